@@ -13,12 +13,17 @@ SLOW_WORKERS ?= 2
 # The programs that tests start must not compile the modules again each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test slow lint install clean genicam-1.5
+.PHONY: demo test quick slow lint install clean genicam-1.5
 
 demo: $(STAMP)
 	$(BIN)/sgp demo --out demo
 
-test: lint
+# Without its cache mypy takes a minute on one core, so the tests run beside it.
+test: $(STAMP)
+	@$(MAKE) --no-print-directory --jobs=2 --keep-going lint quick
+
+# All but the long tests.
+quick: $(STAMP)
 	$(BIN)/pytest -m "not slow" -n $(WORKERS) --dist loadfile $(PYTEST_ARGS)
 
 # The long tests: mutants, random command series, whole tables, faults of rig and disk.

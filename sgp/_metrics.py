@@ -13,6 +13,9 @@ from typing import Annotated, Final, Literal, NotRequired
 # Before Python 3.12, pydantic cannot check a `typing.TypedDict`.
 from typing_extensions import TypedDict
 
+from sgp._comparison_metrics import CheckMetrics
+from sgp._detail_metrics import CombineMetrics, PropertiesMetrics, TransferMetrics
+
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
 RECORD_VERSION: Final = 1
@@ -163,140 +166,6 @@ class DemoMetrics(StagesMetrics, ErrorMetrics):
     seconds: Annotated[dict[str, float], "s", "duration of each stage"]
 
 
-class CombineMetrics(TypedDict):
-    """Figures of a combination of shape and detail."""
-
-    pixels: Annotated[int, "px", "pixels with a normal"]
-
-
-class HeightProfileMetrics(TypedDict, total=False):
-    """Figures of the height profile of a transfer."""
-
-    height_rms_px: Annotated[
-        float, "px", "`--profile`: rms difference between the surfaces of target and result"
-    ]
-    height_smoothed_rms_px: Annotated[
-        float, "px", "the same after averaging the heights of the result over 5 x 5 pixels"
-    ]
-    height_range_px: Annotated[
-        float, "px", "`--profile`: highest minus lowest point of the target's surface"
-    ]
-
-
-class TransferMetrics(HeightProfileMetrics):
-    """Figures of a transfer of detail."""
-
-    shape_mae_deg: Annotated[
-        float, "deg", "mean angle between the shape components of target and result"
-    ]
-    detail_mae_deg: Annotated[
-        float, "deg", "mean angle between the transferred detail and the detail of the result"
-    ]
-    shape_mae_deg_paper: Annotated[float, "deg", "the same as `shape_mae_deg`, filter of order 1"]
-    detail_mae_deg_paper: Annotated[float, "deg", "the same as `detail_mae_deg`, filter of order 1"]
-    shape_ssim: Annotated[float, "up to 1", "SSIM of the two shape components, over the mask"]
-    shape_ssim_paper: Annotated[float, "up to 1", "the same in the paper's protocol"]
-    detail_ssim: Annotated[float, "up to 1", "SSIM of the two details, over the mask"]
-    detail_ssim_paper: Annotated[float, "up to 1", "the same in the paper's protocol"]
-    pixels: Annotated[int, "px", "pixels that received detail"]
-    seam_step_deg: NotRequired[
-        Annotated[
-            float | None,
-            "deg",
-            "local transfer: mean angle between neighbouring normals across the seam; null if "
-            "there is no seam",
-        ]
-    ]
-    interior_step_deg: NotRequired[
-        Annotated[
-            float | None,
-            "deg",
-            "local transfer: the same inside the region; null if it has no interior",
-        ]
-    ]
-    seam_ratio: NotRequired[
-        Annotated[
-            float | None,
-            "1",
-            "local transfer: `seam_step_deg` / `interior_step_deg`; null if it is not defined",
-        ]
-    ]
-    source_window: NotRequired[
-        Annotated[
-            tuple[int, int, int, int],
-            "px",
-            "global transfer: column, row, width and height of the used part of the source",
-        ]
-    ]
-    tiles: NotRequired[
-        Annotated[tuple[int, int], "", "global transfer: copies of the window, across and down"]
-    ]
-
-
-class LikenessMetrics(TypedDict):
-    """Similarity of two details."""
-
-    mae_deg: Annotated[float, "deg", "mean angle"]
-    ssim: Annotated[float, "up to 1", "SSIM over the mask"]
-    ssim_paper: Annotated[float, "up to 1", "SSIM in the paper's protocol"]
-
-
-class RotationSimilarityMetrics(TypedDict):
-    """Mean rotation between the shape normals of each pixel and its neighbours."""
-
-    angle_deg: Annotated[float, "deg", "angle of the rotation"]
-    norm_1: Annotated[float, "1", "1-norm of the rotation matrix minus the identity"]
-    norm_2: Annotated[float, "1", "2-norm of it"]
-    norm_inf: Annotated[float, "1", "infinity norm of it"]
-
-
-class ChainStepMetrics(TypedDict):
-    """One step of a chain of transfers."""
-
-    target: Annotated[str, "", "path of the map that received the detail"]
-    to_previous: Annotated[LikenessMetrics, "", "similarity to the transferred detail"]
-    to_original: Annotated[LikenessMetrics, "", "similarity to the detail of the source"]
-    shape_mae_deg: Annotated[
-        float, "deg", "mean angle between the shape components of target and result"
-    ]
-    pixels: Annotated[int, "px", "pixels that were compared, the same in all steps"]
-
-
-class PropertiesMetrics(TypedDict):
-    """Figures of the properties of a map's detail."""
-
-    separability_deg: Annotated[
-        float, "deg", "mean angle between the shape component of the detail and z; 0 is best"
-    ]
-    detail_to_map_ssim: Annotated[float, "up to 1", "SSIM of detail and map, over the mask"]
-    detail_to_map_ssim_paper: Annotated[float, "up to 1", "the same in the paper's protocol"]
-    rotation_similarity: Annotated[
-        RotationSimilarityMetrics, "", "rotations between neighbouring shape normals"
-    ]
-    idempotence: Annotated[
-        dict[str, LikenessMetrics],
-        "",
-        "similarity of the detail of order 2, 3 and 4 to the detail of order 1; by order",
-    ]
-    chain: NotRequired[
-        Annotated[
-            list[ChainStepMetrics],
-            "",
-            "with targets: transfers from target to target and back to the first",
-        ]
-    ]
-    exchange_detail_mae_deg: NotRequired[
-        Annotated[
-            list[float],
-            "deg",
-            "with targets: `detail_mae_deg` of the transfers to the first target and from it",
-        ]
-    ]
-    exchange_shape_mae_deg: NotRequired[
-        Annotated[list[float], "deg", "with targets: `shape_mae_deg` of the same transfers"]
-    ]
-
-
 class ProjectMetrics(TypedDict):
     """Figures of a projection of a mesh or a point cloud."""
 
@@ -356,6 +225,9 @@ class SphereMetrics(TypedDict):
     radius_mm: Annotated[float | None, "mm", "its radius; null unless camera and radius are known"]
     coverage: Annotated[float, "0..1", "visible share of its outline"]
     rms_px: Annotated[float, "px", "scatter of the points of its outline"]
+    recording: NotRequired[
+        Annotated[str, "", "the recording that shows it, if there are several recordings"]
+    ]
 
 
 class SpheresMetrics(TypedDict):
@@ -410,65 +282,6 @@ class IntensitiesMetrics(TypedDict):
         ]
     ]
     vignetting_corner_std: NotRequired[Annotated[float, "1", "`--even`: its standard deviation"]]
-
-
-class LightDifferenceMetrics(TypedDict):
-    """Figures of a light in a comparison of two calibrations."""
-
-    id: Annotated[str, "", "name of the light"]
-    angle_deg: Annotated[float, "deg", "angle between its directions from the origin"]
-    distance_mm: Annotated[
-        float | None, "mm", "distance between its positions; null for directions"
-    ]
-    intensity_percent: Annotated[
-        float | None,
-        "%",
-        "difference of its intensity after removing `intensity_factor`; null if only one of the "
-        "calibrations has intensities",
-    ]
-    deviations: Annotated[
-        float | None,
-        "1",
-        "difference of position or direction in combined standard deviations; null if they are "
-        "not known or zero",
-    ]
-    intensity_deviations: Annotated[float | None, "1", "the same for the intensity"]
-    rest_deg: Annotated[
-        float, "deg", "angle that remains after exchanges, a mirror image and the common motion"
-    ]
-    rest_mm: Annotated[float | None, "mm", "distance that remains after these; null for directions"]
-    beyond: Annotated[bool, "", "whether a difference is beyond its limit"]
-
-
-class MotionMetrics(TypedDict):
-    """Figures of a motion that all lights have in common."""
-
-    angle_deg: Annotated[float, "deg", "angle of the rotation about the origin"]
-    axis: Annotated[tuple[float, float, float], "1", "unit axis of the rotation, right-handed"]
-    shift_mm: Annotated[tuple[float, float, float], "mm", "shift after the rotation"]
-
-
-class CheckMetrics(TypedDict):
-    """Figures of a comparison of two calibrations, or of a calibration and a rig file."""
-
-    lights: Annotated[int, "", "lights that were compared"]
-    near: Annotated[bool, "", "whether the lights have positions"]
-    beyond: Annotated[int, "", "lights beyond a limit"]
-    intensity_factor: Annotated[
-        float | None,
-        "1",
-        "common factor of all intensities, which is no difference; null if only one of the "
-        "calibrations has intensities",
-    ]
-    motion: NotRequired[
-        Annotated[MotionMetrics, "", "motion that all lights have in common, if there is one"]
-    ]
-    mirrored: Annotated[
-        str, "", "`x` if left and right are exchanged, `y` for top and bottom, else empty"
-    ]
-    reversed: Annotated[bool, "", "whether the order is reversed"]
-    exchanged: Annotated[list[list[str]], "", "groups of lights at the places of one another"]
-    differences: Annotated[list[LightDifferenceMetrics], "", "each light, the worst first"]
 
 
 class SimulateMetrics(TypedDict):

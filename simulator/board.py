@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Self
 
 from simulator._bench_state import BenchState, BenchWriter
-from simulator._board.faults import BoardFaults, FaultyBoard, PowerCutError
+from simulator._board.faults import FaultyBoard, PowerCutError, faults_from_json
 from simulator._board.firmware import BoardFirmware
 from simulator._board.outputs import ActiveInput, BoardOutputs
 from simulator._owned_folder import OwnedFolder
@@ -123,7 +123,7 @@ class _Process:
             elif line in (b"active 0", b"active 1"):
                 self._active.set(line == b"active 1", now_ns)
             else:
-                self._board.set_faults(BoardFaults.validate_json(line))
+                self._board.set_faults(faults_from_json(line))
 
 
 def serve(leds: int, *, prints_events: bool = False) -> None:

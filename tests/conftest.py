@@ -1,8 +1,16 @@
 """Fixtures for all tests."""
 
+import os
 import signal
 
+# Before numpy and numba are imported, and for programs that tests start: threads that wait actively
+# would take the cores from the other workers.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
 import pytest
+
+from tests.compile_once import one_by_one
 
 _WANTED = {"SIGINT": signal.default_int_handler, "SIGHUP": signal.SIG_DFL}
 
@@ -23,6 +31,22 @@ def _no_user_configuration(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("no-config")))
         patch.delenv("SGP_RIG", raising=False)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _workers_compile_one_by_one(tmp_path_factory):
+    """Let each kernel be compiled by one of the workers that pytest-xdist starts."""
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        yield
+        return
+    from numba.core.dispatcher import Dispatcher
+
+    # The parent of a worker's folder belongs to all workers of the run.
+    folder = tmp_path_factory.getbasetemp().parent / "kernels"
+    folder.mkdir(exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Dispatcher, "compile", one_by_one(Dispatcher.compile, folder))
         yield
 
 

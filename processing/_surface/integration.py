@@ -158,8 +158,10 @@ def integrate(
         raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
     window = _bounding_box(normal_map.mask)
     normals, inside = normal_map.normals[window], normal_map.mask[window]
+    # A kernel is compiled for each layout of its arguments: all windows have the same one.
+    contiguous = np.ascontiguousarray(normals), np.ascontiguousarray(inside)
     if camera is None:
-        edges = orthographic_edges(normals, inside)
+        edges = orthographic_edges(*contiguous)
     else:
         if camera.size != normal_map.size:
             raise DataError(
@@ -167,7 +169,8 @@ def integrate(
                 f"{normal_map.size[1]} x {normal_map.size[0]}: crop or replace the camera"
             )
         y, x = np.mgrid[window]
-        edges = perspective_edges(normals, inside, camera.rays(np.stack([x, y], axis=-1)))
+        edges = perspective_edges(*contiguous, camera.rays(np.stack([x, y], axis=-1)))
+    del contiguous
     right, down, step_right, step_down = edges
     labels, count = label_parts(right, down)
     if count == 0:

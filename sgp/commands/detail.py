@@ -8,7 +8,7 @@ from typing import Literal
 import processing
 import rig
 from sgp._console import Stages
-from sgp._metrics import CombineMetrics
+from sgp._detail_metrics import CombineMetrics
 from sgp._options import Input, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result

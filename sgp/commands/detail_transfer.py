@@ -14,8 +14,8 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages
+from sgp._detail_metrics import TransferMetrics
 from sgp._exit import UsageError
-from sgp._metrics import TransferMetrics
 from sgp._options import (
     Count,
     Degrees,

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Self
 
 from rig import RigError, module_command
-from simulator._board.faults import BoardFault, BoardFaults
+from simulator._board.faults import BoardFault, faults_to_json
 
 _START_TIMEOUT_S = 30.0
 _END_TIMEOUT_S = 1.0
@@ -63,7 +63,7 @@ class VirtualBoard:
         if self._process.stdin is None:
             raise RigError("the virtual board is closed")
         try:
-            self._process.stdin.write(BoardFaults.dump_json(faults) + b"\n")
+            self._process.stdin.write(faults_to_json(faults) + b"\n")
             self._process.stdin.flush()
         except (OSError, ValueError) as error:
             raise RigError(f"the virtual board's process has ended ({error})") from error

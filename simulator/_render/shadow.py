@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import maximum_filter, minimum_filter
 
 from simulator._render.shadow_kernels import TILE, WALL, block
 from simulator._shapes.body import HeightGrid
@@ -103,7 +102,8 @@ class Occluders:
             solid,
             lamps,
             near,
-            self.spheres,
+            # Contiguous in all cases: numba compiles a kernel for each layout of its arguments.
+            np.ascontiguousarray(self.spheres),
             np.ascontiguousarray(self.boxes),
             self._heights.ravel(),
             self._heights.shape[1],
@@ -138,6 +138,9 @@ def lowered(grid: HeightGrid) -> Values:
     along x and y. Differences across a wall are excluded: the kernels place walls at their inner
     side.
     """
+    # Importing it takes longer than rendering a small scene, and most scenes have no grid.
+    from scipy.ndimage import maximum_filter, minimum_filter
+
     heights, wall = grid.heights_mm, WALL * grid.step_mm
     out = np.zeros_like(heights)
     rounding = _ROUNDING * max(1.0, float(np.abs(heights).max(initial=0.0)))

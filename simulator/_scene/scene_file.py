@@ -9,9 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tomli_w
-import trimesh
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
-from trimesh.exchange.ply import export_ply
 
 from acquisition import DataError, MissingPathError, NoiseModel, write_durably, write_lights
 from rig import (
@@ -248,6 +246,10 @@ def write_scene(path: Path | str, scene: Scene) -> list[Path]:
     written = [path, path.with_suffix(".lights.json")]
     body: Table | None = None
     if isinstance(scene.body, MeshBody):
+        # Importing trimesh takes longer than opening a rig.
+        import trimesh
+        from trimesh.exchange.ply import export_ply
+
         written.append(path.with_suffix(".ply"))
         mesh = trimesh.Trimesh(scene.body.vertices_mm, scene.body.faces, process=False)
         write_durably(written[-1], export_ply(mesh))

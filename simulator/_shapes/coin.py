@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from simulator._shapes.field_trace import FieldBounds
 from simulator._shapes.surface import SphericalCap, Surface, drawn
 from simulator._shapes.waves import random_waves
 
@@ -65,6 +66,10 @@ class Coin(Surface):
         self._positive("dome_mm", "relief_mm", "grain_mm")
 
     @cached_property
+    def bounds(self) -> FieldBounds:
+        return _bounds(self)
+
+    @cached_property
     def _dome(self) -> SphericalCap:
         return SphericalCap(self.radius_mm, self.dome_mm)
 
@@ -84,6 +89,12 @@ class Coin(Surface):
 
     def _draw(self, x: Array, y: Array, out: Array) -> None:
         _relief(x, y, self._strokes, self._grain, self.relief_mm, self.grain_mm, out)
+
+
+# The samples take longer than the rest of a scene, and a rig that is opened again has this coin.
+@lru_cache(maxsize=8)
+def _bounds(coin: Coin) -> FieldBounds:
+    return super(Coin, coin).bounds
 
 
 def _letters() -> Array:

@@ -14,8 +14,15 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
-from simulator._shapes.patterns import Albedo, Pattern, blend, check_albedo, check_length, turned
+from simulator._shapes.patterns import (
+    Albedo,
+    Pattern,
+    blend,
+    check_albedo,
+    check_finite,
+    check_length,
+    turned,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -80,7 +87,7 @@ class Wood(Pattern):
     def __post_init__(self) -> None:
         check_albedo("Wood", low=self.low, high=self.high)
         check_length("Wood", ring_mm=self.ring_mm)
-        _check_angle("Wood", self.angle_deg)
+        check_finite("Wood", angle_deg=self.angle_deg)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         x, y = turned(x_mm, y_mm, self.angle_deg)
@@ -114,7 +121,7 @@ class Print(Pattern):
     def __post_init__(self) -> None:
         check_albedo("Print", paper=self.paper, ink=self.ink)
         check_length("Print", line_mm=self.line_mm)
-        _check_angle("Print", self.angle_deg)
+        check_finite("Print", angle_deg=self.angle_deg)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         module = self.line_mm / _CELL_ROWS
@@ -148,18 +155,13 @@ class Weave(Pattern):
     def __post_init__(self) -> None:
         check_albedo("Weave", low=self.low, high=self.high)
         check_length("Weave", yarn_mm=self.yarn_mm)
-        _check_angle("Weave", self.angle_deg)
+        check_finite("Weave", angle_deg=self.angle_deg)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         x, y = turned(x_mm, y_mm, self.angle_deg)
         return blend(
             self.low, self.high, _drawn(_weave, x / self.yarn_mm, y / self.yarn_mm, self.seed)
         )
-
-
-def _check_angle(pattern: str, angle_deg: float) -> None:
-    if not math.isfinite(angle_deg):
-        raise DataError(f"{pattern}: angle_deg is {angle_deg}, it must be a finite number")
 
 
 def _drawn(

@@ -87,10 +87,7 @@ class Checker(Pattern):
     def __post_init__(self) -> None:
         check_albedo("Checker", low=self.low, high=self.high)
         check_length("Checker", square_mm=self.square_mm)
-        if not all(map(math.isfinite, (self.angle_deg, *self.shift_mm))):
-            raise DataError(
-                f"Checker: angle_deg {self.angle_deg} and shift_mm {self.shift_mm} must be finite"
-            )
+        check_finite("Checker", angle_deg=self.angle_deg, shift_mm=self.shift_mm)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         x, y = turned(x_mm - self.shift_mm[0], y_mm - self.shift_mm[1], self.angle_deg)
@@ -120,8 +117,7 @@ class Gradient(Pattern):
     def __post_init__(self) -> None:
         check_albedo("Gradient", low=self.low, high=self.high)
         check_length("Gradient", length_mm=self.length_mm)
-        if not math.isfinite(self.angle_deg):
-            raise DataError(f"Gradient: angle_deg is {self.angle_deg}, it must be a finite number")
+        check_finite("Gradient", angle_deg=self.angle_deg)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         angle = math.radians(self.angle_deg)
@@ -291,6 +287,19 @@ def check_length(pattern: str, **values: float) -> None:
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0):
             raise DataError(f"{pattern}: {name} is {value}, it must be a positive length in mm")
+
+
+def check_finite(pattern: str, **values: float | tuple[float, float]) -> None:
+    """Check that angles and positions are finite.
+
+    Raises
+    ------
+    DataError
+        If one is not.
+    """
+    for name, value in values.items():
+        if not np.isfinite(value).all():
+            raise DataError(f"{pattern}: {name} is {value}, it must be finite")
 
 
 def blend(first: Albedo, second: Albedo, share: Array) -> Array:

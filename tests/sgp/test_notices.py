@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import get_args
 
@@ -47,12 +48,14 @@ def _codes(tree: ast.Module) -> Iterator[str]:
         yield from table
 
 
+@cache
 def _used() -> dict[str, set[str]]:
     """Return the modules that use each code."""
     used: dict[str, set[str]] = {}
     for room in ROOMS:
         for path in (ROOT / room).rglob("*.py"):
-            for code in _codes(ast.parse(path.read_text(encoding="utf-8"))):
+            text = path.read_text(encoding="utf-8")
+            for code in _codes(ast.parse(text)) if "Notice(" in text else ():
                 used.setdefault(code, set()).add(str(path.relative_to(ROOT)))
     return used
 

@@ -1,6 +1,7 @@
 """Mirrored LEDs: position, energy and width, compared with the law of reflection and ray counts."""
 
 from dataclasses import replace
+from functools import cache
 
 import cv2
 import numpy as np
@@ -27,7 +28,11 @@ from simulator._scene.lens import Lens
 LENS = Lens.of(bench_camera())  # its eye is at (0, 0, 600)
 EYE = np.array([0.0, 0.0, 600.0])
 SCENE = scene_named("spheres", width=320, height=256, seed=11)
-RENDERING = render(SCENE)
+
+
+@cache
+def _rendering():
+    return render(SCENE)
 
 
 def _pixel_ray(camera, pixel):
@@ -53,12 +58,12 @@ def _pairs(scene):
 
 
 def test_every_led_is_mirrored_in_every_sphere():
-    assert np.isfinite(RENDERING.truth.highlights_px).all()
+    assert np.isfinite(_rendering().truth.highlights_px).all()
 
 
 def test_ray_of_the_highlight_hits_the_led():
     for s, n, sphere, led in _pairs(SCENE):
-        start, direction = _mirrored(SCENE.camera, sphere, RENDERING.truth.highlights_px[s, n])
+        start, direction = _mirrored(SCENE.camera, sphere, _rendering().truth.highlights_px[s, n])
         miss = np.linalg.norm(np.cross(led - start, direction))
         assert miss < 1e-6
         assert (led - start) @ direction > 0
@@ -130,8 +135,8 @@ def _spot(plane, pixel, reach=6):
 def test_rendered_highlight_is_at_its_true_position():
     worst = max(
         np.abs(
-            _spot(RENDERING.planes[n], RENDERING.truth.highlights_px[s, n])[0]
-            - RENDERING.truth.highlights_px[s, n]
+            _spot(_rendering().planes[n], _rendering().truth.highlights_px[s, n])[0]
+            - _rendering().truth.highlights_px[s, n]
         ).max()
         for s, n, _, _ in _pairs(SCENE)
     )
@@ -142,7 +147,7 @@ def test_rendered_highlight_has_its_energy():
     dark = replace(SCENE, board=Even(0.0), surroundings=0.0, ambient=0.0)
     signal = find_mirrored_lights(dark).signal * dark.electrons_per_us
     planes = render(dark).planes
-    for s, mask in enumerate(RENDERING.truth.sphere_masks):
+    for s, mask in enumerate(_rendering().truth.sphere_masks):
         total = planes[:, _wider(mask)].sum(axis=1)
         np.testing.assert_allclose(total, signal[s], rtol=1e-4)
 
@@ -393,7 +398,7 @@ def test_sphere_masks_equal_the_cone_of_tangents():
     camera = SCENE.camera
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(camera.K).T * [1, -1, -1]
-    for sphere, mask in zip(SCENE.spheres, RENDERING.truth.sphere_masks, strict=True):
+    for sphere, mask in zip(SCENE.spheres, _rendering().truth.sphere_masks, strict=True):
         to_centre = np.array(sphere.centre_mm) - [0, 0, camera.working_distance_mm]
         miss = np.linalg.norm(np.cross(rays, to_centre), axis=-1) / np.linalg.norm(rays, axis=-1)
         np.testing.assert_array_equal(mask, miss < sphere.radius_mm)
@@ -410,7 +415,7 @@ def test_outline_is_antialiased():
     covered = 1 - render(black).ambient / level
     camera, fine = SCENE.camera, 12
     offset = (np.arange(fine) + 0.5) / fine - 0.5
-    for sphere, mask in zip(SCENE.spheres, RENDERING.truth.sphere_masks, strict=True):
+    for sphere, mask in zip(SCENE.spheres, _rendering().truth.sphere_masks, strict=True):
         v, u = np.nonzero(_wider(mask, by=2))
         du, dv = (d.ravel() for d in np.meshgrid(offset, offset))
         u, v = u[:, None] + du, v[:, None] + dv

@@ -68,6 +68,7 @@ def test_checker_can_be_shifted():
         (lambda: Print(line_mm=0), "line_mm"),
         (lambda: Weave(yarn_mm=float("inf")), "yarn_mm"),
         (lambda: Checker(angle_deg=float("nan")), "angle_deg"),
+        (lambda: Checker(shift_mm=(0, float("inf"))), "shift_mm"),
     ],
 )
 def test_a_value_out_of_range_is_named(make, name):

@@ -139,6 +139,15 @@ def test_bounds_hold(surface):
     assert surface.top_mm == bounds.top_mm
 
 
+def test_the_bounds_of_a_coin_are_sampled_once(monkeypatch):
+    coin = Coin(41.0, seed=5)
+    bounds = coin.bounds
+    monkeypatch.setattr(Coin, "evaluate", lambda *_: pytest.fail("sampled again"))
+    assert Coin(41.0, seed=5).bounds == bounds
+    monkeypatch.undo()
+    assert Coin(41.0, seed=6).bounds != bounds
+
+
 def test_gradient_at_the_centre_is_finite():
     origin = np.zeros(1)
     for surface in (Ripples(60.0), Coin(60.0), SphericalCap(60.0, 12.0)):
