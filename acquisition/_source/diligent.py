@@ -44,7 +44,10 @@ def read_diligent(
         If a file is missing, the counts differ, or mask or normals have another size.
     """
     if not (folder / FILENAMES_FILE).is_file():
-        raise DataError(f"{folder}: has {DIRECTIONS_FILE} but no {FILENAMES_FILE}: restore it")
+        raise DataError(
+            f"{folder}: has {DIRECTIONS_FILE} but no {FILENAMES_FILE}: restore it, or move "
+            f"{DIRECTIONS_FILE} to another folder and give it as lights"
+        )
     names = [name for _, name in numbered_lines(read_text(folder / FILENAMES_FILE))]
     if not names:
         raise DataError(f"{folder / FILENAMES_FILE}: an empty file: list the images")

@@ -25,6 +25,8 @@ from acquisition._values.lights import light_id
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, pluralize
 
+_HEIF_SUFFIXES = (".heic", ".heif", ".hif", ".avif")
+
 
 def read_images(
     folder: Path,
@@ -38,9 +40,7 @@ def read_images(
     images, references = split_references([path for path in files if path not in masks])
     series = numbered_series(images)
     if not series:
-        raise DataError(
-            f"{folder}: no numbered images (name.0.png, name.1.png, ...): choose another folder"
-        )
+        raise DataError(f"{folder}: {_why_no_series(files)}")
     masks = [mask_path] if mask_path else masks
     source = images_source(folder, series, masks, max_pixels, transfer, references)
     return with_ignored(source, folder, twins)
@@ -227,6 +227,24 @@ def numbered_series(files: Sequence[Path]) -> list[Path]:
                 f"{other[0]}: put each series into a folder of its own"
             )
     return [path for _, path in first[1]]
+
+
+def _why_no_series(files: Sequence[Path]) -> str:
+    """Return why the files of a folder contain no series of images, and what to do."""
+    if not files:
+        return "the folder is empty: choose another folder"
+    unreadable = [path for path in files if path.suffix.lower() in _HEIF_SUFFIXES]
+    if unreadable:
+        images = pluralize(len(unreadable), "HEIF image", "HEIF images")
+        return (
+            f"{images} ({unreadable[0].name}), which cannot be read: save them as JPEG, or let "
+            "the camera save RAW"
+        )
+    folders = [path for path in files if path.is_dir()]
+    inner = next((path for path in folders if any(map(_is_image, _files(path)))), None)
+    if inner is not None:
+        return f"no images here, but there are some in {inner.name}: choose that folder"
+    return "no numbered images (name.0.png, name.1.png, ...): choose another folder"
 
 
 def _raw_pixels(path: Path, max_pixels: int) -> Image:

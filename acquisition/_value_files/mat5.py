@@ -75,6 +75,38 @@ def read_mat5(data: bytes, name: str, max_numbers: int) -> npt.NDArray[np.float6
     raise UnreadableError(f"no variable {name}")
 
 
+def mat5_names(data: bytes, most_bytes: int) -> list[str]:
+    """Return the names of the variables of a MAT-file of level 5, also of those of other types.
+
+    A variable of more bytes than ``most_bytes`` is left out.
+
+    Raises
+    ------
+    UnreadableError
+        If the file is damaged or of another kind.
+    """
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+    if order is None:
+        raise UnreadableError("not a MAT-file of version 5 to 7: save it in MATLAB with -v7")
+    names = []
+    rest = memoryview(data)[_HEADER:]
+    while rest:
+        element, rest = _next(rest, order)
+        try:
+            if element.kind == _COMPRESSED:
+                element = _next(memoryview(_unpacked(element.data, most_bytes)), order)[0]
+            if element.kind != _MATRIX:
+                continue
+            _, content = _next(element.data, order)
+            _, content = _next(content, order)
+            name = bytes(_next(content, order)[0].data)
+        except UnreadableError:
+            continue
+        if name.isascii() and name.decode().isidentifier():
+            names.append(name.decode())
+    return names
+
+
 def _next(data: memoryview, order: str) -> tuple[_Element, memoryview]:
     """Return the first element and the data after it."""
     if len(data) < 8:

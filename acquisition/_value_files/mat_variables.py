@@ -7,11 +7,17 @@ from pathlib import Path
 from typing import Final
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._value_files.mat5 import read_mat5
+from acquisition._value_files.mat5 import mat5_names, read_mat5
 from acquisition._values.lights import Array
 from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded
 
 _MOST_NUMBERS: Final = 300_000
+
+
+def variable_names(path: Path) -> list[str]:
+    """Return the names of all variables of a MAT-file, numeric or not; errors as below."""
+    with convert_read_errors(path):
+        return mat5_names(read_bounded(path, MAX_BINARY_BYTES), 8 * _MOST_NUMBERS + 4096)
 
 
 def read_variables(path: Path, names: Iterable[str]) -> dict[str, Array]:

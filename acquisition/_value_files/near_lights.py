@@ -15,7 +15,7 @@ import numpy as np
 
 from acquisition._errors import DataError
 from acquisition._text_files import numbered_lines, read_text
-from acquisition._value_files.mat_variables import read_variables
+from acquisition._value_files.mat_variables import read_variables, variable_names
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Array, Lights
 from rig import Notice
@@ -25,9 +25,9 @@ LightAxes = Literal["opencv", "opengl", "house"]
 # Names of variables, of files without suffix, and the columns of a table, in any case.
 _NAMES: Final = {
     "positions": ("S", "positions", "light_positions", "led_positions"),
-    "axes": ("Dir", "axes", "light_axes", "orientations"),
+    "axes": ("Dir", "axes", "light_axes", "orientations", "directions"),
     "mu": ("mu",),
-    "strengths": ("Phi", "strengths", "light_strengths"),
+    "strengths": ("Phi", "strengths", "light_strengths", "intensities"),
 }
 _COLUMNS: Final = {
     "positions": ("x", "y", "z"),
@@ -36,6 +36,11 @@ _COLUMNS: Final = {
     "strengths": ("phi",),
     "rgb": ("r", "g", "b"),
 }
+# Columns of each variable.
+_WIDTHS: Final = {"positions": (3,), "axes": (3,), "mu": (1,), "strengths": (1, 3)}
+# Lights closer to the camera, relative to its distance, give no shading: they are in metres.
+_NEAREST: Final = 0.02
+_LISTED: Final = 6
 _TEXT_SUFFIXES: Final = {".txt", ".csv", ".dat"}
 _AXES: Final = {
     "opencv": "the camera's axes (X right, Y down, Z away from the camera, origin in the camera)",
@@ -116,14 +121,15 @@ def read_near_lights(
            [  0., 100., 300.]])
     """
     path = Path(path)
-    values = _variables(path)
+    values, unused = _variables(path)
     if "positions" not in values:
-        raise DataError(f"{path}: no positions of lights: S is missing")
+        others = f"; it has {', '.join(unused[:_LISTED])}" if unused else ""
+        raise DataError(
+            f"{path}: no positions of lights: S is missing{others}: save the variables themselves, "
+            "not in a struct, under the names S, Dir, mu and Phi"
+        )
+    values = _checked(path, values)
     count = len(values["positions"])
-    for name, widths in (("positions", (3,)), ("axes", (3,)), ("mu", (1,)), ("strengths", (1, 3))):
-        array = values.get(name)
-        if array is not None and (len(array) != count or array.shape[1] not in widths):
-            raise DataError(f"{path}: {name} of shape {array.shape} for {count} lights")
     chosen: LightAxes = axes or "opencv"
     positions, directions = _in_house(path, values, camera, chosen)
     mu = values["mu"][:, 0] if "mu" in values else np.zeros(count)
@@ -131,10 +137,11 @@ def read_near_lights(
     strengths = values.get("strengths")
     lights = _with_intensities(path, lights, strengths, chosen, given=axes is not None)
     how = "given" if axes is not None else "assumed"
+    ignored = f"; not used: {', '.join(unused[:_LISTED])}" if unused else ""
     there = [name for name in ("axes", "mu", "strengths") if name in values]
     text = (
         f"{count} positions in mm{''.join(f', {name}' for name in there)} in {_AXES[chosen]}, as "
-        f"{how}; converted to ours"
+        f"{how}; converted to ours{ignored}"
     )
     return NearLights(lights, Notice("light-axes", text, str(path), "info" if axes else "warning"))
 
@@ -153,6 +160,12 @@ def _in_house(
     flip = np.array([1.0, 1.0, 1.0] if axes == "opencv" else [1.0, -1.0, -1.0])
     centre = camera.from_opencv(np.zeros(3))
     house = camera.from_opencv(positions * flip)
+    farthest = float(np.linalg.norm(positions, axis=1).max())
+    if farthest < _NEAREST * camera.working_distance_mm:
+        raise DataError(
+            f"{path}: all lights are within {farthest:.3g} mm of the camera, which is "
+            f"{camera.working_distance_mm:g} mm from the object: S must be in millimetres"
+        )
     return house, None if directions is None else camera.from_opencv(directions * flip) - centre
 
 
@@ -185,24 +198,56 @@ def _with_intensities(
     )
 
 
-def _variables(path: Path) -> dict[str, Array]:
-    """Return the variables of a file by our names, each N x columns."""
+def _variables(path: Path) -> tuple[dict[str, Array], list[str]]:
+    """Return the variables of a file by our names, and the names of its other variables."""
     if path.suffix.casefold() == ".mat":
-        found = read_variables(path, (name for names in _NAMES.values() for name in names))
-        values = {
-            ours: next((found[name] for name in names if name in found), None)
+        there = variable_names(path)
+        by_name = {name.casefold(): name for name in reversed(there)}
+        chosen = {
+            ours: by_name[name.casefold()]
             for ours, names in _NAMES.items()
+            for name in reversed(names)
+            if name.casefold() in by_name
         }
-    elif (header := _header(path)) is not None:
-        return _columns(path, header)
-    else:
-        values = {ours: _sibling(path, ours) for ours in _NAMES}
-    # MATLAB's vectors have one row or one column.
-    return {
-        ours: array.T if ours == "mu" and array.shape[0] == 1 else array
-        for ours, array in values.items()
-        if array is not None
-    }
+        found = read_variables(path, chosen.values())
+        values = {ours: found[name] for ours, name in chosen.items()}
+        return values, [name for name in there if name not in chosen.values()]
+    if (header := _header(path)) is not None:
+        return _columns(path, header), []
+    siblings = {ours: _sibling(path, ours) for ours in _NAMES}
+    return {ours: array for ours, array in siblings.items() if array is not None}, []
+
+
+def _checked(path: Path, values: dict[str, Array]) -> dict[str, Array]:
+    """Return variables with one row per light, or say what is wrong with one of them.
+
+    MATLAB's vectors have one row or one column, and a single number counts for all lights.
+    """
+    shape = values["positions"].shape
+    count = shape[0]
+    checked = {}
+    for ours, widths in _WIDTHS.items():
+        if (array := values.get(ours)) is None:
+            continue
+        name = _NAMES[ours][0]
+        if 1 in widths and array.shape in ((1, count), (1, 1)):
+            array = np.broadcast_to(array.reshape(-1, 1), (count, 1))
+        size = " x ".join(map(str, array.shape))
+        across = array.shape[0] in widths and (ours == "positions" or array.shape[0] != count)
+        if array.shape[1] not in widths and across:
+            raise DataError(
+                f"{path}: {name} is {size}, but must have a row for each light: transpose it"
+            )
+        if array.shape[1] not in widths or array.shape[0] != count:
+            must = " or ".join(f"{count} x {width}" for width in widths)
+            raise DataError(f"{path}: {name} is {size}, but must be {must} for {count} lights")
+        if not np.isfinite(array).all():
+            light = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+            raise DataError(f"{path}: {name} of light {light} is not finite")
+        checked[ours] = array
+    if "axes" in checked and (zero := np.flatnonzero(~checked["axes"].any(axis=1))).size:
+        raise DataError(f"{path}: Dir of light {zero[0]} has the length 0")
+    return checked
 
 
 def _is_named(path: Path, ours: str) -> bool:

@@ -59,6 +59,11 @@ _ALIEN_FACTOR = 4.0
 # A turned copy of an image must fit the others this much better.
 _TURNED_FACTOR = 0.5
 _NAMED_DEG = 6.0
+# Two lights are exchanged if each image shows the place of the other light, and the places are
+# distinct: by this angle, and by this multiple of the median error. An error of that size in
+# opposite directions is improbable; none of 240 random objects has such a pair.
+_EXCHANGED_DEG = 4.0
+_EXCHANGED_FACTOR = 4.0
 # A relative difference below this is rounding: noise makes frames differ.
 _IDENTICAL = 1e-8
 _LISTED = 4
@@ -135,8 +140,10 @@ def check_lights(
     wrong = _far(error) | _odd(gain, consistency) | alien
     tried = np.flatnonzero(wrong | doubtful)
     turned = {int(i): _turned(int(i), factors, samples, images, mask) for i in tried}
+    pairs = _exchanged(mapped, given, error)
     suspects = [i for i, how in turned.items() if wrong[i] or how is not None]
-    warnings = _named(suspects, turned, error, gain, alien, mapped, given, ids)
+    suspects = sorted({*suspects, *pairs})
+    warnings = _named(suspects, turned, pairs, error, gain, alien, mapped, given, ids)
     return LightCheck(consistency, error, gain, tuple(warnings))
 
 
@@ -176,6 +183,16 @@ def _far(error: Double) -> Mask:
     """Return the lights that are far from those that the images show."""
     far: Mask = error > max(_MOVED_DEG, _MOVED_FACTOR * float(np.median(error)))
     return far
+
+
+def _exchanged(mapped: Double, given: Double, error: Double) -> dict[int, int]:
+    """Return the lights whose images show the places of one another, each with the other one."""
+    apart = angles_deg(given[:, None], given[None])
+    shown = angles_deg(mapped[:, None], given[None])
+    limit = max(_EXCHANGED_DEG, _EXCHANGED_FACTOR * float(np.median(error)))
+    other = (2 * shown < apart) & (apart > limit)
+    first, second = np.nonzero(other & other.T)
+    return {int(i): int(j) for i, j in zip(first, second, strict=True)}
 
 
 def _odd(gain: Double, consistency: float) -> Mask:
@@ -237,6 +254,7 @@ def _left(values: Double, usable: Mask, normals: Double) -> float:
 def _named(
     suspects: list[int],
     turned: dict[int, str | None],
+    pairs: dict[int, int],
     error: Double,
     gain: Double,
     alien: Mask,
@@ -254,8 +272,10 @@ def _named(
     for i in suspects:
         angles = angles_deg(np.broadcast_to(mapped[i], given.shape), given)
         nearest = int(np.argmin(angles))
-        if turned[i] is not None:
+        if turned.get(i) is not None:
             add("turned", i, f"({turned[i]})")
+        elif i in pairs:
+            add("other", i, f"(it shows the light of {ids[pairs[i]]})")
         elif far[i] and nearest != i and angles[nearest] < _NAMED_DEG:
             add("other", i, f"(it shows the light of {ids[nearest]})")
         elif alien[i]:

@@ -134,6 +134,7 @@ def angles_deg(a: Double, b: Double) -> Double:
 
 def _angles(a: Double, b: Double) -> Double:
     cosine = np.sum(a * b, axis=-1)
-    sine = np.linalg.norm(np.cross(a, np.broadcast_to(b, a.shape)), axis=-1)
+    one, other = np.broadcast_arrays(a, b)
+    sine = np.linalg.norm(np.cross(one, other), axis=-1)
     angle: Double = np.arctan2(sine, cosine)
     return angle

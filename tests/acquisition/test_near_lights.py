@@ -107,16 +107,43 @@ def test_missing_variables_have_defaults(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"S": S[:2]}, r"axes of shape \(3, 3\) for 2 lights"),
-        ({"S": S[:, :2]}, "positions of shape"),
+        ({"S": S[:2]}, "Dir is 3 x 3, but must be 2 x 3 for 2 lights"),
+        ({"S": S[:, :2]}, "S is 3 x 2, but must have a row for each light: transpose it"),
+        ({"S": S[[0, 1, 2, 2]].T}, "S is 3 x 4, but must have a row for each light: transpose"),
+        ({"mu": MU[:2, None]}, "mu is 2 x 1, but must be 3 x 1"),
+        ({"Phi": PHI[:, :2]}, "Phi is 3 x 2, but must be 3 x 1 or 3 x 3"),
         ({"Phi": -PHI}, "not a positive number"),
-        ({"mu": np.array([[np.nan, 0, 0]])}, "finite values mu"),
+        ({"mu": np.array([[np.nan, 0, 0]])}, "mu of light 0 is not finite"),
+        ({"S": np.where(S == 200, np.inf, S)}, "S of light 2 is not finite"),
+        ({"Dir": DIR * [[1], [0], [1]]}, "Dir of light 1 has the length 0"),
+        ({"S": S / 1000}, "S must be in millimetres"),
         ({"S": S[None, :, :, None]}, "not a matrix"),
     ],
 )
 def test_invalid_calibrations(tmp_path: Path, values: dict[str, Any], message: str) -> None:
     with pytest.raises(DataError, match=message):
         read_near_lights(write_mat(tmp_path, **values), CAMERA)
+
+
+def test_vectors_of_matlab_may_be_rows_or_single_numbers(tmp_path: Path) -> None:
+    lights = read_near_lights(write_mat(tmp_path, mu=1.0, Phi=PHI[:, :1].T), CAMERA).lights
+    columns = read_near_lights(write_mat(tmp_path, mu=np.ones(3), Phi=PHI[:, :1]), CAMERA).lights
+    assert lights.mu is not None
+    assert lights.mu.tolist() == [1, 1, 1]
+    np.testing.assert_array_equal(np.asarray(lights.intensities), np.asarray(columns.intensities))
+
+
+def test_variables_in_other_case_are_found_and_others_are_named(tmp_path: Path) -> None:
+    savemat(tmp_path / "a.mat", {"s": S, "directions": DIR, "MU": MU, "pose": 1.0, "who": "x"})
+    near = read_near_lights(tmp_path / "a.mat", CAMERA)
+    savemat(tmp_path / "b.mat", {"S": S, "Dir": DIR, "mu": MU})
+    plain = read_near_lights(tmp_path / "b.mat", CAMERA)
+    np.testing.assert_array_equal(np.asarray(near.lights.axes), np.asarray(plain.lights.axes))
+    np.testing.assert_array_equal(np.asarray(near.lights.mu), MU)
+    assert str(near.notice).endswith("not used: pose, who")
+    savemat(tmp_path / "c.mat", {"calib": {"S": S, "Dir": DIR}})
+    with pytest.raises(DataError, match="S is missing; it has calib: save the variables"):
+        read_near_lights(tmp_path / "c.mat", CAMERA)
 
 
 def test_files_that_are_no_calibration(tmp_path: Path) -> None:

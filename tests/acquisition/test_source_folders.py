@@ -243,7 +243,7 @@ def test_camera_of_another_size(tmp_path: Path) -> None:
 def test_nothing_to_read(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError, match="none"):
         read_source(tmp_path / "none")
-    with pytest.raises(DataError, match="no numbered images"):
+    with pytest.raises(DataError, match="the folder is empty"):
         read_source(tmp_path)
     (tmp_path / "a.txt").write_text("hello")
     with pytest.raises(DataError, match=r"a\.txt"):
@@ -343,3 +343,20 @@ def test_a_real_raw_file() -> None:
     source = read_source(Path(DATA or "") / "raw" / "RAW_KODAK_DC50.KDC")
     assert (source.cfa, source.white_level, source.size) == ("GRBG", 16383, (512, 768))
     assert source.frames[0].read().dtype == np.uint16
+
+
+def test_a_folder_without_a_series_says_why(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="the folder is empty"):
+        read_source(tmp_path)
+    (tmp_path / "photos").mkdir()
+    with pytest.raises(DataError, match="no numbered images"):
+        read_source(tmp_path)
+    write_png(tmp_path / "photos" / "im0.png", np.zeros((4, 5), np.uint8))
+    with pytest.raises(DataError, match="no images here, but there are some in photos"):
+        read_source(tmp_path)
+    for i in range(3):
+        (tmp_path / f"IMG_{i}.HEIC").write_bytes(b"ftypheic")
+    with pytest.raises(
+        DataError, match=r"3 HEIF images \(IMG_0.HEIC\), which cannot be read: save"
+    ):
+        read_source(tmp_path)

@@ -108,6 +108,22 @@ def test_swapped_images_are_named(pair: tuple[int, int]) -> None:
     assert set(notice.where.split(", ")) == names
 
 
+@pytest.mark.parametrize("apart_deg", [8.0, 11.0])
+def test_swapped_neighbours_are_named(apart_deg: float) -> None:
+    """Their lights are closer together than a light that is said to have moved."""
+    directions = LIGHTS.unit_directions.copy()
+    middle, aside = directions[2], np.cross(directions[2], [0.3, 0.5, 1.0])
+    turn = np.radians(apart_deg)
+    directions[7] = middle * np.cos(turn) + aside / np.linalg.norm(aside) * np.sin(turn)
+    lights = Lights(directions=directions)
+    values = images(lights)
+    assert codes(values, lights) == []
+    order = [7 if i == 2 else 2 if i == 7 else i for i in range(COUNT)]
+    (notice,) = image_quality(values, lights.take(order), MASK).warnings
+    assert notice.code == "images-swapped"
+    assert set(notice.where.split(", ")) == {"L02", "L07"}
+
+
 def test_a_doubled_image_is_named() -> None:
     values = IMAGES.copy()
     values[3] = values[8]
