@@ -1,4 +1,4 @@
-"""``capture resume``: interrupted recordings go on, after the same checks."""
+"""``capture resume``: interrupted recordings are completed, after the same checks."""
 
 import json
 import os
