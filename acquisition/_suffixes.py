@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 IMAGE_SUFFIXES = frozenset(
     {".bmp", ".dpx", ".exr", ".hdr", ".jp2", ".jpeg", ".jpg", ".jxl", ".pgm", ".png", ".pnm"}
     | {".ppm", ".tga", ".tif", ".tiff", ".webp"}
@@ -12,3 +14,8 @@ RAW_SUFFIXES = frozenset(
     | {".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2"}
     | {".rwl", ".sr2", ".srf", ".srw", ".x3f"}
 )
+
+
+def is_raw(path: Path) -> bool:
+    """Return whether a file has a suffix of camera RAW."""
+    return path.suffix.lower() in RAW_SUFFIXES

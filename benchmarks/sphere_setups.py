@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 from harness import command_line
-from light_uncertainty import HIGHLIGHT_PX, camera, dome, outline_points
+from light_uncertainty import COMMON_PX, HIGHLIGHT_PX, camera, dome, outline_points
 
 from acquisition import CameraModel, angle_deg
 from calibration import EstimateError
@@ -54,11 +54,13 @@ def lights_of(
     centres = np.array([(x, y, radius_mm) for x, y in places], np.float64)
     radii = np.full(len(centres), radius_mm)
     truth = dome()
-    exact = _Exact() if rng is None else rng
+    exact = Exact() if rng is None else rng
+    common_px = float(exact.normal(0, COMMON_PX))
     assumed = assumed or model
     cones = [
         viewing_cone(
-            assumed.rays(outline_points(model, centre, radius_mm, exact)), 1 / assumed.focal_px
+            assumed.rays(outline_points(model, centre, radius_mm, exact, common_px)),
+            1 / assumed.focal_px,
         )
         for centre in centres
     ]
@@ -74,7 +76,7 @@ def lights_of(
     return found
 
 
-class _Exact(np.random.Generator):
+class Exact(np.random.Generator):
     """A generator without errors."""
 
     def __init__(self) -> None:

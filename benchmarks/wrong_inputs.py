@@ -1,8 +1,10 @@
 """Count the warnings about wrong radii, focal lengths and distortions, and false warnings.
 
 The observations are those of `light_uncertainty.py`, with spheres on the plane (heights within 0.2
-mm) and a highlight noise of 0.05 px. Each line has the share of the seeds with a warning, how often
-each value explained the data best, and mean and scatter of the estimated change of the wrong value.
+mm) and a highlight noise of 0.05 px. Each line has the shares of the seeds with a warning, with a
+warning that names the wrong value (alone, or among other explanations), and with one that names
+only others; then mean and scatter of the estimated change of the wrong value. One sphere gives
+directions, which are not tested.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from harness import command_line
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from calibration._spheres.input_tests import InputTest, check_inputs, doubts
+from calibration._spheres.input_tests import InputTest, check_inputs, doubtful
 from calibration._spheres.joint_refinement import predicted_highlights
 from calibration._spheres.light_positions import locate_lights
 from calibration._spheres.outline_noise import viewing_cone
@@ -26,10 +28,15 @@ CASES = {
     "correct": ("", 0.0),
     "radius +1 %": ("ratio", 0.01),
     "radius +.5 %": ("ratio", 0.005),
+    "radius +5 %": ("ratio", 0.05),
+    "distance +1 %": ("distance", 0.01),
     "focal +1 %": ("focal", 0.01),
     "k1 = .1 ignored": ("distortion", 0.1),
     "k1 = -.1 ignored": ("distortion", -0.1),
 }
+
+
+COUNTED = ("warned", "named", "alone", "wrongly", "refused")
 
 
 def trial(count: int, kind: str, size: float, seed: int) -> list[InputTest]:
@@ -42,14 +49,17 @@ def trial(count: int, kind: str, size: float, seed: int) -> list[InputTest]:
         K[0, 0] /= 1 + size
         K[1, 1] /= 1 + size
         real = replace(given, K=K)
+    elif kind == "distance":
+        real = replace(given, working_distance_mm=given.centre_mm[2] / (1 + size))
     elif kind == "distortion":
         real = replace(given, distortion=np.array([size, 0, 0, 0, 0]))
     layout = light_uncertainty.Layout("", count, (20.0,))
     centres, radii = light_uncertainty.spheres(layout, rng)
     centres = centres + [0, 0, 1] * rng.normal(0, 0.2, (count, 1))
     truth = light_uncertainty.dome()
+    common_px = rng.normal(0, light_uncertainty.COMMON_PX)
     points = [
-        light_uncertainty.outline_points(real, c, r, rng)
+        light_uncertainty.outline_points(real, c, r, rng, common_px)
         for c, r in zip(centres, radii, strict=True)
     ]
     cones = [viewing_cone(given.rays(p), 1 / given.focal_px) for p in points]
@@ -71,27 +81,29 @@ def main() -> None:
     parser.add_argument("--spheres", type=int, nargs="*", default=[2, 3, 4])
     parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
     options = parser.parse_args()
-    given = light_uncertainty.camera()
+    print("wrong value        spheres  warned  named  alone  wrongly  refused  change")
     for name in options.cases:
         kind, size = CASES[name]
+        wrong = "ratio" if kind == "distance" else kind
         for count in options.spheres:
-            named: Counter[str] = Counter()
+            counts: Counter[str] = Counter()
             changes = []
-            warned = 0
             for seed in range(options.first, options.first + options.seeds):
                 try:
                     tests = trial(count, kind, size, seed)
                 except (EstimateError, DataError):
-                    named["refused"] += 1
+                    counts["refused"] += 1
                     continue
-                own = [test for test in tests if test.name == kind]
-                changes += [test.change for test in own]
-                if doubts(tests, given, np.full(count, 20.0)):
-                    warned += 1
-                    named[tests[0].name] += 1
-            share = 100 * warned / options.seeds
+                changes += [test.change for test in tests if test.name == wrong]
+                named = [test.name for test in doubtful(tests)]
+                counts["warned"] += bool(named)
+                counts["named"] += wrong in named
+                counts["alone"] += named == [wrong]
+                counts["wrongly"] += bool(named) and wrong not in named
+            shares = [100 * counts[one] / options.seeds for one in COUNTED]
             change = f"{np.mean(changes):+.4f} +- {np.std(changes):.4f}" if changes else ""
-            print(f"{name:18} {count} spheres {share:5.1f} %  {dict(named)}  {change}")
+            text = "  ".join(f"{share:4.0f} %" for share in shares)
+            print(f"{name:18} {count:7}  {text}  {change}", flush=True)
 
 
 if __name__ == "__main__":

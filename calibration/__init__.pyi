@@ -14,10 +14,12 @@ from ._radiance.linear_stack import linear_images as linear_images
 from ._radiance.linear_stack import linear_stack as linear_stack
 from ._radiance.linear_stack import luma as luma
 from ._spheres.apply import apply_spheres as apply_spheres
+from ._spheres.calibrate import calibrate_moved_spheres as calibrate_moved_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
 from ._spheres.ellipse import Ellipse as Ellipse
 from ._spheres.find import find_spheres as find_spheres
 from ._spheres.record_setup import record_setup as record_setup
+from ._spheres.recordings_agree import check_recordings as check_recordings
 from ._spheres.sphere_calibration import Sphere as Sphere
 from ._spheres.sphere_calibration import SphereCalibration as SphereCalibration
 from ._spheres.sphere_image import SphereImage as SphereImage

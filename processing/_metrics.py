@@ -186,18 +186,11 @@ def ssim(
     if not counted.any():
         raise DataError("the mask is empty: nothing to compare")
     if protocol == "paper":
-        everywhere = np.ones(a.size, np.bool_)
-        first, second = (_on_background(m) for m in (a, b))
-        return float(np.mean(similarity_rows(first, second, everywhere, 0.01, 0.03)) / a.size[1])
+        everywhere, drawn = np.ones(a.size, np.bool_), (a.mask, b.mask)
+        rows = similarity_rows(a.normals, b.normals, everywhere, 0.01, 0.03, drawn)
+        return float(np.mean(rows) / a.size[1])
     rows = similarity_rows(a.normals, b.normals, counted, 0.01**2, 0.03**2)
     return float(rows.sum() / np.count_nonzero(counted))
-
-
-def _on_background(normal_map: NormalMap) -> Float:
-    """Return normals with z outside the mask."""
-    normals = normal_map.normals.copy()
-    normals[~normal_map.mask] = (0, 0, 1)
-    return normals
 
 
 def _check_sizes(a: NormalMap, b: NormalMap) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -21,6 +20,7 @@ from acquisition import (
     write_png,
 )
 from processing._normal_map import NormalMap, check_normal_map
+from processing._normal_pixels import clear, encode, lengths
 from processing._npy_file import read_npy
 from rig import MAX_PIXELS, Notice, Progress, no_progress, pluralize, short_repr
 
@@ -39,11 +39,8 @@ _BACKGROUND_LENGTH = 1.7
 # An image is rejected unless most of its vectors are this close to unit length. One third of the
 # pixels of a random image are, and 98 % of those of an 8-bit JPEG of normals.
 _CLOSE = 0.1
-_LONGEST = 1000.0
 # Vectors of a map of floats that decide how it is encoded.
 _MOST_COMPARED = 1 << 18
-# Rows that are read or encoded at a time.
-_BAND = 16
 
 
 class NormalMapFile(NamedTuple):
@@ -117,7 +114,9 @@ def read_normals(
     mask_file = Path(mask_path) if mask_path is not None else default if default.exists() else None
     height, width = pixels.shape[:2]
     mask = None if mask_file is None else read_mask(mask_file, (height, width))
+    eight_bits, finite = pixels.dtype == np.uint8, _finite(pixels)
     vectors, encoded = _decode(pixels)
+    del pixels
     notes: list[Notice] = []
     if alpha is not None:
         share = _share(alpha)
@@ -131,12 +130,11 @@ def read_normals(
             notes.append(Notice("alpha-ignored", text, str(file), "info"))
     if green == "down":
         vectors[..., 1] *= -1
-    unit, drawn, near = (np.zeros(vectors.shape[:2], np.bool_) for _ in range(3))
-    for band in _bands(vectors):
-        length = np.sqrt(np.einsum("ijk,ijk->ij", vectors[band], vectors[band]))
-        off = np.abs(length - 1)
-        unit[band], near[band] = off < _LENGTH_TOLERANCE, off < _CLOSE
-        drawn[band] = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
+    length = np.zeros((height, width), np.float32)
+    lengths(vectors, length)
+    drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
+    off = np.abs(np.subtract(length, 1, out=length), out=length)
+    unit, near = off < _LENGTH_TOLERANCE, off < _CLOSE
     # Alpha often includes background: some programs erase only pixels of the object.
     candidates = drawn if mask is None else mask if mask_file is not None else mask & drawn
     close = int(np.count_nonzero(candidates & near))
@@ -149,7 +147,9 @@ def read_normals(
         )
     normal_map = NormalMap.from_vectors(vectors, unit & candidates)
     read = (file,) if mask_file is None else (file, mask_file)
-    notes += _warnings(file, pixels, normal_map, mask)
+    if eight_bits:
+        notes.append(_eight_bits(file))
+    notes += _warnings(str(file), finite, normal_map, mask)
     return NormalMapFile(normal_map, tuple(notes), read)
 
 
@@ -214,22 +214,9 @@ def write_normals(
 
 
 def _encoded(normal_map: NormalMap, green: Green) -> npt.NDArray[np.uint16]:
-    scale = np.array([0.5, -0.5 if green == "down" else 0.5, 0.5])
     samples = np.zeros(normal_map.normals.shape, np.uint16)
-    # In bands, because a float64 copy of a large map would need four times the memory of the PNG.
-    for band in _bands(samples):
-        encoded = normal_map.normals[band] * scale
-        encoded[~normal_map.mask[band], 2] = 0.5
-        encoded += 0.5
-        encoded *= 65535
-        samples[band] = np.rint(encoded, out=encoded)
+    encode(normal_map.normals, normal_map.mask, -1.0 if green == "down" else 1.0, samples)
     return samples
-
-
-def _bands(pixels: Pixels) -> Iterator[slice]:
-    """Yield the rows of an image in bands that fit into the cache."""
-    for top in range(0, len(pixels), _BAND):
-        yield slice(top, top + _BAND)
 
 
 def _find_image(path: Path) -> Path:
@@ -260,14 +247,13 @@ def _read_pixels(file: Path, max_pixels: int) -> tuple[Pixels, Pixels | None]:
     return array, None
 
 
-def _not_finite(pixels: Pixels) -> Mask:
+def _finite(pixels: Pixels) -> Mask | None:
+    """Return where all components are finite, or None for integers."""
     if pixels.dtype.kind != "f":
-        return np.zeros(pixels.shape[:2], np.bool_)
-    bad = np.zeros(pixels.shape[:2], np.bool_)
-    for band in _bands(pixels):
-        x, y, z = (np.isfinite(pixels[band, :, k]) for k in range(3))
-        bad[band] = ~(x & y & z)
-    return bad
+        return None
+    x, y, z = (np.isfinite(pixels[..., k]) for k in range(3))
+    finite: Mask = x & y & z
+    return finite
 
 
 def _share(alpha: Pixels) -> Float:
@@ -305,28 +291,24 @@ def _undo_premultiplication(vectors: Float, share: Float) -> None:
 
 
 def _decode(pixels: Pixels) -> tuple[Float, bool]:
-    """Return the vectors, and whether they were encoded as ``n / 2 + 0.5``."""
+    """Return the vectors, and whether they were encoded as ``n / 2 + 0.5``.
+
+    An array of float32 is changed in place.
+    """
     if np.issubdtype(pixels.dtype, np.integer):
         most = np.iinfo(pixels.dtype).max
         # A table, because the samples of an image in float64 take much memory.
         table = (np.arange(most + 1) * (2.0 / most) - 1.0).astype(np.float32)
         return table[pixels], True
-    stored = np.zeros(pixels.shape, np.float32)
+    with np.errstate(over="ignore"):
+        stored = np.ascontiguousarray(pixels, np.float32)
     # A pixel of zeros is background in either reading and must not influence the choice.
     drawn = np.zeros(pixels.shape[:2], np.bool_)
-    # In bands and by channel: NumPy is slow along short axes.
-    for band in _bands(pixels):
-        with np.errstate(over="ignore"):
-            stored[band] = pixels[band]
-        # Larger components cannot belong to a unit vector, and their squares would overflow.
-        x, y, z = (np.abs(stored[band, :, k]) < _LONGEST for k in range(3))  # False for NaN
-        usable = x & y & z
-        if not usable.all():
-            stored[band][~usable] = 0
-        x, y, z = (stored[band, :, k] != 0 for k in range(3))
-        drawn[band] = x | y | z
-    some = np.flatnonzero(drawn)
-    vectors = stored.reshape(-1, 3)[some[:: 1 + len(some) // _MOST_COMPARED]]
+    clear(stored, drawn)
+    count = int(np.count_nonzero(drawn))
+    every = 1 + count // _MOST_COMPARED
+    some = np.arange(0, count, every) if drawn.all() else np.flatnonzero(drawn)[::every]
+    vectors = stored.reshape(-1, 3)[some]
     if _distance_to_unit(vectors) <= _distance_to_unit(vectors * 2 - 1):
         return stored, False
     return stored * 2 - 1, True
@@ -338,15 +320,18 @@ def _distance_to_unit(vectors: Float) -> float:
     return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
 
 
-def _warnings(file: Path, pixels: Pixels, normal_map: NormalMap, mask: Mask | None) -> list[Notice]:
+def _eight_bits(file: Path) -> Notice:
+    cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
+    text = f"8-bit normals are quantised, an error of about {cost} degree"
+    return Notice("normals-8-bit", text, str(file))
+
+
+def _warnings(
+    where: str, finite: Mask | None, normal_map: NormalMap, mask: Mask | None
+) -> list[Notice]:
     warnings = []
-    where = str(file)
-    if pixels.dtype == np.uint8:
-        cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
-        text = f"8-bit normals are quantised, an error of about {cost} degree"
-        warnings.append(Notice("normals-8-bit", text, where))
-    not_finite = _not_finite(pixels)
-    if mask is not None:
+    not_finite = np.zeros(1, np.bool_) if finite is None else ~finite
+    if finite is not None and mask is not None:
         not_finite &= mask
     if not_finite.any():
         words = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +13,13 @@ Mask = npt.NDArray[np.bool_]
 _WINDOW, _SIGMA = 11, 1.5
 _REACH = _WINDOW // 2
 _QUANTITIES = 5  # x, y, x * x, y * y, x * y
+# Pixels of a tile: the rows of a window, with all quantities, fit into the second-level cache.
+_ROWS, _COLUMNS = 64, 192
 
 
-def similarity_rows(a: Float, b: Float, mask: Mask, c1: float, c2: float) -> Double:
+def similarity_rows(
+    a: Float, b: Float, mask: Mask, c1: float, c2: float, drawn: tuple[Mask, Mask] | None = None
+) -> Double:
     """Return the sum of the similarity over each row of a mask, averaged over the channels.
 
     Statistics are those of ``n / 2 + 0.5`` over the pixels of the mask, in float64, weighted by a
@@ -31,9 +34,17 @@ def similarity_rows(a: Float, b: Float, mask: Mask, c1: float, c2: float) -> Dou
         ``(H, W)`` bool.
     c1, c2
         The constants of the means and of the variances.
+    drawn
+        Masks of the pixels of ``a`` and of ``b`` outside which their vectors are z. Default: both
+        are used as they are.
     """
+    import cv2  # late: most commands compute no similarity
+
     weights = np.asarray(cv2.getGaussianKernel(_WINDOW, _SIGMA, cv2.CV_64F), np.float64).ravel()
-    return np.asarray(_similarity_rows(a, b, mask, weights, c1, c2), np.float64)
+    everywhere = np.ones((1, 1), np.bool_)
+    drawn_a, drawn_b = (everywhere, everywhere) if drawn is None else drawn
+    rows = _similarity_rows(a, b, drawn_a, drawn_b, mask, weights, c1, c2)
+    return np.asarray(rows, np.float64)
 
 
 @numba.njit(cache=True)
@@ -47,78 +58,152 @@ def _mirrored(index: int, count: int) -> int:
 
 
 @numba.njit(cache=True)
-def _add_row(sums: Double, total: Double, a: Float, b: Float, inside: Mask, weight: float) -> None:
-    """Add a row of the image to the sums over the rows of the window."""
+def _fill(
+    a: Float, b: Float, drawn_a: Mask, drawn_b: Mask, inside: Mask, left: int, out: Double
+) -> None:
+    """Write the quantities of a row from column `left` on, 0 outside the mask, and its mask."""
     columns = inside.size
-    for c in range(columns):
-        w = weight if inside[c] else 0.0
-        total[c + _REACH] += w
+    for j in range(out.shape[1] // 3):
+        c = left + j
+        if c < 0 or c >= columns:
+            c = _mirrored(c, columns)
+        w = 1.0 if inside[c] else 0.0
+        known_a = drawn_a.size < columns or drawn_a[c]
+        known_b = drawn_b.size < columns or drawn_b[c]
         for k in range(3):
-            x = 0.5 + 0.5 * np.float64(a[c, k])
-            y = 0.5 + 0.5 * np.float64(b[c, k])
-            i = 3 * (c + _REACH) + k
-            sums[0, i] += w * x
-            sums[1, i] += w * y
-            sums[2, i] += w * (x * x)
-            sums[3, i] += w * (y * y)
-            sums[4, i] += w * (x * y)
+            z = 1.0 if k == 2 else 0.0
+            x = 0.5 + 0.5 * (np.float64(a[c, k]) if known_a else z)
+            y = 0.5 + 0.5 * (np.float64(b[c, k]) if known_b else z)
+            i = 3 * j + k
+            out[0, i] = w * x
+            out[1, i] = w * y
+            out[2, i] = w * (x * x)
+            out[3, i] = w * (y * y)
+            out[4, i] = w * (x * y)
+            out[5, i] = w
 
 
 @numba.njit(cache=True)
-def _mirror_ends(row: Double, columns: int, channels: int) -> None:
-    for e in range(1, _REACH + 1):
-        for k in range(channels):
-            left = _mirrored(-e, columns) + _REACH
-            right = _mirrored(columns - 1 + e, columns) + _REACH
-            row[(_REACH - e) * channels + k] = row[left * channels + k]
-            row[(_REACH + columns - 1 + e) * channels + k] = row[right * channels + k]
+def _weighted(
+    a: Double,
+    b: Double,
+    c: Double,
+    d: Double,
+    e: Double,
+    f: Double,
+    g: Double,
+    h: Double,
+    i: Double,
+    j: Double,
+    k: Double,
+    w: Double,
+    out: Double,
+) -> None:
+    """Write the weighted sum of eleven rows, added one after the other."""
+    w0, w1, w2, w3, w4, w5 = w[0], w[1], w[2], w[3], w[4], w[5]
+    w6, w7, w8, w9, w10 = w[6], w[7], w[8], w[9], w[10]
+    for n in range(out.size):
+        half = w0 * a[n] + w1 * b[n] + w2 * c[n] + w3 * d[n] + w4 * e[n] + w5 * f[n]
+        out[n] = half + w6 * g[n] + w7 * h[n] + w8 * i[n] + w9 * j[n] + w10 * k[n]
 
 
-@numba.njit(cache=True)
-def _blur(row: Double, out: Double, weights: Double, channels: int) -> None:
-    out[:] = 0.0
-    for j in range(_WINDOW):
-        w = weights[j]
-        shift = j * channels
-        for i in range(out.size):
-            out[i] += w * row[i + shift]
+@numba.njit(cache=True, error_model="numpy")
+def _similarities(means: Double, c1: float, c2: float, out: Double) -> None:
+    for i in range(out.size):
+        share = means[5, i]
+        mean_x, mean_y = means[0, i] / share, means[1, i] / share
+        variance_x = means[2, i] / share - mean_x * mean_x
+        variance_y = means[3, i] / share - mean_y * mean_y
+        covariance = means[4, i] / share - mean_x * mean_y
+        out[i] = (
+            (2 * mean_x * mean_y + c1)
+            * (2 * covariance + c2)
+            / ((mean_x * mean_x + mean_y * mean_y + c1) * (variance_x + variance_y + c2))
+        )
 
 
 @numba.njit(parallel=True, cache=True)
 def _similarity_rows(
-    a: Float, b: Float, mask: Mask, weights: Double, c1: float, c2: float
+    a: Float,
+    b: Float,
+    drawn_a: Mask,
+    drawn_b: Mask,
+    mask: Mask,
+    weights: Double,
+    c1: float,
+    c2: float,
 ) -> Double:
     rows, columns = mask.shape
     result = np.zeros(rows)
-    for r in numba.prange(rows):
-        if not mask[r].any():
-            continue
-        sums = np.zeros((_QUANTITIES, 3 * (columns + 2 * _REACH)))
-        total = np.zeros(columns + 2 * _REACH)
-        for j in range(_WINDOW):
-            q = _mirrored(r + j - _REACH, rows)
-            _add_row(sums, total, a[q], b[q], mask[q], weights[j])
-        _mirror_ends(total, columns, 1)
-        share = np.zeros(columns)
-        _blur(total, share, weights, 1)
-        means = np.zeros((_QUANTITIES, 3 * columns))
-        for n in range(_QUANTITIES):
-            _mirror_ends(sums[n], columns, 3)
-            _blur(sums[n], means[n], weights, 3)
-        found = 0.0
-        for c in range(columns):
-            if not mask[r, c]:
+    for band in numba.prange(-(-rows // _ROWS)):
+        top = band * _ROWS
+        bottom = min(top + _ROWS, rows)
+        values = np.zeros((bottom - top + 2 * _REACH, 6, 3 * (_COLUMNS + 2 * _REACH)))
+        sums = np.zeros((6, 3 * (_COLUMNS + 2 * _REACH)))
+        means = np.zeros((6, 3 * _COLUMNS))
+        similar = np.zeros(3 * _COLUMNS)
+        # From left to right, so that the sum of a row does not depend on the tiles.
+        for left in range(0, columns, _COLUMNS):
+            right = min(left + _COLUMNS, columns)
+            if not mask[top:bottom, left:right].any():
                 continue
-            for k in range(3):
-                i = 3 * c + k
-                mean_x, mean_y = means[0, i] / share[c], means[1, i] / share[c]
-                variance_x = means[2, i] / share[c] - mean_x * mean_x
-                variance_y = means[3, i] / share[c] - mean_y * mean_y
-                covariance = means[4, i] / share[c] - mean_x * mean_y
-                found += (
-                    (2 * mean_x * mean_y + c1)
-                    * (2 * covariance + c2)
-                    / ((mean_x * mean_x + mean_y * mean_y + c1) * (variance_x + variance_y + c2))
+            for j in range(values.shape[0]):
+                q = _mirrored(top + j - _REACH, rows)
+                _fill(
+                    a[q],
+                    b[q],
+                    drawn_a[q % len(drawn_a)],
+                    drawn_b[q % len(drawn_b)],
+                    mask[q],
+                    left - _REACH,
+                    values[j],
                 )
-        result[r] = found / 3
+            for r in range(top, bottom):
+                if not mask[r, left:right].any():
+                    continue
+                for n in range(6):
+                    v = values[r - top : r - top + _WINDOW, n]
+                    _weighted(
+                        v[0],
+                        v[1],
+                        v[2],
+                        v[3],
+                        v[4],
+                        v[5],
+                        v[6],
+                        v[7],
+                        v[8],
+                        v[9],
+                        v[10],
+                        weights,
+                        sums[n],
+                    )
+                    s = sums[n]
+                    size = 3 * _COLUMNS
+                    _weighted(
+                        s[0:size],
+                        s[3 : size + 3],
+                        s[6 : size + 6],
+                        s[9 : size + 9],
+                        s[12 : size + 12],
+                        s[15 : size + 15],
+                        s[18 : size + 18],
+                        s[21 : size + 21],
+                        s[24 : size + 24],
+                        s[27 : size + 27],
+                        s[30 : size + 30],
+                        weights,
+                        means[n],
+                    )
+                _similarities(means, c1, c2, similar)
+                found = result[r]
+                for c in range(left, right):
+                    if mask[r, c]:
+                        i = 3 * (c - left)
+                        found += similar[i]
+                        found += similar[i + 1]
+                        found += similar[i + 2]
+                result[r] = found
+        for r in range(top, bottom):
+            result[r] /= 3
     return result

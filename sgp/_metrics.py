@@ -16,6 +16,10 @@ from typing_extensions import TypedDict
 from sgp._comparison_metrics import CheckMetrics
 from sgp._detail_metrics import CombineMetrics, PropertiesMetrics, TransferMetrics
 
+# Of the record that a command leaves in its output folder: docs/result-format.md.
+RECORD_FORMAT: Final = "sgp-result"
+RECORD_VERSION: Final = 1
+
 
 class QualityMetrics(TypedDict, total=False):
     """Agreement of images, lights and normals; records of earlier programs do not have them."""
@@ -221,6 +225,9 @@ class SphereMetrics(TypedDict):
     radius_mm: Annotated[float | None, "mm", "its radius; null unless camera and radius are known"]
     coverage: Annotated[float, "0..1", "visible share of its outline"]
     rms_px: Annotated[float, "px", "scatter of the points of its outline"]
+    recording: NotRequired[
+        Annotated[str, "", "the recording that shows it, if there are several recordings"]
+    ]
 
 
 class SpheresMetrics(TypedDict):

@@ -16,7 +16,7 @@ from cyclopts.validators import Number
 
 import acquisition
 import processing
-import rig
+from rig import MAX_PIXELS
 from sgp._exit import UsageError
 
 
@@ -149,6 +149,9 @@ class RecordingOptions:
     radius_mm
         With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,
         the lights have directions instead of positions.
+    rig
+        With --spheres: rig file (.toml) whose led_positions_mm the lights are compared with;
+        default: the configured rig if the session was recorded with it.
     distant
         Treat lights with positions as distant lights: use their directions only.
     gamma
@@ -171,12 +174,13 @@ class RecordingOptions:
     mask: OptionalInput = None
     spheres: bool = False
     radius_mm: tuple[Positive, ...] = ()
+    rig: RigOption = None
     distant: bool = False
     gamma: Gamma = "auto"
     exclude: Names = ()
     crop: Region | None = None
     downscale: Count = 1
-    max_pixels: Pixels = rig.MAX_PIXELS
+    max_pixels: Pixels = MAX_PIXELS
 
 
 @Parameter(name="*")

@@ -7,7 +7,7 @@ import hashlib
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, ParamSpec
 
@@ -15,6 +15,7 @@ import acquisition
 import rig
 from sgp._console import shown
 from sgp._exit import UsageError
+from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
 from sgp._result import Result, dumps, plain
 
 P = ParamSpec("P")
@@ -204,21 +205,22 @@ def _check_name(out: Path) -> None:
 
 def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
     """Write the JSON record of a result atomically: a reader never sees a part of it."""
-    # Imported here: the help texts must not wait for pydantic.
-    from sgp._record import ResultRecord
-
-    record = ResultRecord(
+    # A plain mapping with the keys of `ResultRecord`, which readers check: importing pydantic would
+    # cost every command a quarter of a second.
+    record = {
+        "format": RECORD_FORMAT,
+        "version": RECORD_VERSION,
         **provenance(command, parameters, result.inputs),
-        outputs={
+        "outputs": {
             name: str(output.relative_to(path.parent))
             for name, output in result.outputs.items()
             if output.is_relative_to(path.parent)
         },
-        metrics=plain(result.metrics),
-        warnings=tuple(map(str, result.warnings)),
-        notices=tuple(result.warnings),
-    )
-    acquisition.write_durably(path, f"{dumps(record.model_dump())}\n".encode())
+        "metrics": result.metrics,
+        "warnings": [str(notice) for notice in result.warnings],
+        "notices": [asdict(notice) for notice in result.warnings],
+    }
+    acquisition.write_durably(path, f"{dumps(record)}\n".encode())
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:

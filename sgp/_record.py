@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, create_model
 
 import acquisition
 import rig
-from sgp._metrics import COMMANDS
+from sgp._metrics import COMMANDS, RECORD_FORMAT, RECORD_VERSION
 
-FORMAT: Final = "sgp-result"
-VERSION: Final = 1
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
@@ -59,8 +57,8 @@ class ResultRecord(_Table):
         What the command reported besides the figures.
     """
 
-    format: Literal["sgp-result"] = FORMAT
-    version: Literal[1] = VERSION
+    format: Literal["sgp-result"] = RECORD_FORMAT
+    version: Literal[1] = RECORD_VERSION
     command: str
     software: Software
     parameters: dict[str, JsonValue]
@@ -101,14 +99,14 @@ def read_record(path: str | Path) -> ResultRecord:
         raise acquisition.MissingPathError(f"{path}: no such file") from error
     except rig.UnreadableError as error:
         raise acquisition.DataError(f"{path}: {error}") from error
-    if not isinstance(values, dict) or values.get("format") != FORMAT:
+    if not isinstance(values, dict) or values.get("format") != RECORD_FORMAT:
         raise acquisition.DataError(
-            f"{path}: is not the record of a result: its format is not {FORMAT!r}"
+            f"{path}: is not the record of a result: its format is not {RECORD_FORMAT!r}"
         )
-    if values.get("version") != VERSION:
+    if values.get("version") != RECORD_VERSION:
         raise acquisition.DataError(
-            f"{path}: has version {str(values.get('version'))[:20]} of {FORMAT}, and this program "
-            f"reads version {VERSION}: run the command again, or update the program"
+            f"{path}: has version {str(values.get('version'))[:20]} of {RECORD_FORMAT}, and this "
+            f"program reads version {RECORD_VERSION}: run the command again, or update the program"
         )
     try:
         # Lists become tuples in JSON mode only.

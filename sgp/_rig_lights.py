@@ -31,15 +31,28 @@ def rig_notices(
     RigError, DataError
         If the rig of the option is not found or invalid, has no positions, or has other LEDs.
     """
-    if option is not None:
-        config = rig_with_positions(option)
-    else:
-        known = _configured(recorded_on)
-        if known is None or any(acquisition.led_of(name) is None for name in lights.ids):
-            return []
-        config = known
+    config = _positioned_rig(option, recorded_on)
+    if config is None:
+        return []
+    if option is None and any(acquisition.led_of(name) is None for name in lights.ids):
+        return []
     compared = calibration.compare_with_rig(lights, config)
     return [replace(notice, where=f"rig {config.name}") for notice in compared.warnings]
+
+
+def led_positions(option: Path | None, recorded_on: str) -> dict[str, tuple[float, ...]]:
+    """Return the positions of the LEDs by their ids; none if the rig is not known.
+
+    Parameters and errors are those of `rig_notices`.
+    """
+    config = _positioned_rig(option, recorded_on)
+    places = () if config is None else config.led_positions_mm or ()
+    return {acquisition.led_id(led): tuple(place) for led, place in enumerate(places)}
+
+
+def _positioned_rig(option: Path | None, recorded_on: str) -> rig.RigConfig | None:
+    """Return the rig of the option, or the configured rig if it recorded the images."""
+    return _configured(recorded_on) if option is None else rig_with_positions(option)
 
 
 def rig_with_positions(option: Path | None) -> rig.RigConfig:

@@ -29,13 +29,19 @@ class SphereLights:
         The complete recording.
     estimate
         The lights and the quality of the fit.
+    lights
+        The same lights with the intensities, axes and angular falloff of the recording.
     brightest
         ``(H, W)`` float32, the brightest value of each pixel.
+    warnings
+        Doubts about the lights.
     """
 
     source: acquisition.Source
     estimate: calibration.SphereCalibration
+    lights: acquisition.Lights
     brightest: npt.NDArray[np.float32]
+    warnings: tuple[rig.Notice, ...]
 
 
 def light_by_spheres(
@@ -53,11 +59,9 @@ def light_by_spheres(
         stack, camera=source.camera, radius_mm=given_radii(radius_mm)
     )
     estimate = calibration.record_setup(estimate, source)
-    brightest = np.zeros(stack.values.shape[1:], np.float32)
-    for image in stack.values:
-        np.fmax(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
-    seen = SphereLights(source, estimate, brightest)
-    return calibration.apply_spheres(source, estimate), seen
+    lit = calibration.apply_spheres(source, estimate)
+    lights = estimate.lights if lit.lights is None else lit.lights
+    return lit, SphereLights(source, estimate, lights, brightest_of(stack), estimate.warnings)
 
 
 def add_sphere_lights(
@@ -68,12 +72,13 @@ def add_sphere_lights(
         return
     described = describe_spheres(seen.estimate)
     described.inputs = result.inputs
-    described.warnings = list(seen.estimate.warnings)
+    described.warnings = list(seen.warnings)
     outputs = {"lights": folder / "lights.json", "lights_png": folder / "lights.png"}
     write_calibration(
-        outputs["lights"], seen.estimate.lights, command, {"source": seen.source.path}, described
+        outputs["lights"], seen.lights, command, {"source": seen.source.path}, described
     )
-    draw_spheres(outputs["lights_png"], seen.source, seen.brightest[None], seen.estimate)
+    shown = [ShownSpheres(seen.source, seen.brightest)]
+    draw_spheres(outputs["lights_png"], shown, seen.estimate)
     result.outputs |= outputs
     result.warnings = [*described.warnings, *result.warnings]
     result.summary = [*described.summary, *result.summary]
@@ -105,7 +110,11 @@ def write_calibration(
     acquisition.write_lights(out, lights, provenance=made_by)
 
 
-def describe_spheres(estimate: calibration.SphereCalibration) -> Result:
+def describe_spheres(
+    estimate: calibration.SphereCalibration, recordings: Sequence[Path] = ()
+) -> Result:
+    """Return the figures and lines about a calibration; ``recordings`` if there are several."""
+    several = len(recordings) > 1
     residual = estimate.residuals_deg[np.isfinite(estimate.residuals_deg)]
     metrics: SpheresMetrics = {
         "lights": len(estimate.lights),
@@ -123,13 +132,18 @@ def describe_spheres(estimate: calibration.SphereCalibration) -> Result:
         ],
         "residual_deg": float(np.mean(residual)) if len(residual) else None,
     }
+    for figures, sphere in zip(metrics["spheres"], estimate.spheres, strict=True):
+        if several:
+            figures["recording"] = str(recordings[sphere.recording])
     result = Result(metrics=metrics)
     kind = "light position" if estimate.lights.near else "light direction"
     balls = rig.pluralize(len(estimate.spheres), "sphere")
-    result.summary = [f"{rig.pluralize(len(estimate.lights), kind)} from {balls}"]
+    text = f"{rig.pluralize(len(estimate.lights), kind)} from {balls}"
+    result.summary = [f"{text} in {len(recordings)} recordings" if several else text]
     for sphere in estimate.spheres:
         (x, y), (a, b) = sphere.outline.centre_px, sphere.outline.semi_axes_px
-        result.summary.append(f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px")
+        line = f"  sphere at ({x:.1f}, {y:.1f}) px, semi-axes {a:.1f} x {b:.1f} px"
+        result.summary.append(f"{line}, {recordings[sphere.recording]}" if several else line)
     if len(residual):
         result.summary.append(f"spheres agree to {np.mean(residual):.2f} deg on average")
     result.summary += _say_errors(estimate.lights)
@@ -152,21 +166,39 @@ def _say_errors(lights: acquisition.Lights) -> list[str]:
     ]
 
 
+@dataclass(frozen=True, eq=False)
+class ShownSpheres:
+    """A recording that shows spheres, and the brightest value ``(H, W)`` of each pixel."""
+
+    source: acquisition.Source
+    brightest: npt.NDArray[np.float32]
+
+
+def brightest_of(stack: calibration.Stack) -> npt.NDArray[np.float32]:
+    """Return the brightest value ``(H, W)`` of each pixel; saturated values are 1."""
+    brightest = np.zeros(stack.values.shape[1:], np.float32)
+    for image in stack.values:
+        np.maximum(brightest, image, out=brightest)
+    return np.nan_to_num(brightest, copy=False, nan=1.0)
+
+
 def draw_spheres(
-    path: Path,
-    source: acquisition.Source,
-    values: npt.NDArray[np.float32],
-    estimate: calibration.SphereCalibration,
+    path: Path, shown: Sequence[ShownSpheres], estimate: calibration.SphereCalibration
 ) -> None:
-    """Write a picture of the spheres in the images ``(N, H, W)`` and of their lights."""
+    """Write a picture of the spheres in each recording, and of their lights."""
     from sgp._overview import source_title, write_overview
     from sgp._panels.light_errors import ellipsoids_panel, residuals_panel
     from sgp._panels.lights import lights_panel, spheres_panel
 
+    title = "spheres and highlights"
     panels = [
-        spheres_panel("spheres and highlights", values, estimate),
-        lights_panel("lights, rings in degrees from the viewing axis", estimate.lights),
+        spheres_panel(
+            f"{title}: {one.source.path}" if len(shown) > 1 else title, one.brightest, estimate, k
+        )
+        for k, one in enumerate(shown)
     ]
+    panels.append(lights_panel("lights, rings in degrees from the viewing axis", estimate.lights))
     errors = [ellipsoids_panel(estimate.lights), residuals_panel(estimate.lights)]
     panels += [panel for panel in errors if panel is not None]
-    write_overview(path, source_title(source, str(source.path)), panels, columns=2)
+    names = ", ".join(str(one.source.path) for one in shown)
+    write_overview(path, source_title(shown[0].source, names), panels, columns=2)

@@ -14,6 +14,7 @@ import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import RecordingOptions, transfer_files, transfer_of
+from sgp._rig_lights import rig_notices, rig_with_positions
 from sgp._spheres import SphereLights, light_by_spheres
 
 _FEWEST_IMAGES = 3
@@ -81,7 +82,10 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     Raises
     ------
     UsageError
-        If fewer than 3 images are left, or both lights and spheres are given.
+        If fewer than 3 images are left, both lights and spheres are given, or an option about
+        spheres without spheres; if the rig has no positions of LEDs.
+    RigError
+        If the rig to compare with is not found or invalid.
     MissingPathError, DataError
         If a file is missing, cannot be read, or does not match the images, or the options name an
         image or a region that does not exist.
@@ -92,6 +96,10 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
         raise UsageError("--lights and --spheres both give the lights: give only one of them")
     if options.radius_mm and not options.spheres:
         raise UsageError("--radius-mm is the radius of spheres: give --spheres as well")
+    if options.rig is not None:
+        if not options.spheres:
+            raise UsageError("--rig is compared with the lights of spheres: give --spheres as well")
+        rig_with_positions(options.rig)  # a mistake is reported before the images are read
     source, files = open_source(
         path,
         lights=options.lights,
@@ -103,6 +111,8 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     lit_by = None
     if options.spheres:
         source, lit_by = light_by_spheres(source, options.radius_mm)
+        compared = rig_notices(lit_by.estimate.lights, options.rig, source.setup.rig)
+        lit_by = replace(lit_by, warnings=(*lit_by.warnings, *compared))
     if options.exclude:
         total = len(source.light_ids)
         source = acquisition.exclude(source, options.exclude)

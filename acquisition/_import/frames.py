@@ -18,7 +18,6 @@ from acquisition._import.image import (
 )
 from acquisition._pixels.images import write_exr
 from acquisition._pixels.mask_files import write_mask
-from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.camera_report import CameraReport
@@ -33,6 +32,7 @@ from acquisition._source.reader import read_source
 from acquisition._source.recording_json import RecordingNotes, read_recording_notes
 from acquisition._source.source import Frame, Source
 from acquisition._storage import make_folder
+from acquisition._suffixes import is_raw
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights, led_id
 from acquisition._values.transfer_curve import TransferCurve

@@ -16,7 +16,8 @@ from acquisition._errors import DataError
 from acquisition._pixels.image_head import check_image_head
 from acquisition._pixels.images import Image, read_image
 from acquisition._pixels.opened_image import open_image
-from acquisition._pixels.raw import is_raw, read_raw, read_raw_header
+from acquisition._pixels.raw import read_raw, read_raw_header
+from acquisition._suffixes import is_raw
 from acquisition._text_files import text_of
 from rig import MAX_PIXELS, UnreadableError, convert_parser_errors
 

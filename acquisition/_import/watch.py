@@ -18,7 +18,6 @@ from acquisition._import.watch_names import running_number
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
 from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._pixels.images import image_form
-from acquisition._pixels.raw import is_raw
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine
@@ -30,6 +29,7 @@ from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
 from acquisition._source.transfer_notice import transfer_notices
+from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
@@ -146,7 +146,9 @@ class _Watcher:
         self._on_progress = on_progress
         self._labels = labels
         self._said: dict[Notice, None] = {}
-        self._files = WatchedFolder(watch.folder, watch.settle_s, self._say, watch.max_pixels)
+        self._files = WatchedFolder(
+            watch.folder, watch.settle_s, self._say, watch.max_pixels, watch.pair_s
+        )
         self._recorded: dict[str, int] = {}
         self._earlier: frozenset[str] = frozenset()
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels
@@ -164,6 +166,8 @@ class _Watcher:
                 changed_s = time.monotonic()
             self._files.report_overwritten()
             late = time.monotonic() - changed_s >= self._watch.timeout_s
+            if late:
+                self._files.wait_no_longer()
             recorded = self._record(self._match(decide=late))
             if late:
                 break

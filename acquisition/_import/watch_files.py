@@ -13,11 +13,13 @@ from acquisition._errors import DataError, MissingPathError
 from acquisition._import.image import ImportedImage, read_for_import
 from acquisition._import.watch_match import Arrival
 from acquisition._import.watch_names import in_order
-from acquisition._pixels.raw import is_raw
 from acquisition._session.session_frame import pixels_sha256
-from acquisition._suffixes import IMAGE_SUFFIXES
+from acquisition._source.raw_pairs import raw_preferred_notice
+from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
 from rig import MAX_PIXELS, Notice
 
+# Suffixes of the images that cameras store next to camera RAW.
+_OF_PAIRS: Final = (".jpg", ".jpeg")
 # Number of images kept in memory between the check that they decode and their recording.
 _KEPT: Final = 3
 
@@ -42,8 +44,9 @@ class _File:
 class WatchedFolder:
     """Images in a folder; an image counts when its file is unchanged for a while and decodes.
 
-    Names that begin with a dot are ignored. If there are camera RAW files, all other images are
-    ignored.
+    Names that begin with a dot are ignored. A session holds camera RAW files or other images, as
+    its first one is; files of the other kind are ignored. Cameras that store each exposure twice
+    may write the JPEG first, so until the kind is known a JPEG waits for a RAW file.
 
     Parameters
     ----------
@@ -55,6 +58,8 @@ class WatchedFolder:
         Called with a notice for each file that is incomplete or was overwritten.
     max_pixels
         Largest allowed number of pixels per image.
+    pair_s
+        Time for which the first JPEGs wait for a camera RAW file, seconds.
     """
 
     def __init__(
@@ -63,8 +68,12 @@ class WatchedFolder:
         settle_s: float,
         say: Callable[[Notice], None],
         max_pixels: int = MAX_PIXELS,
+        pair_s: float = 0.0,
     ) -> None:
         self.folder = folder
+        self._pair_s = pair_s
+        self._pair_since_s: float | None = None
+        self._raw: bool | None = None  # whether the session holds camera RAW, if known
         self._settle_s = settle_s
         self._say = say
         self._max_pixels = max_pixels
@@ -112,13 +121,47 @@ class WatchedFolder:
                 files[path.name] = file
         except OSError as error:
             raise DataError(f"{self.folder}: cannot be listed: {error.strerror}") from error
-        if any(is_raw(Path(name)) for name in files):
-            files = {name: file for name, file in files.items() if is_raw(Path(name))}
+        files = self._of_one_kind(files, now)
         changed = {name: file.state for name, file in files.items()} != {
             name: file.state for name, file in self._files.items()
         }
         self._files = files
         return changed
+
+    def _of_one_kind(self, files: dict[str, _File], now: float) -> dict[str, _File]:
+        """Return the files of the session's kind, which is camera RAW as soon as there is one."""
+        raw = {name: file for name, file in files.items() if is_raw(Path(name))}
+        others = {name: file for name, file in files.items() if name not in raw}
+        if raw and self._raw is None:
+            self._raw = True
+        if self._raw is None:
+            if self._pair_since_s is None and any(map(_of_pair, others)):
+                self._pair_since_s = now
+                if self._pair_s > 0:
+                    text = f"the first JPEG waits {self._pair_s:g} s for a camera RAW file"
+                    self._say(Notice("raw-awaited", text, str(self.folder), "info"))
+            return others
+        twins = {Path(name).stem.casefold() for name in raw}
+        twins &= {Path(name).stem.casefold() for name in others}
+        if twins and self._raw:
+            self._say(raw_preferred_notice(None, str(self.folder)))
+        elif raw and not self._raw:
+            text = (
+                "camera RAW files are ignored, because the session began with other images: to "
+                "record the RAW files, import the folder into a new session"
+            )
+            self._say(Notice("raw-too-late", text, str(self.folder)))
+        return raw if self._raw else others
+
+    def wait_no_longer(self) -> None:
+        """Let JPEGs count although no camera RAW file has appeared."""
+        self._pair_s = 0.0
+
+    def _awaits_raw(self, name: str) -> bool:
+        """Return whether the same exposure may still appear as camera RAW."""
+        if self._raw is not None or self._pair_since_s is None or not _of_pair(name):
+            return False
+        return time.monotonic() - self._pair_since_s < self._pair_s
 
     def age_s(self, name: str) -> float:
         """Return the time for which a file has been unchanged, seconds."""
@@ -129,7 +172,7 @@ class WatchedFolder:
         file = self._files[name]
         if name in self._recorded:
             file.arrival = file.arrival or Arrival(name, file.state[1] / 1e9)
-        elif file.arrival is None and not file.complaint:
+        elif file.arrival is None and not file.complaint and not self._awaits_raw(name):
             settled = self.age_s(name) >= self._settle_s and file.state[0] > 0
             image = self._read(name) if settled else None
             if image is not None:
@@ -157,6 +200,7 @@ class WatchedFolder:
     def mark(self, name: str, recorded: Recorded) -> None:
         """Note that a file is recorded. It need not be in the folder any longer."""
         self._recorded[name] = recorded
+        self._raw = is_raw(Path(name))
         if name in self._files:
             self._unchanged[name] = self._files[name].state
 
@@ -186,6 +230,10 @@ class WatchedFolder:
             text = f"waiting for the rest of the file: {error}"
             self._say(Notice("image-not-complete", text))
         return None
+
+
+def _of_pair(name: str) -> bool:
+    return name.lower().endswith(_OF_PAIRS)
 
 
 def _is_picture(path: Path) -> bool:

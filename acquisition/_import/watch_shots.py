@@ -20,8 +20,8 @@ class Watch:
     Parameters
     ----------
     folder
-        Folder in which the camera's images appear. Names that begin with a dot are ignored; if
-        there are camera RAW files, all other files are ignored.
+        Folder in which the camera's images appear. Names that begin with a dot are ignored. Of a
+        camera that stores each exposure as RAW and as JPEG, the RAW files count.
     shots
         Shots in the order in which they are taken: `CapturePlan.shots`, or `lights_in_order`.
     plan
@@ -35,6 +35,9 @@ class Watch:
         Longest time to wait for the next image, seconds.
     settle_s
         Time for which a file must stay unchanged to count as complete, seconds.
+    pair_s
+        Time for which the first JPEGs wait for a camera RAW file, seconds. If none appears, the
+        session holds JPEGs.
     max_pixels
         Largest allowed number of pixels per image.
     transfer
@@ -48,6 +51,7 @@ class Watch:
     gaps: bool = True
     timeout_s: float = 600.0
     settle_s: float = 1.0
+    pair_s: float = 10.0
     max_pixels: int = MAX_PIXELS
     transfer: TransferCurve | None = None
 

@@ -35,8 +35,7 @@ def read_mask(
            [False,  True, False],
            [False, False,  True]])
     """
-    mask: npt.NDArray[np.bool_] = read_mask_shares(path, size, max_pixels=max_pixels) > 0.5
-    return mask
+    return _inside(_read_samples(path, size, max_pixels))
 
 
 def write_mask(path: str | Path, mask: npt.NDArray[np.bool_]) -> None:
@@ -104,6 +103,16 @@ def read_mask_shares(
     >>> read_mask_shares("mask.png")
     array([[0. , 0.2, 1. ]])
     """
+    values = _read_samples(path, size, max_pixels)
+    shares: npt.NDArray[np.float64] = np.divide(values, _full(values), dtype=np.float64)
+    shares[np.isnan(shares)] = 0
+    return np.clip(shares, 0.0, 1.0, out=shares)
+
+
+def _read_samples(
+    path: str | Path, size: tuple[int, int] | None, max_pixels: int
+) -> npt.NDArray[Any]:
+    """Return the ``(H, W)`` samples that are the mask, as stored."""
     path = Path(path)
     if size is not None:
         max_pixels = max(max_pixels, size[0] * size[1])
@@ -114,26 +123,28 @@ def read_mask_shares(
                 f"{size[0]}: give a mask of the same size"
             )
     pixels, alpha = read_image_with_alpha(path, max_pixels=max_pixels)
-    shares = _shares(pixels if pixels.ndim == 2 else pixels.max(axis=2))
-    opacity = None if alpha is None else _shares(alpha)
-    if opacity is not None and (opacity < 1).any():
-        seen = pixels[opacity > 0]
-        if (seen != seen[:1]).any() and ((shares > 0.5) != (opacity > 0.5)).any():
+    samples: npt.NDArray[Any] = pixels if pixels.ndim == 2 else pixels.max(axis=2)
+    # NaN counts as transparent.
+    if alpha is not None and not (alpha >= _full(alpha)).all():
+        seen = pixels[alpha > 0]
+        if (seen != seen[:1]).any() and (_inside(samples) != _inside(alpha)).any():
             raise DataError(
                 f"{path}: its colours and its transparency give two different masks: save it "
                 "without transparency, with the object in white"
             )
-        shares = opacity
-    if not (shares > 0.5).any():
+        samples = alpha
+    if not _inside(samples).any():
         raise DataError(
             f"{path}: a mask with nothing inside: paint the object in white, brighter than half "
             "of the range"
         )
-    return shares
+    return samples
 
 
-def _shares(values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    full = 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
-    shares: npt.NDArray[np.float64] = np.divide(values, full, dtype=np.float64)
-    shares[np.isnan(shares)] = 0
-    return np.clip(shares, 0.0, 1.0, out=shares)
+def _full(values: npt.NDArray[Any]) -> float:
+    return 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
+
+
+def _inside(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    inside: npt.NDArray[np.bool_] = values > values.dtype.type(_full(values) / 2)
+    return inside

@@ -14,7 +14,6 @@ import rawpy
 
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._storage import library_path
-from acquisition._suffixes import RAW_SUFFIXES
 from rig import MAX_PIXELS, check_pixels, convert_parser_errors, read_head, short_repr
 
 _UNREADABLE = "not a readable camera RAW file"
@@ -56,11 +55,6 @@ class RawFrame:
     taken: datetime | None = None
 
     __repr__ = short_repr
-
-
-def is_raw(path: Path) -> bool:
-    """Return whether a file has a suffix of camera RAW."""
-    return path.suffix.lower() in RAW_SUFFIXES
 
 
 def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:

@@ -14,11 +14,12 @@ import numpy as np
 from acquisition._errors import DataError
 from acquisition._pixels.images import Image, ImageForm, image_form
 from acquisition._pixels.mask_files import read_mask
-from acquisition._pixels.raw import is_raw, read_raw
+from acquisition._pixels.raw import read_raw
 from acquisition._source.alpha_mask import with_alpha_mask
+from acquisition._source.raw_pairs import raw_preferred_notice
 from acquisition._source.references import Reference, reference_notices, split_references
 from acquisition._source.source import Frame, Source
-from acquisition._suffixes import IMAGE_SUFFIXES
+from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
 from acquisition._value_files.lights import read_lights
 from acquisition._values.lights import light_id
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
@@ -32,7 +33,7 @@ def read_images(
     transfer: TransferCurve | None = None,
 ) -> Source:
     """Read a plain folder: its largest series of numbered images, in natural order."""
-    files = _files(folder)
+    files, twins = without_twins(_files(folder))
     masks = [path for path in files if _is_mask(path)]
     images, references = split_references([path for path in files if path not in masks])
     series = numbered_series(images)
@@ -42,7 +43,7 @@ def read_images(
         )
     masks = [mask_path] if mask_path else masks
     source = images_source(folder, series, masks, max_pixels, transfer, references)
-    return with_ignored(source, folder)
+    return with_ignored(source, folder, twins)
 
 
 def lp_files(folder: Path) -> list[Path]:
@@ -63,6 +64,8 @@ def read_lp_folder(
     masks = [path for path in files if _is_mask(path)]
     images = [path for path in files if _is_image(path) and path not in masks]
     by_name = {path.name.casefold(): path for path in images}
+    # A name with its suffix may list either of a pair.
+    images, twins = without_twins(images)
     by_stem = {light_id(path.name): path for path in images}
     listed = {
         name: by_name.get(name.casefold()) or by_stem.get(light_id(name)) for name in lights.ids
@@ -87,7 +90,7 @@ def read_lp_folder(
     masks = [mask_path] if mask_path else masks
     source = images_source(folder, series, masks, max_pixels, transfer, references)
     source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
-    return with_ignored(source, folder)
+    return with_ignored(source, folder, twins if set(present) <= set(images) else [])
 
 
 def images_source(
@@ -173,10 +176,29 @@ def images_source(
     return with_alpha_mask(source, transparent, max_pixels)
 
 
-def with_ignored(source: Source, folder: Path) -> Source:
-    """Add the names of the files in the folder that the source does not use."""
+def with_ignored(source: Source, folder: Path, twins: Sequence[Path] = ()) -> Source:
+    """Add the names of the files in the folder that the source does not use.
+
+    ``twins`` are other images of the same exposures, which are reported in one notice.
+    """
     used = {path for file in source.files for path in (file, *file.parents)}
-    return replace(source, ignored=tuple(path.name for path in _files(folder) if path not in used))
+    unused = [path.name for path in _files(folder) if path not in used and path not in twins]
+    notices = () if not twins else (raw_preferred_notice(len(twins), str(folder)),)
+    return replace(source, ignored=tuple(unused), warnings=(*source.warnings, *notices))
+
+
+def without_twins(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Split off the images that have a camera RAW file of the same name (``IMG_1.CR2``, ``.JPG``).
+
+    Cameras that write pairs store the same exposure in both.
+    """
+    raw = {path.stem.casefold() for path in files if is_raw(path)}
+    twins = [
+        path
+        for path in files
+        if path.suffix.lower() in IMAGE_SUFFIXES and path.stem.casefold() in raw
+    ]
+    return [path for path in files if path not in twins], twins
 
 
 def numbered_series(files: Sequence[Path]) -> list[Path]:

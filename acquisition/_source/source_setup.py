@@ -72,7 +72,7 @@ def setup_notices(source: Source) -> tuple[Notice, ...]:
             f"{now.rig}: give the lights of this rig"
         )
         notices.append(Notice("lights-of-another-rig", text, where))
-    differences = [*_device_differences(then, now), *_lens_differences(then, now)]
+    differences = setup_differences(replace(then, rig=""), now)
     if differences:
         text = (
             f"the lights were calibrated with another camera or lens: {', '.join(differences)}; "
@@ -80,6 +80,35 @@ def setup_notices(source: Source) -> tuple[Notice, ...]:
         )
         notices.append(Notice("lights-of-another-camera", text, where))
     return tuple(notices)
+
+
+def setup_differences(then: Setup, now: Setup, share: float = _SAME) -> tuple[str, ...]:
+    """Return what differs between the rigs, cameras and lenses of two setups, each in a few words.
+
+    What one of them does not state is not compared. Images of another size are the same camera if
+    they show the same field of view.
+
+    Parameters
+    ----------
+    then, now
+        Setups of a calibration and of a recording, or of two recordings.
+    share
+        Lenses differ if rays at the same places differ by more than this share of half the field
+        of view, or working distances by more than this share.
+
+    Examples
+    --------
+    >>> from acquisition import Setup, setup_differences
+    >>> setup_differences(Setup(rig="dome", camera_model="M2"), Setup(rig="arc"))
+    ('rig dome, now arc',)
+    """
+    names = (
+        ("rig", then.rig, now.rig),
+        ("model", then.camera_model, now.camera_model),
+        ("serial number", then.camera_serial, now.camera_serial),
+    )
+    differences = [f"{name} {a}, now {b}" for name, a, b in names if a and b and a != b]
+    return (*differences, *_lens_differences(then, now, share))
 
 
 def _complete(source: Source) -> CameraModel | None:
@@ -94,29 +123,21 @@ def _complete(source: Source) -> CameraModel | None:
     return replace(camera, K=K, width=width, height=height)
 
 
-def _device_differences(then: Setup, now: Setup) -> list[str]:
-    names = (
-        ("model", then.camera_model, now.camera_model),
-        ("serial number", then.camera_serial, now.camera_serial),
-    )
-    return [f"{name} {a}, now {b}" for name, a, b in names if a and b and a != b]
-
-
-def _lens_differences(then: Setup, now: Setup) -> list[str]:
+def _lens_differences(then: Setup, now: Setup, limit: float) -> list[str]:
     a, b = then.intrinsics, now.intrinsics
     if a is None or b is None:
         return []
     differences = []
     share = _field_difference(a, b)
-    if share > _SAME:
+    if share > limit:
         what = (
             f"focal length {_focal(a)}, now {_focal(b)}"
-            if abs(a.focal_px / a.width / (b.focal_px / b.width) - 1) > _SAME
+            if abs(a.focal_px / a.width / (b.focal_px / b.width) - 1) > limit
             else f"rays that differ by {share:.1%} of the field of view"
         )
         differences.append(what)
     first, second = a.working_distance_mm, b.working_distance_mm
-    if first is not None and second is not None and abs(first / second - 1) > _SAME:
+    if first is not None and second is not None and abs(first / second - 1) > limit:
         differences.append(f"working distance {first:g} mm, now {second:g} mm")
     return differences
 

@@ -30,6 +30,7 @@ class _Sphere(FileRecord):
     radius_px: _Positive
     centre_mm: tuple[float, float, float] | None = None
     radius_mm: _Positive | None = None
+    recording: str = ""
 
 
 class CalibratedRecord(FileRecord):
@@ -62,6 +63,7 @@ class CalibratedRecord(FileRecord):
                     radius_px=sphere.radius_px,
                     centre_mm=sphere.centre_mm,
                     radius_mm=sphere.radius_mm,
+                    recording=sphere.recording,
                 )
                 for sphere in calibrated.spheres
             ),
@@ -80,7 +82,13 @@ class CalibratedRecord(FileRecord):
                 None if self.intrinsics is None else self.intrinsics.value(),
             ),
             tuple(
-                UsedSphere(sphere.centre_px, sphere.radius_px, sphere.centre_mm, sphere.radius_mm)
+                UsedSphere(
+                    sphere.centre_px,
+                    sphere.radius_px,
+                    sphere.centre_mm,
+                    sphere.radius_mm,
+                    sphere.recording,
+                )
                 for sphere in self.spheres
             ),
         )

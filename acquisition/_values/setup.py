@@ -47,12 +47,15 @@ class UsedSphere:
         Geometric mean of the semi-axes of its outline.
     centre_mm, radius_mm
         Centre in the house frame, and radius; None if they are not known.
+    recording
+        Name of the recording that shows it; empty if all spheres are in one recording.
     """
 
     centre_px: tuple[float, float]
     radius_px: float
     centre_mm: tuple[float, float, float] | None = None
     radius_mm: float | None = None
+    recording: str = ""
 
     __repr__ = short_repr
 

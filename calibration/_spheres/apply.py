@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Source
+from acquisition import DataError, LightErrors, Lights, Source
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.sphere_calibration import SphereCalibration
 from rig import check_type
@@ -32,7 +32,7 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
     Source
         The recording with these lights; its `Source.not_object` covers the spheres and a margin of
         5 % of their radius, at least 3 px. Intensities, axes and angular falloff are those that the
-        source had, since spheres do not determine them.
+        source had, with their standard deviations, since spheres do not determine them.
 
     Raises
     ------
@@ -65,9 +65,7 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
     if lights.ids != source.light_ids:
         raise DataError(f"{source.path}: the lights of the spheres are not those of the images")
     if before is not None:
-        lights = replace(lights, intensities=before.intensities)
-        if lights.near and before.near:
-            lights = replace(lights, axes=before.axes, mu=before.mu)
+        lights = _with_strengths(lights, before)
     covered = np.zeros(source.size, np.uint8)
     for sphere in spheres.spheres:
         _fill(covered, sphere.outline)
@@ -75,6 +73,17 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
     if source.not_object is not None:
         elsewhere |= source.not_object
     return replace(source, lights=lights, not_object=elsewhere)
+
+
+def _with_strengths(lights: Lights, before: Lights) -> Lights:
+    """Return the lights with the strengths and patterns of others, and with their errors."""
+    errors, known = lights.errors or LightErrors(), before.errors or LightErrors()
+    errors = replace(errors, intensity_std=known.intensity_std)
+    lights = replace(lights, intensities=before.intensities, errors=errors)
+    if not (lights.near and before.near):
+        return lights
+    errors = replace(errors, axis_std_deg=known.axis_std_deg, mu_std=known.mu_std)
+    return replace(lights, axes=before.axes, mu=before.mu, errors=errors)
 
 
 def _fill(covered: npt.NDArray[np.uint8], outline: Ellipse) -> None:

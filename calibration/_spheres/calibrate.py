@@ -1,40 +1,36 @@
-"""Calibration of light directions or positions from mirror spheres."""
+"""Calibration of light directions or positions from mirror spheres, in one or more recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg, led_id
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Stack, check_linear
+from calibration._radiance.linear_stack import Stack
 from calibration._spheres.cone import Cone
 from calibration._spheres.direction_errors import direction_covariances
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.input_tests import check_inputs, doubts
+from calibration._spheres.known_places import known_places
 from calibration._spheres.light_positions import locate_lights, observed_rays
-from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
-from calibration._spheres.outline_noise import circle_covariance, viewing_cone
-from calibration._spheres.placed import off_the_plane, one_radius_each, place, systematic
+from calibration._spheres.marked import Mask
+from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, cone_of, outline_covariance
+from calibration._spheres.placed import COMMON_SHARE, common_error, off_the_plane, place, systematic
+from calibration._spheres.recording import Circle, SeenSpheres, seen_in
+from calibration._spheres.recordings_agree import light_difference
 from calibration._spheres.reflection import orthographic_directions, reflected_rays
 from calibration._spheres.robust import Array
-from calibration._spheres.search import searched_spheres
 from calibration._spheres.sphere_calibration import (
     Sphere,
     SphereCalibration,
     placed_spheres,
     seen_spheres,
 )
-from calibration._spheres.sphere_image import (
-    SphereImage,
-    missing_highlights_warning,
-    partial_outline_warning,
-    places,
-    saturation_warning,
-)
+from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice, pluralize
 
 _DISAGREEMENT_DEG = 3.0
@@ -51,9 +47,10 @@ def calibrate_spheres(
     stack: Stack | npt.NDArray[np.float32],
     *,
     masks: Sequence[Mask] | None = None,
-    circles: Sequence[tuple[float, float, float]] | None = None,
+    circles: Sequence[Circle] | None = None,
     camera: CameraModel | None = None,
     radius_mm: float | Sequence[float] | None = None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None = None,
 ) -> SphereCalibration:
     """Estimate lights from their highlights on mirror spheres.
 
@@ -83,6 +80,10 @@ def calibrate_spheres(
     radius_mm
         Radius of the spheres, or one radius for each in the order of masks or circles. For spheres
         that were searched for, larger radii are assigned to larger outlines.
+    led_positions_mm
+        Positions of LEDs that are known independently, by the ids of the lights, for example from
+        the rig file: x, y, z in mm in the house frame. They do not enter the lights. If the images
+        contradict the radius or the working distance, they decide which of the two is wrong.
 
     Returns
     -------
@@ -107,31 +108,145 @@ def calibrate_spheres(
     >>> calibrate_spheres(rendering.planes, masks=masks).lights
     Lights(3 directions, L00 to L02)
     """
-    check_linear("stack", stack)
-    values, names = _values(stack)
-    if camera is not None and camera.size != values.shape[1:]:
-        raise DataError(
-            f"the camera is {camera.width} x {camera.height} pixels, the images are "
-            f"{values.shape[2]} x {values.shape[1]}: use the camera of these images"
-        )
     radii = None if radius_mm is None else _radii(radius_mm, camera)
-    # Arrays of several masks or circles have no truth value.
-    masks = [] if masks is None else list(masks)
-    circles = [] if circles is None else list(circles)
-    if masks and circles:
-        raise DataError("both masks and circles mark the spheres: give one of the two")
-    found = not masks and not circles
-    left_out: list[Notice] = []
-    if masks:
-        images = masked_spheres(values, masks)
-    elif circles:
-        images = circled_spheres(values, circles)
-    else:
-        images, left_out = searched_spheres(values, camera, radii)
+    seen = seen_in(stack, masks, circles, camera, radii)
+    return _calibrate([seen], ("",), camera, led_positions_mm)
+
+
+def calibrate_moved_spheres(
+    stacks: Iterable[Stack | npt.NDArray[np.float32]],
+    *,
+    names: Sequence[str] = (),
+    masks: Sequence[Sequence[Mask] | None] = (),
+    circles: Sequence[Sequence[Circle] | None] = (),
+    camera: CameraModel | None = None,
+    radius_mm: float | Sequence[float] | None = None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None = None,
+) -> SphereCalibration:
+    """Estimate lights from several recordings of the same lights, with the spheres moved between.
+
+    A sphere that was moved counts as another sphere: all lights and all sphere centres of all
+    recordings are refined together. So two recordings with one sphere each give positions. Camera
+    and lights must not move; see `check_recordings`.
+
+    Parameters
+    ----------
+    stacks
+        Two or more recordings; each is as in `calibrate_spheres`, with the same size and the same
+        names of lights, in any order. They are used one after the other, so that a generator needs
+        the memory of one recording only.
+    names
+        A name for each recording, for messages. Default: ``recording 1``, ``recording 2``...
+    masks, circles
+        For each recording None, or its masks or circles, as in `calibrate_spheres`. Spheres of
+        recordings without them are searched for. Default: search in all recordings.
+    camera
+        The camera of all recordings; positions require its working distance.
+    radius_mm
+        Radius of the spheres, or the radii of a set of balls, of which each recording shows some or
+        all: spheres that were searched for have the radius that fits their size; marked spheres
+        have the radii in the order of masks or circles if there is one for each, else those that
+        fit.
+    led_positions_mm
+        As in `calibrate_spheres`.
+
+    Returns
+    -------
+    SphereCalibration
+        `Sphere.recording` is the number of the recording, from 0. Notices about one recording have
+        its name as their `rig.Notice.where`.
+
+    Raises
+    ------
+    DataError, EstimateError
+        As `calibrate_spheres`, with the name of the recording; also if there are fewer than two
+        recordings, or their sizes or lights differ.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from calibration import calibrate_moved_spheres
+    >>> from simulator import render, scene_named
+    >>> scene = scene_named("spheres", width=320, height=256, leds=3)
+    >>> pairs = [replace(scene, spheres=scene.spheres[i : i + 2]) for i in (0, 2)]
+    >>> stacks, truth = zip(*[(r.planes, r.truth) for r in map(render, pairs)])
+    >>> masks = [list(one.sphere_masks) for one in truth]
+    >>> calibrate_moved_spheres(stacks, masks=masks, camera=truth[0].camera, radius_mm=20).lights
+    Lights(3 positions in mm, L00 to L02)
+    """
+    radii = None if radius_mm is None else _radii(radius_mm, camera)
+    labels = list(names)
+    seen: list[SeenSpheres] = []
+    for k, stack in enumerate(stacks):
+        if len(labels) == k:
+            labels.append(f"recording {k + 1}")
+        lights = _known_lights(stack, seen, labels)
+        try:
+            found = seen_in(
+                stack,
+                masks[k] if k < len(masks) else None,
+                circles[k] if k < len(circles) else None,
+                camera,
+                radii,
+                all_radii=False,
+                lights=lights,
+            )
+        except (DataError, EstimateError) as error:
+            raise type(error)(f"{labels[k]}: {error}") from error
+        if seen and found.size != seen[0].size:
+            raise DataError(
+                f"{labels[k]} has images of {found.size[1]} x {found.size[0]} pixels, {labels[0]} "
+                f"of {seen[0].size[1]} x {seen[0].size[0]}: the recordings must have one size"
+            )
+        seen.append(found)
+    if len(seen) < 2 or len(labels) != len(seen) or max(len(masks), len(circles)) > len(seen):
+        raise DataError(
+            f"moved spheres need two or more recordings, and at most one name and one list of "
+            f"masks or circles for each: {pluralize(len(seen), 'recording')} given"
+        )
+    return _calibrate(seen, tuple(labels), camera, led_positions_mm)
+
+
+def _known_lights(
+    stack: Stack | npt.NDArray[np.float32], seen: list[SeenSpheres], names: list[str]
+) -> tuple[str, ...] | None:
+    """Return the lights of the first recording; None before it has been read.
+
+    Raises
+    ------
+    DataError
+        If this one, the next, has other lights.
+    """
+    if not seen:
+        return None
+    ids = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(stack))))
+    difference = light_difference(names[0], seen[0].names, names[len(seen)], ids)
+    if difference:
+        raise DataError(difference)
+    return seen[0].names
+
+
+def _calibrate(
+    seen: list[SeenSpheres],
+    recordings: tuple[str, ...],
+    camera: CameraModel | None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None,
+) -> SphereCalibration:
+    """Calibrate from the spheres of all recordings together."""
+    names = seen[0].names
+    places_mm = known_places(led_positions_mm, names)
+    images = [image for one in seen for image in one.images]
+    of_recording = [k for k, one in enumerate(seen) for _ in one.images]
+    radii = [one.radii_mm for one in seen]
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
-    _check_seen(highlights, names, images)
-    warnings = [*left_out, *missing_highlights_warning(images), *saturation_warning(images)]
-    warnings += partial_outline_warning(images)
+    _check_seen(highlights, names, images, len(seen))
+    warnings = [
+        replace(notice, where=notice.where or recordings[k])
+        for k, one in enumerate(seen)
+        for notice in one.warnings()
+    ]
+    found = [seen[k].found for k in of_recording]
+    shown = _Shown(names, places_mm, images, of_recording, recordings, found)
     if camera is None:
         outlines = [image.outline for image in images]
 
@@ -140,23 +255,31 @@ def calibrate_spheres(
             rays = [orthographic_directions(_changed(o, by), of_one) for o, of_one, by in pairs]
             return np.stack(rays, axis=1)
 
-        covariances = [circle_covariance(image.points_px, image.outline) for image in images]
-        return _directions(names, seen_spheres(images), images, orthographic, covariances, warnings)
-    cones = [viewing_cone(camera.rays(image.points_px), 1 / camera.focal_px) for image in images]
+        # Centre x, centre y and radius of each outline.
+        common = np.tile([0.0, 0.0, OUTLINE_SIGMA_PX * COMMON_SHARE**0.5], (len(images), 1))
+        own = [outline_covariance(image) for image in images]
+        own = [
+            of_one - np.outer(shared, shared) for of_one, shared in zip(own, common, strict=True)
+        ]
+        return _directions(shown, seen_spheres(images), orthographic, own, common, warnings)
+    cones = [cone_of(camera, image) for image in images]
 
     def perspective(pixels: Array, change: Array) -> Array:
         centres = np.array([cone.axis / cone.sine for cone in cones]) + change
         return reflected_rays(camera.rays(pixels), centres, 1.0)[1]
 
-    if radii is None:
+    known = [of_one for of_one in radii if of_one is not None]
+    if not known:
         spheres = seen_spheres(images)
-        covariances = [cone.covariance + systematic(cone, camera) for cone in cones]
-        return _directions(names, spheres, images, perspective, covariances, warnings)
-    radii = one_radius_each(radii, images, camera, found=found)
-    placed = place(cones, radii, camera)
+        own = [cone.covariance + systematic(cone, camera) for cone in cones]
+        common = np.array([common_error(cone, camera) for cone in cones])
+        return _directions(shown, spheres, perspective, own, common, warnings)
+    radii_mm = np.concatenate(known)
+    placed = place(cones, radii_mm, camera)
     warnings += off_the_plane(placed, camera)
     if len(images) > 1:
-        return _positions(names, images, cones, radii, camera, warnings, found=found)
+        return _positions(shown, cones, radii_mm, camera, warnings)
+    left_out = [notice for one in seen for notice in one.left_out]
     if left_out:
         raise EstimateError(
             f"{'; '.join(map(str, left_out))}; positions require two spheres: give masks or "
@@ -164,9 +287,38 @@ def calibrate_spheres(
         )
     text = "one sphere gives only directions: positions require two spheres"
     warnings.append(Notice("one-sphere", text))
-    spheres = placed_spheres(images, placed.centres_mm, radii)
-    covariances = [placed.covariance_mm2 / radii[0] ** 2]
-    return _directions(names, spheres, images, perspective, covariances, warnings)
+    spheres = placed_spheres(images, placed.centres_mm, radii_mm)
+    own = [placed.covariance_mm2 / radii_mm[0] ** 2]
+    return _directions(shown, spheres, perspective, own, np.zeros((1, 3)), warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """Names of N lights; K spheres, the number of the recording of each, whether it was found.
+
+    ``places_mm (N, 3)`` are the places of the lights that are known independently, and ``names``
+    has a name for each recording, empty if there is only one.
+    """
+
+    lights: tuple[str, ...]
+    places_mm: Array
+    images: list[SphereImage]
+    of_recording: list[int]
+    names: tuple[str, ...]
+    found: list[bool]
+
+    def without(self, k: int) -> _Shown:
+        kept = [i for i in range(len(self.images)) if i != k]
+        return replace(
+            self,
+            images=[self.images[i] for i in kept],
+            of_recording=[self.of_recording[i] for i in kept],
+            found=[self.found[i] for i in kept],
+        )
+
+    def numbered(self, spheres: tuple[Sphere, ...]) -> tuple[Sphere, ...]:
+        pairs = zip(spheres, self.of_recording, strict=True)
+        return tuple(replace(sphere, recording=k) for sphere, k in pairs)
 
 
 def _changed(outline: Ellipse, change: Array) -> Ellipse:
@@ -178,26 +330,6 @@ def _changed(outline: Ellipse, change: Array) -> Ellipse:
         centre_px=(x + float(change[0]), y + float(change[1])),
         semi_axes_px=(a * scale, b * scale),
     )
-
-
-def _values(
-    stack: Stack | npt.NDArray[np.float32],
-) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
-    """Return grey values ``(N, H, W)`` and the names of the N lights."""
-    values = stack.values if isinstance(stack, Stack) else np.asarray(stack, np.float32)
-    if values.ndim == 4:
-        values = values.mean(axis=3)  # a NaN channel makes the sample NaN
-    if values.ndim != 3 or 0 in values.shape:
-        raise DataError(
-            f"a stack of sphere images must have the shape (N, H, W[, 3]), not {values.shape}"
-        )
-    names = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(values))))
-    if len(names) != len(values):
-        raise DataError(
-            f"{pluralize(len(names), 'light')} for {pluralize(len(values), 'image')}: give one for "
-            "each image"
-        )
-    return values, names
 
 
 def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Array:
@@ -213,27 +345,31 @@ def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Ar
     return radii
 
 
-def _check_seen(highlights: Array, names: tuple[str, ...], images: list[SphereImage]) -> None:
+def _check_seen(
+    highlights: Array, names: tuple[str, ...], images: list[SphereImage], recordings: int
+) -> None:
     """Raise `EstimateError` if a light has no highlight on any sphere, in ``(N, K, 2)``."""
     seen = np.isfinite(highlights[..., 0])
     missing = [name for name, on in zip(names, seen, strict=True) if not on.any()]
     if missing:
+        on = places(images) if recordings == 1 else f"the spheres of {recordings} recordings"
         raise EstimateError(
             f"no highlight under light {', '.join(missing[:4])} ({len(missing)} of {len(names)} "
-            f"lights) on {places(images)}: check that the light was on and that the outline is "
+            f"lights) on {on}: check that the light was on and that the outline is "
             "correct"
         )
 
 
 def _directions(
-    names: tuple[str, ...],
+    shown: _Shown,
     spheres: tuple[Sphere, ...],
-    images: list[SphereImage],
     rays_of: Callable[[Array, Array], Array],
     outline_covariances: list[Array],
+    outlines_common: Array,
     warnings: list[Notice],
 ) -> SphereCalibration:
     """Average the directions that `rays_of` returns for highlights and changes of the outlines."""
+    names, images = shown.lights, shown.images
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
     rays = rays_of(highlights, np.zeros((len(images), 3)))
@@ -254,24 +390,25 @@ def _directions(
         )
         warnings.append(Notice("lights-near", text))
     errors = LightErrors(
-        direction_covariances(rays_of, highlights, sigma_px, np.array(outline_covariances)),
+        direction_covariances(
+            rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
+        ),
         spheres=seen.sum(axis=1),
     )
     lights = Lights(directions=directions, ids=names, errors=errors)
+    spheres = shown.numbered(spheres)
     return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
 
 
 def _positions(
-    names: tuple[str, ...],
-    images: list[SphereImage],
+    shown: _Shown,
     cones: list[Cone],
     radii: Array,
     camera: CameraModel,
     warnings: list[Notice],
-    *,
-    found: bool,
 ) -> SphereCalibration:
     """Estimate positions; leave out a sphere that was searched for and contradicts the others."""
+    names, images = shown.lights, shown.images
     placed = place(cones, radii, camera)
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
@@ -280,17 +417,18 @@ def _positions(
     used = located.used
     seen = np.isfinite(highlights[..., 0])
     share = used.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    worst = int(np.argmin(share))
+    worst = int(np.argmin(np.where(shown.found, share, np.inf)))
     # With only two spheres it is unknown which one is wrong; the residuals show the contradiction.
-    if found and len(images) > 2 and share[worst] < _LEAST_AGREEING:
+    if shown.found[worst] and len(images) > 2 and share[worst] < _LEAST_AGREEING:
         text = (
             f"{places([images[worst]])} was left out: only {used[:, worst].sum()} of its "
             f"{seen[:, worst].sum()} highlights agree with the other spheres"
         )
-        warnings.append(Notice("sphere-contradicts", text))
-        kept = [k for k in range(len(images)) if k != worst]
-        images, cones = [images[k] for k in kept], [cones[k] for k in kept]
-        return _positions(names, images, cones, radii[kept], camera, warnings, found=found)
+        recording = shown.names[shown.of_recording[worst]]
+        warnings.append(Notice("sphere-contradicts", text, recording))
+        cones = [cone for k, cone in enumerate(cones) if k != worst]
+        radii = np.delete(radii, worst)
+        return _positions(shown.without(worst), cones, radii, camera, warnings)
     points, rays = observed_rays(camera, replace(placed, centres_mm=centres), highlights)
     residuals = _rms(angle_deg(positions[:, None] - points, rays), used)
     disagreement = float(np.median(residuals))
@@ -306,12 +444,11 @@ def _positions(
             "check outlines, radii and camera"
         )
         warnings.append(Notice("spheres-disagree", text))
-    off_plane = any(warning.code == "spheres-off-the-plane" for warning in warnings)
-    if disagreement <= _UNTRUSTED_DEG and not off_plane:
+    if disagreement <= _UNTRUSTED_DEG:
         outlines = [image.points_px for image in images]
         weighed = np.where(used, sigma_px, np.inf)
         tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
-        warnings += doubts(tests, camera, radii)
+        warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
     dropped = int(np.sum(seen & ~used))
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"
@@ -329,8 +466,17 @@ def _positions(
         spheres=used.sum(axis=1),
     )
     lights = Lights(positions_mm=positions, ids=names, errors=errors)
-    spheres = placed_spheres(images, centres, radii)
+    spheres = shown.numbered(placed_spheres(images, centres, radii))
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
+
+
+def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
+    """Add doubts about the given values; a warning that spheres are off the plane takes them up."""
+    off = [k for k, warning in enumerate(warnings) if warning.code == "spheres-off-the-plane"]
+    if not (off and doubts):
+        return warnings + doubts
+    text = "; ".join(notice.text for notice in (warnings[off[0]], *doubts))
+    return [replace(one, text=text) if k == off[0] else one for k, one in enumerate(warnings)]
 
 
 def _rms(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:

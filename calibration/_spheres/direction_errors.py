@@ -19,6 +19,7 @@ def direction_covariances(
     highlights_px: Array,
     sigma_px: Array,
     outline_covariances: Array,
+    outlines_common: Array,
 ) -> Array:
     """Return the covariances of the mean directions of N lights, ``(N, 2, 2)`` in rad^2.
 
@@ -33,6 +34,9 @@ def direction_covariances(
         ``(N, K)`` standard deviations of each coordinate of a highlight.
     outline_covariances
         ``(K, 3, 3)`` covariances of the parameters of the outlines.
+    outlines_common
+        ``(K, 3)`` changes of the parameters by one standard deviation of an error that all outlines
+        have in common, which the covariances do not contain.
 
     Returns
     -------
@@ -60,5 +64,10 @@ def direction_covariances(
         change = _STEP_SIGMAS * size[:, None] * vectors[:, :, axis]
         step = rays_of(highlights_px, change) - rays_of(highlights_px, -change)
         add(step / (2 * _STEP_SIGMAS), np.ones(1))
+    # The error that all outlines share adds up before it is squared.
+    change = _STEP_SIGMAS * outlines_common
+    step = rays_of(highlights_px, change) - rays_of(highlights_px, -change)
+    slope = np.where(seen[..., None], step / (2 * _STEP_SIGMAS), 0.0).sum(axis=1)
+    covariance += slope[:, :, None] * slope[:, None, :]
     basis = tangent_basis(total) / np.linalg.norm(total, axis=1)[:, None, None]
     return np.asarray(basis @ covariance @ basis.transpose(0, 2, 1), np.float64)

@@ -13,14 +13,14 @@ from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.mirrors import Mirror, find_mirror, fit_mirror, outline_of
+from calibration._spheres.mirror_outline import outlined_mirror
+from calibration._spheres.mirrors import find_mirror
 from calibration._spheres.outline import outline_image, refine_outline
 from calibration._spheres.painted import is_painted
-from calibration._spheres.ratio_outline import refine_in_ratios
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
-from calibration._spheres.spots import SpotCluster, reduce_stack, spot_clusters
-from calibration._spheres.surroundings import MirroredPlane, outlines_of
+from calibration._spheres.spots import ReducedStack, SpotCluster, reduce_stack, spot_clusters
+from calibration._spheres.surroundings import MirroredPlane
 
 _SEARCH_SIZE_PX = 700
 _SMALLEST_RADIUS_PX = 8
@@ -36,6 +36,7 @@ def find_spheres(
     radii_px: Sequence[float] = (),
     excluded: Sequence[SphereImage] = (),
     camera: CameraModel | None = None,
+    reduced: ReducedStack | None = None,
 ) -> list[SphereImage]:
     """Find the mirror spheres in a stack.
 
@@ -58,6 +59,8 @@ def find_spheres(
         Spheres that are already known; candidates that overlap them are skipped.
     camera
         Camera of the images. Default: unknown.
+    reduced
+        The images at a lower resolution, if they are known.
 
     Returns
     -------
@@ -71,7 +74,7 @@ def find_spheres(
     >>> find_spheres(np.full((3, 48, 64), 0.2, np.float32))  # no sphere in even images
     []
     """
-    reduced = reduce_stack(values)
+    reduced = reduced or reduce_stack(values)
     plane = MirroredPlane(values, reduced, camera)
     spheres: list[SphereImage] = []
     undecided: list[SpotCluster] = []
@@ -82,39 +85,13 @@ def find_spheres(
         if mirror is None:
             undecided.append(cluster)
         elif _expected(mirror.outline(plane.camera), radii_px):
-            sphere = _mirror_sphere(values, plane, mirror)
+            sphere = outlined_mirror(values, plane, mirror)
             if not any(overlap(sphere.outline, s.outline) for s in (*excluded, *spheres)):
                 spheres.append(sphere)
     if undecided:
         known = [*excluded, *spheres]
         spheres += _by_edges(values, undecided, radii_px, known)
     return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
-
-
-def _mirror_sphere(
-    values: npt.NDArray[np.float32], plane: MirroredPlane, mirror: Mirror
-) -> SphereImage:
-    """Return the sphere of a ball that mirrors the plane, with an outline to a few hundredths px.
-
-    What the ball mirrors determines its outline better than the edge, whose place within its blur
-    is unknown. If the fit ends elsewhere, the edge in the ratios is the outline.
-    """
-    start = mirror.outline(plane.camera)
-    ball = fit_mirror(plane, mirror)
-    if ball is not None:
-        outline = outline_of(plane.camera, ball)
-        count = int(np.clip(2 * np.pi * outline.radius_px, 90, 720))
-        points = outlines_of(plane.camera, ball, count)[0]
-        height, width = values.shape[1:]
-        visible = np.all((points > 0) & (points < (width - 1, height - 1)), axis=1)
-        points, coverage = points[visible], float(visible.mean())
-    else:
-        try:
-            outline, points, coverage = refine_in_ratios(values, start)
-        except EstimateError:
-            outline, points, coverage = start, start.point(np.linspace(0, 2 * np.pi, 90)), 0.0
-    highlights = find_highlights(values, outline)
-    return SphereImage(outline, points, coverage, highlights, mirrors=True)
 
 
 def _by_edges(

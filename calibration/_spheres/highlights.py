@@ -21,6 +21,8 @@ _SMOOTH_PX = 0.7
 _LARGEST_BLOB = 0.35
 _FAINTEST_FLUX = 0.03
 _RIVAL_FLUX = 0.5
+# Pixels from which the median brightness of a large sphere is taken.
+_SAMPLED = 40000
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +91,10 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
         filled = filled - np.percentile(filled, 25, axis=0, method="lower").astype(np.float32)
     last = np.array(values.shape[:0:-1]) - 1
     border = np.any((places == 0) | (places == last), axis=-1)
+    sample = np.flatnonzero(within)
+    sample = sample[:: max(len(sample) // _SAMPLED, 1)]
     blobs = [
-        _blob(image, clipped & within, within, outline.radius_px)
+        _blob(image, clipped & within, within, sample, outline.radius_px)
         for image, clipped in zip(filled, saturated, strict=True)
     ]
     typical = np.median([blob.flux for blob in blobs if blob is not None] or [0.0])
@@ -123,21 +127,23 @@ def _blob(
     image: npt.NDArray[np.float32],
     saturated: npt.NDArray[np.bool_],
     within: npt.NDArray[np.bool_],
+    sample: npt.NDArray[np.intp],
     radius_px: float,
 ) -> _Blob | None:
-    """Return the only compact bright blob, or None."""
-    smooth = np.where(within, cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), 0.0)
+    """Return the only compact bright blob, or None; ``sample`` has some indices of ``within``."""
+    smooth = np.where(within, cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), np.float32(0))
     peak = float(smooth.max())
-    level = float(np.median(smooth[within]))
-    noise = 1.4826 * float(np.median(np.abs(smooth[within] - level)))
+    typical = smooth.ravel()[sample]
+    level = float(np.median(typical))
+    noise = 1.4826 * float(np.median(np.abs(typical - level)))
     # Saturated pixels are not noise, and their glare may cover half of the sphere.
     if not peak - level > max((2 if saturated.any() else 12) * noise, 1e-6):
         return None
     for share in (_BLOB_LEVEL, _CORE_LEVEL):
         bright = (smooth > level + share * (peak - level)).astype(np.uint8)
         count, regions = cv2.connectedComponents(bright)
-        flux = np.bincount(regions.ravel(), (image - level).ravel(), count)
-        flux[0] = 0.0
+        where = np.flatnonzero(bright)
+        flux = np.bincount(regions.ravel()[where], image.ravel()[where] - level, count)
         first = int(np.argmax(flux))
         region = regions == first
         # Around a saturated core, rays and glare are not part of it.

@@ -15,6 +15,7 @@ from calibration._spheres.joint_refinement import (
     linearise,
     predicted_highlights,
 )
+from calibration._spheres.known_places import Factor, factor_of
 from calibration._spheres.robust import Array
 from rig import Notice, short_repr
 
@@ -48,11 +49,14 @@ class InputTest:
         Relative change of the given value; of the distortion, the change of k1.
     sigma
         Standard deviation of the change.
+    lights_mm
+        ``(N, 3)`` positions of the lights after the change; for the ratio, with another radius.
     """
 
     name: str
     change: float
     sigma: float
+    lights_mm: Array
 
     __repr__ = short_repr
 
@@ -121,6 +125,7 @@ def check_inputs(
     use = np.isfinite(sigma_px)[..., None] & np.ones(2, bool)
     weight = np.where(use, np.where(use, sigma_px[..., None], 1.0) ** -2, 0.0)
     error = np.where(use, _predict(camera, refined, radii) - np.nan_to_num(highlights_px), 0.0)
+    move_light, _ = system.steps()
     tests = []
     for name in (RATIO, FOCAL, DISTORTION):
         other, size = _changed(camera, name)
@@ -140,13 +145,35 @@ def check_inputs(
         left_over = of_value - np.sum(by_light * left) - by_centre @ right
         pull -= np.sum(left * system.pull_light) + right @ system.pull_centre
         change = -float(pull / left_over)
+        # All unknowns, the lights among them, move with the value.
+        lights = refined.positions_mm + move_light - change * left
         remaining = (system.square_at_minimum() - pull**2 / left_over) / freedom
-        tests.append(InputTest(name, change, float(np.sqrt(max(remaining, 1.0) / left_over))))
+        sigma = float(np.sqrt(max(remaining, 1.0) / left_over))
+        tests.append(InputTest(name, change, sigma, lights))
     return sorted(tests, key=lambda test: -test.sigmas)
 
 
-def doubts(tests: list[InputTest], camera: CameraModel, radii_mm: Array) -> list[Notice]:
+def doubtful(tests: list[InputTest]) -> list[InputTest]:
+    """Return the tests that explain the data best, or nearly as well; none if no value is doubted.
+
+    Parameters
+    ----------
+    tests
+        Result of `check_inputs`.
+    """
+    best = tests[0].sigmas
+    if best <= _SIGMAS:
+        return []
+    return [test for test in tests if test.sigmas**2 > max(best**2 - _EQUAL, _SIGMAS**2)]
+
+
+def doubts(
+    tests: list[InputTest], camera: CameraModel, radii_mm: Array, places_mm: Array | None = None
+) -> list[Notice]:
     """Return a warning about the value whose change explains the data best, if one is doubtful.
+
+    Changes that explain the data nearly as well are named as well, unless the known places of the
+    lights exclude them: radius and distance differ only in the scale of the whole.
 
     Parameters
     ----------
@@ -156,33 +183,71 @@ def doubts(tests: list[InputTest], camera: CameraModel, radii_mm: Array) -> list
         Camera with a working distance.
     radii_mm
         ``(K,)`` radii of the spheres.
+    places_mm
+        ``(N, 3)`` places of the lights that are known independently; NaN where they are not.
     """
-    best = tests[0]
-    if best.sigmas <= _SIGMAS:
+    equal = doubtful(tests)
+    if not equal:
         return []
-    # Changes that explain the data nearly as well are named as well.
-    equal = [test for test in tests if test.sigmas**2 > max(best.sigmas**2 - _EQUAL, _SIGMAS**2)]
-    explanations = "; or ".join(_explanation(test, camera, radii_mm) for test in equal)
-    text = f"highlights, outlines and the working plane contradict the given values: {explanations}"
-    return [Notice(_CODES[best.name], text)]
+    explanations = [one for test in equal for one in _explanations(test, camera, radii_mm)]
+    factors = [None if places_mm is None else factor_of(one[1], places_mm) for one in explanations]
+    squares = [0.0 if factor is None else factor.chi_square for factor in factors]
+    # If the places agree with no explanation, they do not choose one.
+    least = min(squares)
+    limit = least + _EQUAL if least <= _SIGMAS**2 else np.inf
+    out = [square > limit for square in squares]
+    kept = [text for (text, _), without in zip(explanations, out, strict=True) if not without]
+    text = (
+        "highlights, outlines and the working plane contradict the given values: "
+        f"{', or '.join(kept)}"
+    )
+    if any(test.name == RATIO for test in equal):
+        text += "; unless the spheres do not rest on the working plane"
+    if any(factor is not None for factor in factors):
+        text += _by_places([one[0] for one in explanations], factors, out, least)
+    return [Notice(_CODES[equal[0].name], text)]
 
 
-def _explanation(test: InputTest, camera: CameraModel, radii_mm: Array) -> str:
-    """Return the changes of given values that a test stands for."""
+def _by_places(
+    texts: list[str], factors: list[Factor | None], out: list[bool], least: float
+) -> str:
+    """Return what the known places of the lights say about explanations."""
+    if least > _SIGMAS**2:
+        return "; none of this agrees with led_positions_mm"
+    without = [
+        f"{text.partition(' (')[0]} (lights {100 * (factor.factor - 1):+.2f} +- "
+        f"{100 * factor.sigma:.2f} % farther apart)"
+        for text, factor, excluded in zip(texts, factors, out, strict=True)
+        if excluded and factor is not None
+    ]
+    if without:
+        return f"; led_positions_mm exclude {', and '.join(without)}"
+    return "; led_positions_mm do not decide between them" if len(texts) > 1 else ""
+
+
+def _explanations(test: InputTest, camera: CameraModel, radii_mm: Array) -> list[tuple[str, Array]]:
+    """Return the changes of given values that a test stands for, each with the lights after it."""
     if test.name == FOCAL:
         focal_px, change, sigma = camera.focal_px, test.change, test.sigma
-        return f"focal length {focal_px * (1 + change):.1f} +- {focal_px * sigma:.1f} px"
+        text = f"focal length {focal_px * (1 + change):.1f} +- {focal_px * sigma:.1f} px"
+        return [(text, test.lights_mm)]
     if test.name == DISTORTION:
-        return f"distortion k1 changed by {test.change:+.3f} +- {test.sigma:.3f}"
-    share = f"{100 * test.change:+.2f} +- {100 * test.sigma:.2f} %"
+        text = f"distortion k1 changed by {test.change:+.3f} +- {test.sigma:.3f}"
+        return [(text, test.lights_mm)]
     radius = f"radius {radii_mm[0] * (1 + test.change):.2f} mm"
     if np.ptp(radii_mm) > 0:
         radius = f"all radii times {1 + test.change:.4f}"
-    distance_mm = camera.centre_mm[2] / (1 + test.change)
-    return (
-        f"{radius}, or working distance {distance_mm:.1f} mm ({share}), unless the spheres do not "
-        "rest on the working plane"
-    )
+    # Images do not show the scale: another distance makes everything smaller by the same factor.
+    smaller = 1 / (1 + test.change)
+    sigma = 100 * test.sigma
+    return [
+        (f"{radius} ({100 * test.change:+.2f} +- {sigma:.2f} %)", test.lights_mm),
+        (
+            f"working distance {camera.centre_mm[2] * smaller:.1f} mm "
+            f"({100 * (smaller - 1):+.2f} +- {sigma:.2f} %)",
+            test.lights_mm * smaller,
+        ),
+    ]
 
 
 def _changed(camera: CameraModel, name: str) -> tuple[CameraModel, float]:

@@ -11,7 +11,8 @@ from calibration._spheres.robust import Array
 
 REACH_PX = 2.5
 STEP_PX = 0.25
-_BLUR_PX = 0.45
+# Trial blurs: of a sharp lens and a small pixel, up to one that is clearly out of focus.
+_BLURS_PX = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.15, 1.4)
 _LONGEST_SHIFT_PX = 1.0
 _SHIFT_STEP_PX = 0.05
 
@@ -23,40 +24,61 @@ def profile_offsets() -> Array:
     return offsets
 
 
-def edge_offsets(profiles: Array) -> Array:
+def edge_offsets(profiles: Array, blur_px: float) -> Array:
     """Locate the edge in radial profiles across the outline of a mirror sphere.
 
     Just inside its edge, a mirror sphere shows its immediate surroundings, and farther inside it
     shows more distant parts of the scene: at the depth d inside the edge, the reflected ray is
     rotated by ``2 sqrt(2 d / r)``, so the brightness is ``a + b sqrt(d)`` for small d. The steepest
     point and the half level of this limb are about 0.15 px outside the true edge. The model is the
-    limb inside and a straight line outside, both blurred by a pixel; the edge is the position with
-    the least squared error.
+    limb inside and a straight line outside, both blurred by the lens and the pixel; the edge is the
+    position with the least squared error. A blur that is wrong by 0.3 px moves the edge by 0.05 to
+    0.15 px, so `estimate_blur` measures it.
 
     Parameters
     ----------
     profiles
         ``(M, S)`` linear brightness at `profile_offsets`, from inside to outside.
+    blur_px
+        Standard deviation of the blur in pixels, one of the values of `estimate_blur`.
 
     Returns
     -------
     Array
         ``(M,)`` offset of the edge in pixels, positive outwards; within 1 px.
     """
-    return offsets_of(edge_costs(profiles))
+    return _offsets(_costs(profiles, blur_px))
 
 
-def edge_costs(profiles: Array) -> Array:
+def estimate_blur(profiles: Array) -> float:
+    """Return the blur of edges: the standard deviation for which the model fits them best.
+
+    Parameters
+    ----------
+    profiles
+        ``(M, S)`` linear brightness at `profile_offsets` of profiles that show an edge; M >= 1.
+
+    Returns
+    -------
+    float
+        0.35 to 1.4 px; it includes the size of a pixel.
+    """
+    power = np.maximum(profiles.var(axis=1), 1e-300)
+    misfits = [np.median(_costs(profiles, blur).min(axis=1) / power) for blur in _BLURS_PX]
+    return _BLURS_PX[int(np.argmin(misfits))]
+
+
+def _costs(profiles: Array, blur_px: float) -> Array:
     """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
-    _, complements = _complements()
+    complements = _complements(blur_px)
     return np.stack(
         [np.sum((profiles @ complement) ** 2, axis=1) for complement in complements], axis=1
     )
 
 
-def offsets_of(costs: Array) -> Array:
+def _offsets(costs: Array) -> Array:
     """Return the shift ``(M,)`` with the least cost in ``(M, shifts)``, interpolated."""
-    shifts, _ = _complements()
+    shifts = _shifts()
     best = np.clip(np.argmin(costs, axis=1), 1, len(shifts) - 2)
     row = np.arange(len(costs))
     before, least, after = costs[row, best - 1], costs[row, best], costs[row, best + 1]
@@ -66,28 +88,27 @@ def offsets_of(costs: Array) -> Array:
     return offsets
 
 
-@cache
-def _complements() -> tuple[Array, Array]:
-    """Return trial shifts and, for each, the projection to the complement of the model."""
-    offsets = profile_offsets()
+def _shifts() -> Array:
     count = round(_LONGEST_SHIFT_PX / _SHIFT_STEP_PX)
-    shifts = np.arange(-count, count + 1, dtype=np.float64) * _SHIFT_STEP_PX
+    shifts: Array = np.arange(-count, count + 1, dtype=np.float64) * _SHIFT_STEP_PX
+    return shifts
+
+
+@cache
+def _complements(blur_px: float) -> Array:
+    """Return, for each trial shift, the projection to the complement of the model."""
+    offsets = profile_offsets()
     fine_step = 0.05
     fine = np.arange(-REACH_PX - 3, REACH_PX + 3 + fine_step / 2, fine_step)
     complements = []
-    for shift in shifts:
+    for shift in _shifts():
         depth = shift - fine
-        inside = depth > 0
-        shapes = [
-            np.where(inside, 0.0, 1.0),
-            np.where(inside, 0.0, depth),
-            np.where(inside, 1.0, 0.0),
-            np.sqrt(np.where(inside, depth, 0.0)),
-        ]
+        inside = np.clip(depth / fine_step + 0.5, 0.0, 1.0)  # share of each step
+        shapes = [1 - inside, np.minimum(depth, 0.0), inside, np.sqrt(np.maximum(depth, 0.0))]
         blurred = [
-            np.interp(offsets, fine, gaussian_filter1d(shape, _BLUR_PX / fine_step, mode="nearest"))
+            np.interp(offsets, fine, gaussian_filter1d(shape, blur_px / fine_step, mode="nearest"))
             for shape in shapes
         ]
         basis = np.linalg.qr(np.stack(blurred, axis=1))[0]
         complements.append(np.eye(len(offsets)) - basis @ basis.T)
-    return shifts, np.stack(complements)
+    return np.stack(complements)

@@ -9,7 +9,13 @@ from scipy.ndimage import gaussian_filter1d
 
 from calibration._errors import EstimateError
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
-from calibration._spheres.limb import REACH_PX, STEP_PX, edge_offsets, profile_offsets
+from calibration._spheres.limb import (
+    REACH_PX,
+    STEP_PX,
+    edge_offsets,
+    estimate_blur,
+    profile_offsets,
+)
 from calibration._spheres.robust import Array
 
 _SMALLEST_AREA_PX = 60
@@ -135,12 +141,23 @@ def refine_outline(
         angles, offsets, seen = _steepest(image, ellipse, reach)
         ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
         start = ellipse
+    return refine_edges(image, ellipse)
+
+
+def refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellipse, Array, float]:
+    """Fit an outline that is known to a pixel, with the model of a blurred limb.
+
+    Parameters, results and errors are those of `refine_outline`.
+    """
+    ellipse = guess
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
         profiles = _profiles(image, ellipse, angles, profile_offsets())
         # Smoothing along the outline averages out its position relative to the pixel grid.
         profiles = gaussian_filter1d(profiles, _ALONG_PX, axis=0, mode="wrap")
-        offsets = edge_offsets(profiles)
+        if not seen.any():
+            raise _no_outline(ellipse)
+        offsets = edge_offsets(profiles, estimate_blur(profiles[seen]))
         ellipse, points, coverage = _fit(ellipse, angles[seen], offsets[seen], len(angles), ellipse)
     return ellipse, points, coverage
 
@@ -150,16 +167,20 @@ def _fit(
 ) -> tuple[Ellipse, Array, float]:
     """Fit a circle, or an ellipse if enough is visible; return it, its points and coverage."""
     if len(angles) < 12:
-        x, y = guess.centre_px
-        raise EstimateError(
-            f"no sphere outline at ({x:.0f}, {y:.0f}) px: give a mask or a better circle"
-        )
+        raise _no_outline(guess)
     points = guess.point(angles, 1 + offsets / guess.radius_px)
     ellipse, weights = fit_circle(points, start)
     if len(points) > ELLIPSE_COVERAGE * count:
         ellipse, weights = fit_ellipse(points, start or ellipse)
     good = weights > 0
     return ellipse, points[good], float(np.count_nonzero(good)) / count
+
+
+def _no_outline(guess: Ellipse) -> EstimateError:
+    x, y = guess.centre_px
+    return EstimateError(
+        f"no sphere outline at ({x:.0f}, {y:.0f}) px: give a mask or a better circle"
+    )
 
 
 def _profiles(

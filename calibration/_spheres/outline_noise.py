@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from acquisition import CameraModel
 from calibration._spheres.cone import Cone, fit_cone
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array, tukey_weights
+from calibration._spheres.sphere_image import SphereImage
 
 # Systematic error of the position and of the radius of an outline, which no scatter shows: where
 # the edge is within a blurred step.
@@ -19,6 +21,7 @@ _RADIUS_PER_HARMONIC_PX = 8.0
 _FEWEST, _MOST = 5, 16
 _DEPENDENT = 1e-3
 _FINEST_PX = 0.02
+_SMALL_PX = 0.01
 # A smaller scale would reject good points.
 _FINEST_WEIGHT_PX = 0.15
 
@@ -54,6 +57,41 @@ def viewing_cone(rays: Array, pixel_angle: float) -> Cone:
     root = np.sqrt(v @ v - 1)
     slope = np.eye(3) / root - np.outer(v, v) / root**3
     return replace(cone, covariance=slope @ of_v @ slope.T)
+
+
+def cone_of(camera: CameraModel, image: SphereImage) -> Cone:
+    """Return the viewing cone of a sphere, with the covariance of its outline.
+
+    Parameters
+    ----------
+    camera
+        Camera of the image.
+    image
+        The sphere.
+
+    Raises
+    ------
+    EstimateError
+        As `viewing_cone`.
+    """
+    points = image.points_px
+    if image.covariance_px2 is None:
+        return viewing_cone(camera.rays(points), 1 / camera.focal_px)
+    cone, _ = fit_cone(camera.rays(points), 1 / camera.focal_px)
+    outward = (points - image.outline.centre_px) / image.outline.radius_px
+    slopes = []
+    for change in (np.array([1.0, 0.0]), np.array([0.0, 1.0]), outward):
+        moved, _ = fit_cone(camera.rays(points + _SMALL_PX * change), 1 / camera.focal_px)
+        slopes.append((moved.axis / moved.sine - cone.axis / cone.sine) / _SMALL_PX)
+    slope = np.stack(slopes, axis=1)
+    return replace(cone, covariance=slope @ image.covariance_px2 @ slope.T)
+
+
+def outline_covariance(image: SphereImage) -> Array:
+    """Return the covariance ``(3, 3)`` of centre x, centre y and radius of a sphere's outline."""
+    if image.covariance_px2 is not None:
+        return image.covariance_px2
+    return circle_covariance(image.points_px, image.outline)
 
 
 def circle_covariance(points_px: Array, outline: Ellipse) -> Array:

@@ -19,19 +19,29 @@ from rig import Notice, pluralize
 # positions of the lights, which no residual would show.
 _FARTHEST_SHARE = 0.05
 _SAME_SIZE = 0.08
+# Share of the systematic variance of the radius that all outlines of a recording have in common:
+# where the edge is within a blurred step. In rendered scenes, radii scatter by .02 px about a mean
+# that is off by as much or more.
+COMMON_SHARE = 0.5
 
 
 def one_radius_each(
-    radii: Array, images: list[SphereImage], camera: CameraModel | None = None, *, found: bool
+    radii: Array,
+    images: list[SphereImage],
+    camera: CameraModel | None = None,
+    *,
+    found: bool,
+    each: bool = True,
 ) -> Array:
     """Return one radius for each sphere, in their order.
 
-    If `found`, radii and spheres are sorted by size. If their numbers differ, each sphere has the
-    radius that fits its apparent size on the working plane, to 8 %.
+    If `found`, radii and spheres are sorted by size. If their numbers differ, or the radii are not
+    one for `each` sphere, each sphere has the radius that fits its apparent size on the working
+    plane, to 8 %.
     """
     if len(radii) == 1:
         return np.repeat(radii, len(images))
-    if found and len(radii) != len(images) and camera is not None:
+    if found and camera is not None and not (each and len(radii) == len(images)):
         sizes = np.array([radius_on_plane_mm(camera, image) for image in images])
         off = np.abs(sizes[:, None] / radii - 1)
         if off.min(axis=1).max() < _SAME_SIZE:
@@ -67,18 +77,35 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
     covariances = [
         radius**2 * (cone.covariance + systematic(cone, camera)) for cone, radius in pairs
     ]
-    return KnownSpheres(centres, radii, block_diag(*covariances))
+    common = np.concatenate([radius * common_error(cone, camera) for cone, radius in pairs])
+    return KnownSpheres(centres, radii, block_diag(*covariances) + np.outer(common, common))
 
 
 def systematic(cone: Cone, camera: CameraModel) -> Array:
-    """Return the covariance of a centre in radii from systematic errors of the outline.
+    """Return the covariance of a centre in radii from systematic errors of its own outline.
 
-    The scatter of the points does not include them: `OUTLINE_SIGMA_PX` of position and radius.
+    The scatter of the points does not include them: `OUTLINE_SIGMA_PX` of position and radius,
+    without the part that all outlines have in common.
     """
     sideways = OUTLINE_SIGMA_PX / camera.focal_px / cone.sine
-    in_depth = sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis
-    covariance: Array = np.eye(3) * sideways**2 + np.outer(in_depth, in_depth)
-    return covariance
+    in_depth = _in_depth(cone, camera)
+    covariance: Array = np.eye(3) * sideways**2
+    return covariance + (1 - COMMON_SHARE) * np.outer(in_depth, in_depth)
+
+
+def common_error(cone: Cone, camera: CameraModel) -> Array:
+    """Return the change ``(3,)`` of a centre in radii if all radii in the image err alike.
+
+    The change belongs to one standard deviation, `COMMON_SHARE` of the variance of a radius.
+    """
+    return float(np.sqrt(COMMON_SHARE)) * _in_depth(cone, camera)
+
+
+def _in_depth(cone: Cone, camera: CameraModel) -> Array:
+    """Return the change of a centre in radii if the outline is `OUTLINE_SIGMA_PX` smaller."""
+    sideways = OUTLINE_SIGMA_PX / camera.focal_px / cone.sine
+    change: Array = sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis
+    return change
 
 
 def off_the_plane(placed: KnownSpheres, camera: CameraModel) -> list[Notice]:

@@ -11,19 +11,21 @@ from calibration._spheres.sphere_calibration import SphereCalibration
 from rig import check_type
 
 
-def record_setup(estimate: SphereCalibration, source: Source) -> SphereCalibration:
+def record_setup(estimate: SphereCalibration, source: Source, *others: Source) -> SphereCalibration:
     """Return a calibration whose lights state time, rig, camera, lens and spheres.
 
-    The time is the start of the recording, or now if the recording does not state it. Only
+    The time is the start of the (first) recording, or now if the recording does not state it. Only
     sessions of a rig know their rig. `write_lights` writes all of it to lights.json, and
     `acquisition.setup_notices` compares it with a recording.
 
     Parameters
     ----------
     estimate
-        Result of `calibrate_spheres`.
+        Result of `calibrate_spheres` or `calibrate_moved_spheres`.
     source
         The recording that shows the spheres.
+    others
+        Further recordings with the balls elsewhere, in the order in which they were calibrated.
 
     Examples
     --------
@@ -39,12 +41,14 @@ def record_setup(estimate: SphereCalibration, source: Source) -> SphereCalibrati
     4
     """
     check_type("estimate", estimate, SphereCalibration, "calibrate_spheres(stack) returns one")
+    sources = (source, *others)
     spheres = tuple(
         UsedSphere(
             sphere.outline.centre_px,
             math.sqrt(math.prod(sphere.outline.semi_axes_px)),
             sphere.centre_mm,
             sphere.radius_mm,
+            str(sources[sphere.recording].path) if others else "",
         )
         for sphere in estimate.spheres
     )

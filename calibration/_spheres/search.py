@@ -11,6 +11,7 @@ from calibration._spheres.find import find_spheres, overlap, round_outlines
 from calibration._spheres.placed import radius_on_plane_mm
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
+from calibration._spheres.spots import reduce_stack
 from rig import Notice
 
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
@@ -58,10 +59,12 @@ def searched_spheres(
         return images, _blurred_notices(blurred)
     distances = np.maximum(camera.centre_mm[2] - radii_mm, radii_mm)
     radii_px = [float(size) for size in camera.focal_px * radii_mm / distances]
-    images, blurred = _parted(find_spheres(values, radii_px, camera=camera))
+    reduced = reduce_stack(values)
+    images, blurred = _parted(find_spheres(values, radii_px, camera=camera, reduced=reduced))
     # Report spheres of another size, and do not take a blurred circle around them for the outline.
     # A mirrored circle may be sharper than the outline, so the message suggests both remedies.
-    parted, _ = _parted([*images, *find_spheres(values, excluded=images, camera=camera)])
+    more = find_spheres(values, excluded=images, camera=camera, reduced=reduced)
+    parted, _ = _parted([*images, *more])
     others = [image for image in parted if image not in images]
     wanted = " or ".join(dict.fromkeys(f"{radius:g}" for radius in radii_mm))
     sizes = ", ".join(f"{radius_on_plane_mm(camera, other):.1f}" for other in others)
@@ -97,7 +100,9 @@ def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereIm
     limit_px = _SHARP_OUTLINE_PX
     if images:
         limit_px = max(limit_px, _SHARP_OUTLINE_RATIO * min(image.rms_px for image in images))
-    sharp = [image for image in images if image.mirrors or image.rms_px <= limit_px]
+    sharp = [
+        image for image in images if image.covariance_px2 is not None or image.rms_px <= limit_px
+    ]
     return sharp, [image for image in images if image not in sharp]
 
 

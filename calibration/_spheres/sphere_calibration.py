@@ -29,6 +29,8 @@ class Sphere:
         Scatter of the outline points about the outline.
     centre_mm, radius_mm
         Centre in the house frame, and radius; None unless camera and radius are known.
+    recording
+        Number of the recording that shows it, from 0; 0 if there is only one.
     """
 
     outline: Ellipse
@@ -36,6 +38,7 @@ class Sphere:
     rms_px: float
     centre_mm: tuple[float, float, float] | None = None
     radius_mm: float | None = None
+    recording: int = 0
 
     __repr__ = short_repr
 
@@ -50,7 +53,7 @@ class SphereCalibration:
         Lights with positions if camera and radius are known and there are two or more spheres,
         otherwise with directions. Intensities are 1: a highlight does not determine the intensity.
     spheres
-        K spheres.
+        K spheres, those of the first recording first.
     highlights_px
         ``(N, K, 2)`` highlight of light n on sphere k; NaN if it was not found.
     used

@@ -29,15 +29,17 @@ class SphereImage:
         Share 0..1 of the circumference that is visible.
     highlights
         Highlights, one per light.
-    mirrors
-        Whether the sphere was seen to mirror the plane around it, which no other object does.
+    covariance_px2
+        ``(3, 3)`` covariance of centre x, centre y and radius of the outline, for a sphere that was
+        seen to mirror the plane around it, which no other object does; else None, and the scatter
+        of the points shows how well the outline is known.
     """
 
     outline: Ellipse
     points_px: Array
     coverage: float
     highlights: Highlights
-    mirrors: bool = False
+    covariance_px2: Array | None = None
 
     __repr__ = short_repr
 

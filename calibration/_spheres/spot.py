@@ -153,12 +153,15 @@ def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, flo
 
 def largest_disc(core: Region) -> tuple[Array, float]:
     """Return centre and radius of the largest disc inside a core."""
-    padded = np.pad(core.astype(np.uint8), 1)
+    whole = core.astype(np.uint8)
+    left, top, width, height = cv2.boundingRect(whole)
+    padded = np.pad(whole[top : top + height, left : left + width], 1)
     depth = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     y, x = np.nonzero(depth >= depth.max() - 0.01)
     # Several equally deep pixels: the one nearest to their mean is in the core.
     nearest = int(np.argmin((x - x.mean()) ** 2 + (y - y.mean()) ** 2))
-    return np.array([x[nearest], y[nearest]], np.float64) - 1, max(float(depth.max()) - 0.5, 0.5)
+    centre = np.array([x[nearest] + left - 1, y[nearest] + top - 1], np.float64)
+    return centre, max(float(depth.max()) - 0.5, 0.5)
 
 
 def _distances(image: Image, centre: Array, toward: Array, level: float, reach: float) -> Array:

@@ -70,15 +70,15 @@ def reduce_stack(values: Values) -> ReducedStack:
     rows, columns = max(height // factor, 1), max(width // factor, 1)
     mean = np.zeros((count, rows, columns), np.float32)
     peak = np.zeros_like(mean)
-    block = np.ones((factor, factor), np.uint8)
     for k, image in enumerate(values):
         filled = without_nan(image)
         if factor == 1:
             mean[k] = peak[k] = filled
             continue
-        whole = filled[: rows * factor, : columns * factor]
         mean[k] = reduced_image(filled, (columns, rows), factor)
-        peak[k] = cv2.dilate(whole, block, anchor=(0, 0))[::factor, ::factor]
+        # First down: whole rows are contiguous.
+        down = filled[: rows * factor].reshape(rows, -1, width).max(axis=1)
+        peak[k] = down[:, : columns * factor].reshape(rows, columns, -1).max(axis=2)
     return ReducedStack(factor, mean, peak)
 
 
@@ -90,11 +90,12 @@ def reduced_image(image: Values, size: tuple[int, int], factor: int) -> Values:
 
 def without_nan(image: Values) -> Values:
     """Return an image whose saturated samples have its largest value, at least 1."""
-    saturated = ~np.isfinite(image)
-    if not saturated.any():
+    if np.isfinite(np.max(image)):  # NaN spreads: one pass shows whether there is any
         return image
-    largest = float(np.max(image, initial=1.0, where=~saturated))
-    return np.where(saturated, np.float32(largest), image)
+    saturated = ~np.isfinite(image)
+    filled = np.where(saturated, np.float32(1), image)
+    filled[saturated] = filled.max()
+    return filled
 
 
 def spot_clusters(stack: ReducedStack) -> list[SpotCluster]:

@@ -106,9 +106,9 @@ class MirroredPlane:
         self._factor = reduced.factor
         self._plane = reduced.mean[self._some]
         self._noise = _noise(self._plane)
-        # Parts of the images at the resolutions that were asked for last.
+        # Parts of the images at the resolutions that were asked for last, by their factors.
         self._blurred: dict[int, list[Values]] = {}
-        self._part: tuple[int, Array, list[Values]] | None = None
+        self._parts: dict[int, tuple[Array, list[Values]]] = {}
 
     def compare(self, balls: Balls, spokes: int = 36) -> Likeness:
         """Return how well the balls, of similar size and place, mirror their surroundings."""
@@ -182,25 +182,23 @@ class MirroredPlane:
         return np.concatenate([ratios, fading[None]]), use
 
     def _limb(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Sample the images near the limb, at a resolution of a fortieth of a size."""
-        factor = max(int(size / 40), 1)
+        """Sample the images near the limb, with pixels of at most a fortieth of a size."""
+        factor = 2 ** int(np.log2(max(size / 40, 1)))
+        if factor >= self._factor:
+            # The reduced images are fine enough: no need to read the images again.
+            return _sample(list(self._plane), (pixels + 0.5) / self._factor - 0.5)
         side = np.array(self._values.shape[:0:-1])
         low = np.clip(pixels.min(axis=(0, 1)) - 2, 0, side - 1)
         high = np.clip(pixels.max(axis=(0, 1)) + 3, low + 1, side)
-        part = self._part
-        if (
-            part is None
-            or part[0] != factor
-            or np.any(low < part[1][0])
-            or np.any(high > part[1][1])
-        ):
+        part = self._parts.get(factor)
+        if part is None or np.any(low < part[0][0]) or np.any(high > part[0][1]):
             margin = 0.5 * (high - low)
             box = np.array([np.maximum(low - margin, 0), np.minimum(high + margin, side)])
-            part = self._part = self._cut(factor, box.astype(int))
-        return _sample(part[2], (pixels - part[1][0] + 0.5) / factor - 0.5)
+            part = self._parts[factor] = self._cut(factor, box.astype(int))
+        return _sample(part[1], (pixels - part[0][0] + 0.5) / factor - 0.5)
 
-    def _cut(self, factor: int, box: npt.NDArray[np.int_]) -> tuple[int, Array, list[Values]]:
-        """Return a part of the images at a lower resolution."""
+    def _cut(self, factor: int, box: npt.NDArray[np.int_]) -> tuple[Array, list[Values]]:
+        """Return a box, and this part of the images at a lower resolution."""
         (x0, y0), (x1, y1) = box
         shape = (max((x1 - x0) // factor, 1), max((y1 - y0) // factor, 1))
         stack = []
@@ -209,7 +207,7 @@ class MirroredPlane:
             if factor > 1:
                 part = reduced_image(part, shape, factor)
             stack.append(part)
-        return factor, box.astype(np.float64), stack
+        return box.astype(np.float64), stack
 
     def _mirrored(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
         octave = max(round(np.log2(max(0.05 * size / self._factor, 0.5))), -1)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -58,6 +57,8 @@ def leave_within_edges(kind: EdgeAware, normals: Float, mask: Mask, guide: Float
 
 
 def _smooth(kind: EdgeAware, vectors: Float, mask: Mask, guide: Float, w: int) -> Float:
+    import cv2  # late: other filters do not wait for it
+
     smooth = (
         cv2.ximgproc.guidedFilter(guide, vectors, round(_GUIDED_REACH * w), _GUIDED_EPSILON)
         if kind == "guided"

@@ -15,7 +15,7 @@ from processing._projection.point_cloud_orient import orient
 from processing._projection.rasterize import NEAR_SHARE, Drawn
 from processing._projection.rasterize_kernels import BAND_ROWS, sort_into_bands
 from processing._projection.view import Raster
-from rig import Notice
+from rig import Notice, Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -60,7 +60,12 @@ class Surfels:
     warnings: tuple[Notice, ...]
 
 
-def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: int = 16) -> Surfels:
+def fit_surfels(
+    points_mm: Double,
+    normals: Double | None = None,
+    neighbours: int = 16,
+    on_progress: Progress = no_progress,
+) -> Surfels:
     """Fit the surface around every point to its nearest neighbours.
 
     The first fit is a plane at right angles to the direction of least spread (Hoppe et al., Surface
@@ -77,6 +82,8 @@ def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: in
     neighbours
         Number of points to which a surface is fitted, including the point itself. More points give
         a smoother surface.
+    on_progress
+        Receives the stage ``fitting normals``, one step per point.
 
     Returns
     -------
@@ -102,6 +109,7 @@ def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: in
     bends = np.zeros((len(points), 3, 3))
     reach = np.zeros(len(points))
     sound = np.zeros(len(points), np.bool_)
+    on_progress("fitting normals", 0, len(points))
     for begin in range(0, len(points), _CHUNK):
         part = slice(begin, begin + _CHUNK)
         distance, near = map(np.asarray, tree.query(points[part], count))
@@ -111,6 +119,7 @@ def fit_surfels(points_mm: Double, normals: Double | None = None, neighbours: in
         spread, axes = _plane(offset, weight)
         sound[part] = spread[:, 1] > _LINE**2 * spread[:, 2]
         fitted[part], bends[part] = _quadric(offset, weight, axes)
+        on_progress("fitting normals", min(begin + _CHUNK, len(points)), len(points))
     if normals is not None:
         agree = np.where((fitted * normals[index]).sum(axis=1) < 0, -1.0, 1.0)
         fitted, bends = normals[index], bends * agree[:, None, None]

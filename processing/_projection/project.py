@@ -89,7 +89,9 @@ def project(
     neighbours
         Number of points to which a normal of a point cloud is fitted if the cloud has no normals.
     on_progress
-        Receives the stage ``projecting``: three steps, of which the second is the longest.
+        Receives the stages ``projecting``, for a mesh, or ``fitting normals`` and ``drawing
+        points``, for
+        points.
 
     Returns
     -------
@@ -116,7 +118,6 @@ def project(
     """
     if not (math.isfinite(unit_mm) and unit_mm > 0):
         raise DataError(f"a unit of {unit_mm} mm is not a positive length")
-    on_progress("projecting", 0, 3)
     turn = np.eye(3) if rotation is None else np.asarray(rotation, np.float64)
     points = turned(geometry.vertices, unit_mm * turn)
     low, high = bounds(points)
@@ -127,13 +128,14 @@ def project(
         points -= middle
         low, high = low - middle, high - middle
     raster = _raster(low, high, size, pixel_mm, camera)
-    on_progress("projecting", 1, 3)
     if geometry.faces is not None:
-        drawn = draw_mesh(points, geometry.faces, raster, smooth=smooth)
+        drawn = draw_mesh(points, geometry.faces, raster, smooth=smooth, on_progress=on_progress)
     else:
         normals = None if geometry.normals is None else geometry.normals @ turn.T
-        drawn = draw_points(fit_surfels(points, normals, neighbours), raster)
-    on_progress("projecting", 2, 3)
+        surfels = fit_surfels(points, normals, neighbours, on_progress)
+        on_progress("drawing points", 0, 1)
+        drawn = draw_points(surfels, raster)
+        on_progress("drawing points", 1, 1)
     mask = np.isfinite(drawn.height)
     if not mask.any():
         raise EstimateError(
@@ -144,7 +146,6 @@ def project(
             + " mm in size"
         )
     normal_map = NormalMap(drawn.normals, mask)
-    on_progress("projecting", 3, 3)
     return Projection(
         normal_map=normal_map,
         height=drawn.height,

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from calibration import EstimateError
 from processing._projection import rasterize_kernels as kernels
 from processing._projection.view import Raster
-from rig import Notice
+from rig import Notice, Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -20,6 +20,7 @@ Whole = npt.NDArray[np.int32]
 NEAR_SHARE = 1e-3
 # Fraction of pixels that may show the back of a face: a few do on the silhouette of any mesh.
 _BACK_SHARE = 0.01
+_STEPS = 5
 
 
 class Drawn(NamedTuple):
@@ -30,7 +31,14 @@ class Drawn(NamedTuple):
     warnings: tuple[Notice, ...]
 
 
-def draw_mesh(vertices_mm: Double, faces: Whole, raster: Raster, *, smooth: bool = True) -> Drawn:
+def draw_mesh(
+    vertices_mm: Double,
+    faces: Whole,
+    raster: Raster,
+    *,
+    smooth: bool = True,
+    on_progress: Progress = no_progress,
+) -> Drawn:
     """Draw the nearest face at each pixel's centre.
 
     Coverage follows the top-left rule on corners rounded to 1 / 2^14 pixel: two faces that share
@@ -49,6 +57,8 @@ def draw_mesh(vertices_mm: Double, faces: Whole, raster: Raster, *, smooth: bool
         The pixels.
     smooth
         Blend the area-weighted normals of the corners over a face; otherwise faces are flat.
+    on_progress
+        Receives the stage ``projecting``, in steps of about the same duration.
 
     Returns
     -------
@@ -62,6 +72,7 @@ def draw_mesh(vertices_mm: Double, faces: Whole, raster: Raster, *, smooth: bool
         If no face can be drawn.
     """
     warnings = []
+    on_progress("projecting", 0, _STEPS)
     vertex_normal, thin = kernels.vertex_normals(vertices_mm, faces)
     if thin:
         text = f"faces left out because they have no area: {thin} of {len(faces)}"
@@ -77,19 +88,24 @@ def draw_mesh(vertices_mm: Double, faces: Whole, raster: Raster, *, smooth: bool
             vertices_mm = np.where(behind[:, None], 0.0, vertices_mm)
     if not len(faces):
         raise EstimateError(f"no face can be drawn: {'; '.join(map(str, warnings))}")
+    on_progress("projecting", 1, _STEPS)
     rows, columns = raster.size
     screen = kernels.snap(*raster.pixels(vertices_mm))
     bands = kernels.face_bands(screen, faces, rows, columns)
+    on_progress("projecting", 2, _STEPS)
     members, begin = kernels.sort_into_bands(*bands, -(-rows // kernels.BAND_ROWS))
+    on_progress("projecting", 3, _STEPS)
     nearest = np.full((rows, columns), -np.inf, np.float32)
     seen = np.full((rows, columns), -1, np.int32)
     kernels.draw(screen, faces, members, begin, nearest, seen)
+    on_progress("projecting", 4, _STEPS)
     normals = np.zeros((rows, columns, 3), np.float32)
     height = np.full((rows, columns), np.nan, np.float32)
     back = kernels.shade(
         seen, vertices_mm, faces, vertex_normal, smooth, *raster.sights(), raster.eye_mm,
         normals, height,
     )  # fmt: skip
+    on_progress("projecting", _STEPS, _STEPS)
     share = back.sum() / max(np.count_nonzero(seen >= 0), 1)
     if share > _BACK_SHARE:
         text = (

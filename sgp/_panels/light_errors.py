@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 import acquisition
-from sgp._overview import Panel
+from sgp._overview import Panel, set_plot_area
 from sgp._panels.lights import short_names
 
 if TYPE_CHECKING:
@@ -101,6 +101,7 @@ def residuals_panel(lights: acquisition.Lights) -> Panel | None:
     residuals = errors.residual_px
 
     def draw(axes: Axes) -> None:
+        set_plot_area(axes)
         where = np.arange(len(residuals))
         axes.bar(where, np.nan_to_num(residuals), color="tab:blue", width=0.8)
         axes.set_ylabel("px")

@@ -190,29 +190,29 @@ def _meet(a: Box, b: Box) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
-def spheres_panel(title: str, values: Image, estimate: SphereCalibration) -> Panel:
-    """Show the detected outlines and highlights over the brightest value of each pixel."""
-    # Saturated values are NaN, short exposures may exceed 1: both are white here.
-    brightest = np.zeros(values.shape[1:], np.float32)
-    for image in values:
-        np.maximum(brightest, np.nan_to_num(image, nan=1.0), out=brightest)
-    height, width = values.shape[1:]
+def spheres_panel(
+    title: str, brightest: Image, estimate: SphereCalibration, recording: int = 0
+) -> Panel:
+    """Show outlines and highlights in one recording, over the brightest value of each pixel."""
+    height, width = brightest.shape
     crop = Crop(slice(0, height), slice(0, width))
+    # Short exposures may exceed 1.
     picture = np.clip(crop.picture(brightest), 0, 1) ** (1 / 2.2)
+    shown = [k for k, sphere in enumerate(estimate.spheres) if sphere.recording == recording]
 
     def draw(axes: Axes) -> None:
         from matplotlib.patches import Ellipse
 
         axes.imshow(picture, cmap="gray", vmin=0, vmax=1, extent=crop.extent)
-        for sphere in estimate.spheres:
-            outline = sphere.outline
+        for k in shown:
+            outline = estimate.spheres[k].outline
             a, b = outline.semi_axes_px
             axes.add_patch(
                 Ellipse(
                     outline.centre_px, 2 * a, 2 * b, angle=outline.angle_deg, fill=False, ec="cyan"
                 )
             )
-        spots = estimate.highlights_px.reshape(-1, 2)
+        spots = estimate.highlights_px[:, shown].reshape(-1, 2)
         axes.scatter(spots[:, 0], spots[:, 1], s=6, color="tab:red", linewidths=0)
         axes.axis("off")
 

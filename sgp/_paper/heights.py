@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import processing
+from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.profile import profile_panels
 from sgp._paper import figures as paper
 from sgp._paper.sources import Sources, bowl
 from sgp._paper.tables import Number, Table
-
-Advance = Callable[[str], None]
 
 # The substitutes for the paper's two sources, and the file names of their curves.
 _STAND_INS = {"scales (simulated)": "scales", "cloth (simulated)": "cloth"}
@@ -19,7 +16,7 @@ _BOWL_POINTS = 50_000
 
 
 def height_profiles(
-    sources: Sources, textures: dict[str, processing.NormalMap], advance: Advance
+    sources: Sources, textures: dict[str, processing.NormalMap], advance: Progress
 ) -> tuple[Table, dict[str, processing.HeightProfile], list[Panel]]:
     """Transfer two details to one target and compare the heights; also returns curves by name."""
     where, target = (
@@ -31,8 +28,8 @@ def height_profiles(
     profiles: dict[str, processing.HeightProfile] = {}
     panels: list[Panel] = []
     rows: dict[str, list[Number]] = {}
-    for texture, name in _STAND_INS.items():
-        advance(f"heights of {texture} on {where}")
+    for at, (texture, name) in enumerate(_STAND_INS.items()):
+        advance(f"heights of {texture} on {where}", at, len(_STAND_INS))
         done = processing.transfer(textures[texture], target)
         profile = processing.height_profile(ground, processing.integrate(done.normal_map))
         profiles[f"height_profile_{name}"] = profile

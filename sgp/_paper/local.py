@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 
 import processing
+from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.maps import normals_panel
 from sgp._paper import figures as paper
@@ -17,16 +16,14 @@ from sgp._paper.measure import measure
 from sgp._paper.sources import Sources
 from sgp._paper.tables import Number, Table
 
-Advance = Callable[[str], None]
 
-
-def local_transfers(sources: Sources, advance: Advance) -> tuple[Table, list[Panel]]:
+def local_transfers(sources: Sources, advance: Progress) -> tuple[Table, list[Panel]]:
     """Transfer faces to other surfaces; return errors over the target regions, and pictures."""
     targets = sources.targets()
     rows: dict[str, list[Number]] = {}
     panels: list[Panel] = []
-    for face in FACES.values():
-        advance(f"face of {face.source} onto {face.target}")
+    for at, face in enumerate(FACES.values()):
+        advance(f"face of {face.source} onto {face.target}", at, len(FACES))
         target = targets[face.target]
         done = face.set_in(targets[face.source], target, order=1)
         region = done.region

@@ -5,16 +5,13 @@ These are separability, idempotence and transferability.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import processing
+from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.maps import detail_panel, map_panel, normals_panel
 from sgp._paper import figures as paper
 from sgp._paper.sources import DILIGENT, Sources
 from sgp._paper.tables import Number, Table
-
-Advance = Callable[[str], None]
 
 _SOURCES = (
     "None of the paper's five models is available: other surfaces are used, so the paper's "
@@ -24,16 +21,16 @@ _ORDERS = "Order 1 is the paper's filter, order 8 the default of this program; w
 
 
 def of_textures(
-    textures: dict[str, processing.NormalMap], advance: Advance
+    textures: dict[str, processing.NormalMap], advance: Progress
 ) -> tuple[Table, Table, Table, list[Panel]]:
     """Return shape similarity, separability and idempotence, and pictures of the errors."""
     alike: dict[str, list[Number]] = {}
     apart: dict[str, list[Number]] = {}
     again: dict[str, list[Number]] = {}
     panels: list[Panel] = []
-    for order in (1, 8):
-        for name, normal_map in textures.items():
-            advance(f"properties of {name}, order {order}")
+    for half, order in enumerate((1, 8)):
+        for at, (name, normal_map) in enumerate(textures.items(), half * len(textures)):
+            advance(f"properties of {name}, order {order}", at, 2 * len(textures))
             by = processing.ShapeFilter(order=order)
             parts = processing.separate(normal_map, shape_filter=by)
             turn = processing.rotation_similarity(parts.shape)
@@ -103,12 +100,12 @@ def of_textures(
     return *tables, panels
 
 
-def chain(sources: Sources, advance: Advance) -> Table:
+def chain(sources: Sources, advance: Progress) -> Table:
     """Transfer the owl's detail along the five DiLiGenT targets and back to the first."""
     targets = sources.targets()
     rows: dict[str, list[Number]] = {}
-    for order in (1, 8):
-        advance(f"owl over a chain of targets, order {order}")
+    for done, order in enumerate((1, 8)):
+        advance(f"owl over a chain of targets, order {order}", done, 2)
         steps = processing.transfer_chain(
             sources.given("owl"),
             list(targets.values()),
@@ -141,14 +138,14 @@ def chain(sources: Sources, advance: Advance) -> Table:
 
 
 def exchange(
-    textures: dict[str, processing.NormalMap], advance: Advance
+    textures: dict[str, processing.NormalMap], advance: Progress
 ) -> tuple[Table, list[Panel]]:
     """Exchange the details of two surfaces."""
     (name_a, a), (name_b, b) = list(textures.items())[:2]
     rows: dict[str, list[Number]] = {}
     panels: list[Panel] = []
-    for order in (1, 8):
-        advance(f"details of {name_a} and {name_b} exchanged, order {order}")
+    for at, order in enumerate((1, 8)):
+        advance(f"details of {name_a} and {name_b} exchanged, order {order}", at, 2)
         done = processing.cross_exchange(a, b, shape_filter=processing.ShapeFilter(order=order))
         rows[f"detail error, deg, order {order}"] = [one.fidelity.detail_mae_deg for one in done]
         rows[f"shape error, deg, order {order}"] = [one.fidelity.shape_mae_deg for one in done]

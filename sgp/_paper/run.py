@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
 import processing
 import rig
+from rig import Progress
 from sgp._overview import Panel
 from sgp._paper import figures as paper
 from sgp._paper.heights import height_profiles
@@ -62,7 +62,7 @@ class Comparison:
     files: list[Path] = field(default_factory=list)
 
 
-def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Comparison:
+def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
     """Compute all tables that the available data allow.
 
     Parameters
@@ -72,7 +72,7 @@ def run_all(*, quick: bool, runs: int, advance: Callable[[str], None]) -> Compar
     runs
         Number of runs per measurement.
     advance
-        Called with a description of each step before it begins.
+        Called before each step: what it does, and how much of this table is done.
     """
     sources = Sources.found()
     comparison = Comparison()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from statistics import fmean, median
 
 import numpy as np
 
 import processing
+from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.maps import normals_panel
 from sgp._paper import figures as paper
@@ -16,7 +17,6 @@ from sgp._paper.measure import IN_NORMALS, METHODS, measure
 from sgp._paper.sources import Sources
 from sgp._paper.tables import Number, Table, flattened
 
-Advance = Callable[[str], None]
 # Cells by quantity and method.
 Rows = dict[str, dict[str, list[Number]]]
 
@@ -40,7 +40,7 @@ _COST = (
 
 
 def by_resolution(
-    sources: Sources, points: Sequence[int], runs: int, advance: Advance
+    sources: Sources, points: Sequence[int], runs: int, advance: Progress
 ) -> tuple[list[Table], list[Panel]]:
     """Measure one transfer at increasing numbers of points.
 
@@ -48,12 +48,14 @@ def by_resolution(
     """
     figures = _Figures()
     columns = []
-    for count in points:
+    for at, count in enumerate(points):
         name, source, target = sources.resolution_pair(count)
         placed = placed_over(source, target)
         pixels = np.count_nonzero(target.mask)
         columns.append(f"#{pixels}")
-        advance(f"{name}, {pixels} points, {len(METHODS)} methods")
+        # Most of the time is roughly proportional to the number of points.
+        work = f"{name}, {pixels} points, {len(METHODS)} methods"
+        advance(work, sum(points[:at]), sum(points))
         results = figures.add(placed, target, runs)
     panels = [
         normals_panel(f"{method}, {pixels} points", result) for method, result in results.items()
@@ -111,7 +113,9 @@ def _headline(figures: _Figures, points: Sequence[int]) -> Table:
     )
 
 
-def onto_diligent(sources: Sources, runs: int, advance: Advance) -> tuple[list[Table], list[Panel]]:
+def onto_diligent(
+    sources: Sources, runs: int, advance: Progress
+) -> tuple[list[Table], list[Panel]]:
     """Measure transfers to the DiLiGenT targets.
 
     Return, for each of two sources, the table with peers and the spread of its costs, then the
@@ -124,9 +128,9 @@ def onto_diligent(sources: Sources, runs: int, advance: Advance) -> tuple[list[T
         ("diligent_owl", "owl", sources.given("owl")),
     ):
         figures = _Figures()
-        for name, target in targets.items():
+        for at, (name, target) in enumerate(targets.items()):
             placed = placed_over(source, target)
-            advance(f"{texture} onto {name}, {len(METHODS)} methods")
+            advance(f"{texture} onto {name}, {len(METHODS)} methods", at, len(targets))
             results = figures.add(placed, target, runs)
             if texture == "cracks":
                 panels.append(normals_panel(f"cracks onto {name}", results["normals"]))
@@ -145,7 +149,7 @@ def onto_diligent(sources: Sources, runs: int, advance: Advance) -> tuple[list[T
 
 
 def _variants(
-    sources: Sources, targets: dict[str, processing.NormalMap], advance: Advance
+    sources: Sources, targets: dict[str, processing.NormalMap], advance: Progress
 ) -> Table:
     """Return the errors of this program's variants of transfer, each with its own filter."""
     # Order, refinement steps, raw target.
@@ -156,10 +160,10 @@ def _variants(
         "order 1, raw target (the paper's table)": (1, 0, True),
     }
     rows: dict[str, list[Number]] = {}
-    for texture in ("owl", "plant"):
+    for half, texture in enumerate(("owl", "plant")):
         source = sources.given(texture)
-        for way, (order, refine, raw) in ways.items():
-            advance(f"{texture} onto the targets, {way}")
+        for at, (way, (order, refine, raw)) in enumerate(ways.items(), half * len(ways)):
+            advance(f"{texture} onto the targets, {way}", at, 2 * len(ways))
             done = [
                 processing.transfer(
                     source,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import acquisition
@@ -50,7 +51,7 @@ def paper(
     from sgp._write_profile import write_profile_data
 
     count = runs or (1 if quick else 10)
-    comparison = run_all(quick=quick, runs=count, advance=note)
+    comparison = run_all(quick=quick, runs=count, advance=_Steps())
     claim_folder(out, "bench.json")
     result = Result(warnings=list(comparison.left_out), inputs=comparison.files)
     result.outputs = {"tables": out / "tables.md", "tables_json": out / "tables.json"}
@@ -69,3 +70,19 @@ def paper(
     result.metrics = metrics
     result.summary = [f"{len(comparison.tables)} tables in {result.outputs['tables']}"]
     return result
+
+
+class _Steps:
+    """Print each step before it begins, with the time that is left for its table."""
+
+    def __init__(self) -> None:
+        self._began_s = 0.0
+
+    def __call__(self, step: str, done: int, total: int, /) -> None:
+        now_s = time.monotonic()
+        if done == 0:
+            self._began_s = now_s
+            note(step)
+            return
+        left_s = (now_s - self._began_s) * (total - done) / done
+        note(f"{step}; about {left_s:.0f} s left for this table")

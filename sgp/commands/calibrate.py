@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 import acquisition
 import calibration
 import rig as rigs
 from sgp._exit import UsageError
-from sgp._options import Gamma, Input, OptionalInput, Pixels, Positive, RigOption, numbers
+from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, RigOption
 from sgp._output import check_file
 from sgp._result import Result
-from sgp._rig_lights import rig_notices, rig_with_positions
+from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
+from sgp._sphere_marks import Marks, marks_of
 from sgp._spheres import (
+    ShownSpheres,
+    brightest_of,
     describe_spheres,
     draw_spheres,
     given_radii,
@@ -23,7 +31,7 @@ from sgp._stages import open_source
 
 
 def spheres(
-    source: Input,
+    source: Inputs,
     *,
     out: Path,
     radius_mm: tuple[Positive, ...] = (),
@@ -38,39 +46,45 @@ def spheres(
     """Estimate lights from their highlights on chrome spheres.
 
     One sphere gives light directions. Two or more spheres with a camera and a radius give light
-    positions.
+    positions. Several recordings of the same lights, with the spheres moved between them, are
+    calibrated together: two recordings with one sphere each give positions.
 
     For example:
 
         sgp calibrate spheres chrome/ --out lights.json
         sgp calibrate spheres session/ --radius-mm 20 --out lights.json
+        sgp calibrate spheres first/ moved/ --radius-mm 20 --out lights.json
 
     Parameters
     ----------
     source
         Session or folder of images, one image for each light; short exposure times give sharper
-        highlights.
+        highlights. Several of them are recordings by the same camera, with the spheres elsewhere.
     out
         lights.json file to write; lights.lp and lights.png (a picture of the result) are written
         to the same folder.
     radius_mm
         Radius of the spheres in mm. If the radii differ, repeat the option for each sphere: in any
         order for spheres that are detected (the larger radius belongs to the larger outline), else
-        in the order of --mask or --sphere.
+        in the order of --mask or --sphere. For several recordings, give the radii of the set of
+        spheres once.
     camera
         Camera file of the images; default: the camera of the session.
     mask
         Mask image of one sphere; may be repeated; default: the mask file of a plain folder of
         images (mask.* or *.mask.*), else the spheres are detected. The mask of any other source
-        shows the object and is not used.
+        shows the object and is not used. For several recordings, the number of the recording comes
+        first: 2:ball.png.
     sphere
-        Rough outline x,y,radius of a sphere in pixels; may be repeated.
+        Rough outline x,y,radius of a sphere in pixels; may be repeated. For several recordings, the
+        number of the recording comes first: 2:810,395,120.
     gamma
         Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
         table; see `sgp normals --help`.
     rig
-        Rig file (.toml) whose led_positions_mm the lights are compared with; default: the
-        configured rig if the session was recorded with it.
+        Rig file (.toml) whose led_positions_mm the lights are compared with, and which decide
+        between a wrong radius and a wrong working distance; default: the configured rig if the
+        session was recorded with it.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -81,59 +95,121 @@ def spheres(
         check_file(path, suffix, force=force)
     if rig is not None:
         rig_with_positions(rig)  # a mistake is reported before the images are read
-    if mask and sphere:
-        raise UsageError("--mask and --sphere both give the outlines of the spheres: give only one")
-    outlines = [(x, y, r) for x, y, r in (numbers("--sphere", text, 3) for text in sphere)]
-    # A folder may contain one mask for each sphere; giving one spares the reader the choice.
-    first, others = (mask[0], mask[1:]) if mask else (None, ())
-    opened, files = open_source(
-        source, camera=camera, mask=first, gamma=gamma, others=others, max_pixels=max_pixels
+    marks = marks_of([str(path) for path in mask], sphere, len(source))
+    recordings, files = _open(source, marks, camera=camera, gamma=gamma, max_pixels=max_pixels)
+    calibration.check_recordings([one.source for one in recordings])
+    first = recordings[0].source
+    places_mm = led_positions(rig, first.setup.rig)
+    estimate = calibration.record_setup(
+        _estimate(recordings, radius_mm, places_mm), *[one.source for one in recordings]
     )
-    stack = undivided_stack(opened)
-    largest = max(stack.values.shape[1:])
-    if any(radius > largest for _, _, radius in outlines):
-        raise UsageError(
-            f"--sphere: the radius must not exceed the size of the images, {largest} pixels"
-        )
-    marked = list(mask)
-    if opened.mask_path is not None and opened.mask_origin == "folder" and not outlines:
-        marked = [opened.mask_path]
-    try:
-        estimate = calibration.calibrate_spheres(
-            stack,
-            masks=[acquisition.read_mask_shares(path, stack.values.shape[1:]) for path in marked],
-            circles=outlines,
-            camera=opened.camera,
-            radius_mm=given_radii(radius_mm),
-        )
-    except calibration.EstimateError as error:
-        _explain_masks(error, opened, marked)
-        raise
-    estimate = calibration.record_setup(estimate, opened)
-    result = describe_spheres(estimate)
+    result = describe_spheres(estimate, source)
     result.outputs = outputs
     result.warnings = [
-        *opened.warnings,
-        *stack.warnings,
+        *[notice for one in recordings for notice in one.notices],
         *estimate.warnings,
-        *rig_notices(estimate.lights, rig, opened.setup.rig),
+        *rig_notices(estimate.lights, rig, first.setup.rig),
     ]
     result.inputs = files
-    parameters = {
-        "source": source,
+    several = len(source) > 1
+    parameters: dict[str, Any] = {
+        "source": source if several else source[0],
         "radius_mm": radius_mm,
         "camera": camera,
         "mask": mask,
         "sphere": sphere,
         "gamma": gamma,
         "rig": rig,
-        "transfer": opened.transfer.record(),
+        "transfer": first.transfer.record(),
     }
     write_calibration(out, estimate.lights, "sgp calibrate spheres", parameters, result)
     acquisition.write_lights(outputs["lp"], estimate.lights)
-
-    draw_spheres(outputs["picture"], opened, stack.values, estimate)
+    shown = [ShownSpheres(one.source, one.brightest) for one in recordings]
+    draw_spheres(outputs["picture"], shown, estimate)
     return result
+
+
+class _Recording:
+    """One of the recordings; its images are read once, and not kept."""
+
+    brightest: npt.NDArray[np.float32]
+
+    def __init__(self, source: acquisition.Source, marks: Marks) -> None:
+        self.source = source
+        self.masks = list(marks.masks)
+        self.circles = list(marks.circles)
+        self.notices: list[rigs.Notice] = list(source.warnings)
+        if source.mask_path is not None and source.mask_origin == "folder" and not marks.circles:
+            self.masks = [source.mask_path]
+
+    def read(self) -> calibration.Stack:
+        """Read the images; keep the brightest value of each pixel for the picture."""
+        largest = max(self.source.size)
+        if any(radius > largest for _, _, radius in self.circles):
+            raise UsageError(
+                f"--sphere: the radius must not exceed the size of the images, {largest} pixels"
+            )
+        stack = undivided_stack(self.source)
+        self.notices += stack.warnings
+        self.brightest = brightest_of(stack)
+        return stack
+
+    def mask_images(self) -> list[npt.NDArray[np.float64]]:
+        return [acquisition.read_mask_shares(path, self.source.size) for path in self.masks]
+
+
+def _open(
+    paths: Sequence[Path],
+    marks: Sequence[Marks],
+    *,
+    camera: Path | None,
+    gamma: str,
+    max_pixels: int,
+) -> tuple[list[_Recording], list[Path]]:
+    """Open all recordings; return them and their files, for hashing."""
+    recordings, files = [], list[Path]()
+    for path, mark in zip(paths, marks, strict=True):
+        # A folder may contain one mask for each sphere; giving one spares the reader the choice.
+        first, others = (mark.masks[0], mark.masks[1:]) if mark.masks else (None, ())
+        opened, read = open_source(
+            path, camera=camera, mask=first, gamma=gamma, others=others, max_pixels=max_pixels
+        )
+        recordings.append(_Recording(opened, mark))
+        files += read
+    return recordings, list(dict.fromkeys(files))
+
+
+def _estimate(
+    recordings: Sequence[_Recording],
+    radius_mm: Sequence[float],
+    places_mm: Mapping[str, Sequence[float]],
+) -> calibration.SphereCalibration:
+    """Calibrate from one recording, or from all of them together."""
+    cameras = [one.source.camera for one in recordings if one.source.camera is not None]
+    camera, radii = (cameras[0] if cameras else None), given_radii(radius_mm)
+    try:
+        if len(recordings) > 1:
+            return calibration.calibrate_moved_spheres(
+                (one.read() for one in recordings),
+                names=[str(one.source.path) for one in recordings],
+                masks=[one.mask_images() for one in recordings],
+                circles=[one.circles for one in recordings],
+                camera=camera,
+                radius_mm=radii,
+                led_positions_mm=places_mm,
+            )
+        return calibration.calibrate_spheres(
+            recordings[0].read(),
+            masks=recordings[0].mask_images(),
+            circles=recordings[0].circles,
+            camera=camera,
+            radius_mm=radii,
+            led_positions_mm=places_mm,
+        )
+    except calibration.EstimateError as error:
+        for one in recordings:
+            _explain_masks(error, one.source, one.masks)
+        raise
 
 
 def _explain_masks(

@@ -21,6 +21,7 @@ from sgp._panels.lights import spheres_panel
 from sgp._panels.maps import map_panel, signed_panel
 from sgp._pipeline import Outcome, process
 from sgp._result import Result
+from sgp._spheres import brightest_of
 from sgp._stages import Stopwatch
 
 _LONG_US, _SHORT_US = 20_000.0, 40.0
@@ -65,7 +66,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
     folder.begin("camera.json", "lights.json")
     acquisition.write_camera(out / "camera.json", simulator.bench_camera())
     with watch.stage("calibrate"):
-        estimate, lights, stack = _calibrate(spheres, scenes["spheres"])
+        estimate, lights, brightest = _calibrate(spheres, scenes["spheres"])
         acquisition.write_lights(out / "lights.json", lights)
     source = acquisition.read_source(coin.folder, lights=lights)
     folder.begin("normals", "detail", "surface")
@@ -97,7 +98,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
                 "mm",
                 crop,
             ),
-            spheres_panel("chrome spheres and highlights", stack, estimate),
+            spheres_panel("chrome spheres and highlights", brightest, estimate),
         ]
         write_overview(out / "overview.png", source_title(source, f"coin, seed {seed}"), panels)
     metrics: DemoMetrics = {**outcome.metrics, **errors.metrics(), "seconds": watch.seconds}
@@ -154,7 +155,7 @@ def _calibrate(
     estimate = calibration.record_setup(estimate, source)
     card = calibration.MatteSurface.card(stack.values, camera)
     strong = calibration.calibrate_intensities(card, estimate.lights)
-    return estimate, strong.lights, stack.values
+    return estimate, strong.lights, brightest_of(stack)
 
 
 class _Errors:

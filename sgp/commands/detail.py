@@ -60,6 +60,7 @@ def separate(
         parts = processing.separate(
             read.normal_map, shape_filter=options.shape_filter(), on_progress=progress
         )
+    read = read._replace(normal_map=parts.shape)  # frees the memory of the map
     result = write_separation(claim_folder(out, "detail.json"), parts, maps)
     result.warnings += read.warnings
     result.inputs = list(read.files)

@@ -187,7 +187,8 @@ def transfer(
             out, done.normal_map, green=written.green_out, on_progress=progress
         )
     title = f"Detail of {source.name} on {target.name}"
-    metrics = _write_errors(out, title, done, result)
+    with Stages() as progress:
+        metrics = _write_errors(out, title, done, result, progress)
     if profile:
         metrics = {**metrics, **write_height_profile(out, maps[1], done.normal_map, result)}
     result.metrics = metrics
@@ -209,9 +210,16 @@ def _write_errors(
     title: str,
     done: processing.TransferResult | processing.LocalTransferResult,
     result: Result,
+    on_progress: rig.Progress,
 ) -> TransferMetrics:
     """Write error maps and their picture, and return the figures."""
-    own, paper = done.fidelity, done.fidelity_paper
+    # Steps of about the same duration.
+    steps = 7
+    on_progress("measuring errors", 0, steps)
+    own = done.fidelity
+    on_progress("measuring errors", 1, steps)
+    paper = done.fidelity_paper
+    on_progress("measuring errors", 2, steps)
     maps = {"shape": own.shape_error_deg, "detail": own.detail_error_deg}
     means = {"shape": own.shape_mae_deg, "detail": own.detail_mae_deg}
     crop = Crop.around(done.normal_map.mask)
@@ -223,17 +231,24 @@ def _write_errors(
         panels.append(map_panel(error, values, "deg", crop, error=True))
     result.outputs["errors_picture"] = out / "errors.png"
     write_overview(result.outputs["errors_picture"], title, panels, columns=3)
+    on_progress("measuring errors", 3, steps)
     shapes, details = (own.result.shape, own.shape), (own.result.detail, own.detail)
     received = own.detail.mask
+    similar = []
+    for pair in (shapes, details):
+        similar.append(processing.ssim(*pair, received))
+        on_progress("measuring errors", 3 + len(similar), steps)
+        similar.append(processing.ssim(*pair, protocol="paper"))
+        on_progress("measuring errors", 3 + len(similar), steps)
     metrics: TransferMetrics = {
         "shape_mae_deg": own.shape_mae_deg,
         "detail_mae_deg": own.detail_mae_deg,
         "shape_mae_deg_paper": paper.shape_mae_deg,
         "detail_mae_deg_paper": paper.detail_mae_deg,
-        "shape_ssim": processing.ssim(*shapes, received),
-        "shape_ssim_paper": processing.ssim(*shapes, protocol="paper"),
-        "detail_ssim": processing.ssim(*details, received),
-        "detail_ssim_paper": processing.ssim(*details, protocol="paper"),
+        "shape_ssim": similar[0],
+        "shape_ssim_paper": similar[1],
+        "detail_ssim": similar[2],
+        "detail_ssim_paper": similar[3],
         "pixels": int(received.sum()),
     }
     result.summary = [

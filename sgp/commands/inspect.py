@@ -61,4 +61,4 @@ def inspect(source: Input, *, options: RecordingOptions = _DEFAULTS) -> Result:
 
 
 def _of_spheres(seen: SphereLights | None) -> tuple[Notice, ...]:
-    return () if seen is None else seen.estimate.warnings
+    return () if seen is None else seen.warnings

@@ -111,7 +111,7 @@ class BoardFault:
 
 
 def faults_to_json(faults: Iterable[BoardFault]) -> bytes:
-    """Return the line with which the board's process receives its faults, without the line end."""
+    """Return the line that passes faults to the board's process, without the line end."""
     return json.dumps([asdict(fault) for fault in faults]).encode()
 
 

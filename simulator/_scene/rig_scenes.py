@@ -166,6 +166,7 @@ def scene_named(
     leds: int = 36,
     seed: int = 0,
     amplitude_mm: float | None = None,
+    sharp: bool = False,
 ) -> Scene:
     """Build one of the scenes.
 
@@ -186,6 +187,9 @@ def scene_named(
     amplitude_mm
         Scale of the relief: the height parameter of the surface (``relief_mm``, ``rms_mm``,
         ``amplitude_mm``), the rise of the tilted plane, or the height of the highest step.
+    sharp
+        Whether the lens is perfectly sharp, to compare images with closed forms. By default it has
+        the point-spread function of a real one.
 
     Returns
     -------
@@ -228,7 +232,7 @@ def scene_named(
     return Scene(
         body=body,
         lights=dome_lights(leds, seed=seed),
-        lens=Lens.of(bench_camera(width, height)),
+        lens=Lens.of(bench_camera(width, height), sharp=sharp),
         noise=bench_sensor(),
         electrons_per_us=0.42,
         pattern=pattern,

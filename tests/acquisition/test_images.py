@@ -251,6 +251,16 @@ def test_exr_keeps_every_float(tmp_path: Path, pixels: np.ndarray) -> None:
     np.testing.assert_array_equal(read_image(path), pixels)
 
 
+def test_exr_is_compressed_where_pixels_are_zero(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).random((64, 80), np.float32)
+    write_exr(tmp_path / "noise.exr", noise)
+    assert oiio.ImageInput.open(str(tmp_path / "noise.exr")).spec()["compression"] == "none"
+    noise[:, :40] = 0
+    write_exr(tmp_path / "half.exr", noise)
+    assert (tmp_path / "half.exr").stat().st_size < 0.65 * noise.nbytes
+    np.testing.assert_array_equal(read_image(tmp_path / "half.exr"), noise)
+
+
 @pytest.mark.parametrize(
     "view",
     [

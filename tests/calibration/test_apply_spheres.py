@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from acquisition import DataError, Lights, crop, downscale, exclude, read_source
+from acquisition import DataError, LightErrors, Lights, crop, downscale, exclude, read_source
 from calibration import apply_spheres, calibrate_spheres, linear_stack
 from processing import reconstruct
 from tests.calibration.spheres_and_object import (
@@ -65,13 +65,39 @@ def test_a_mask_of_the_recording_also_leaves_them_out(recording):
 
 def test_intensities_of_the_recording_stay(recording):
     strengths = np.linspace(0.5, 1.5, 8)
+    errors = LightErrors(np.tile(4.0 * np.eye(2), (8, 1, 1)), intensity_std=0.01 * strengths)
     known = replace(
         read_source(recording),
-        lights=Lights(directions=np.tile((0.0, 0, 1), (8, 1)), intensities=strengths),
+        lights=Lights(np.tile((0.0, 0, 1), (8, 1)), intensities=strengths, errors=errors),
     )
-    source, _ = calibrated(known)
+    source, spheres = calibrated(known)
     np.testing.assert_array_equal(source.lights.intensities[:, 0], strengths)
     assert angles_deg(source.lights.directions, directions()).max() < 0.4
+    # Each value keeps the error of the recording from which it was estimated.
+    np.testing.assert_array_equal(source.lights.errors.intensity_std[:, 0], 0.01 * strengths)
+    np.testing.assert_array_equal(
+        source.lights.errors.covariances, spheres.lights.errors.covariances
+    )
+    assert source.lights.errors.mu_std is None
+
+
+def test_axes_and_falloff_of_near_lights_stay_with_their_errors(recording):
+    _, spheres = calibrated(read_source(recording))
+    places = 400 * directions()
+    near = replace(
+        spheres, lights=Lights(positions_mm=places, errors=LightErrors(residual_px=np.ones(8)))
+    )
+    row = np.linspace(0.1, 0.2, 8)
+    errors = LightErrors(axis_std_deg=row, mu_std=2 * row, residual_px=row)
+    known = replace(
+        read_source(recording), lights=Lights(positions_mm=places + 9, mu=row, errors=errors)
+    )
+    found = apply_spheres(known, near).lights
+    np.testing.assert_array_equal(found.positions_mm, places)
+    np.testing.assert_array_equal(found.mu, row)
+    np.testing.assert_array_equal(found.errors.mu_std, 2 * row)
+    np.testing.assert_array_equal(found.errors.axis_std_deg, row)
+    np.testing.assert_array_equal(found.errors.residual_px, np.ones(8))
 
 
 def test_a_region_and_other_lights_are_refused(recording):

@@ -120,7 +120,8 @@ def test_the_covariance_of_a_direction_is_that_of_repeated_observations():
         return orthographic_directions(moved, at)
 
     mean = rays_of(pixels, np.zeros((1, 3)))[:, 0]
-    predicted = direction_covariances(rays_of, pixels, sigma_px, of_outline[None])
+    none = np.zeros((1, 3))
+    predicted = direction_covariances(rays_of, pixels, sigma_px, of_outline[None], none)
     drawn = []
     for _ in range(3000):
         at = pixels + rng.normal(0, 1, pixels.shape) * sigma_px[..., None]
@@ -129,6 +130,39 @@ def test_the_covariance_of_a_direction_is_that_of_repeated_observations():
     for i in range(3):
         actual = np.cov(basis[i] @ (np.array(drawn)[:, i] - mean[i]).T)
         assert np.linalg.norm(actual - predicted[i]) < 0.12 * np.linalg.norm(actual)
+
+
+def test_errors_that_outlines_share_do_not_average():
+    """Two equal spheres halve the variance of own errors, and keep that of the shared one."""
+    outline = Ellipse((100.0, 100.0), (60.0, 60.0))
+    pixels = np.array([[[130.0, 90.0]]])
+    sigma_px = np.full((1, 1), 1e-6)
+
+    def rays_of(at, change):
+        sizes = 60.0 + change[:, 2]
+        rays = [
+            orthographic_directions(Ellipse(outline.centre_px, (size, size)), at[:, k])
+            for k, size in enumerate(sizes)
+        ]
+        return np.stack(rays, axis=1)
+
+    radius = np.array([0.0, 0.0, 0.1])
+
+    def variance(count, own, common):
+        return np.trace(
+            direction_covariances(
+                rays_of,
+                np.repeat(pixels, count, axis=1),
+                np.repeat(sigma_px, count, axis=1),
+                np.tile(own * np.diag(radius**2), (count, 1, 1)),
+                np.tile(common * radius, (count, 1)),
+            )[0]
+        )
+
+    alone = variance(1, 1.0, 0.0)
+    assert variance(1, 0.0, 1.0) == pytest.approx(alone)
+    assert variance(2, 1.0, 0.0) == pytest.approx(alone / 2, rel=1e-3)
+    assert variance(2, 0.0, 1.0) == pytest.approx(alone, rel=1e-3)
 
 
 def test_the_covariance_of_a_circle_includes_correlated_errors():

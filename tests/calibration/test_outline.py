@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from calibration import EstimateError
 from calibration._spheres.cone import fit_cone
 from calibration._spheres.ellipse import Ellipse, fit_circle, fit_ellipse
-from calibration._spheres.limb import edge_offsets, profile_offsets
+from calibration._spheres.limb import edge_offsets, estimate_blur, profile_offsets
 from calibration._spheres.outline import mask_outlines, refine_outline
 
 
@@ -152,7 +152,19 @@ def test_limb_position(true_offset, limb):
     depth = true_offset - (offsets[:, None] + sub[None])
     inside = 0.3 + limb * np.sqrt(np.clip(depth, 0, None))
     values = np.where(depth > 0, inside, 1.0 - 0.02 * depth).mean(axis=1)
-    assert edge_offsets(values[None])[0] == pytest.approx(true_offset, abs=0.06)
+    blur = estimate_blur(values[None])
+    assert edge_offsets(values[None], blur)[0] == pytest.approx(true_offset, abs=0.06)
+
+
+@pytest.mark.parametrize("blur", [0.45, 0.8, 1.15])
+def test_the_blur_of_a_limb_is_measured(blur):
+    rng = np.random.default_rng(3)
+    offsets = np.linspace(-0.4, 0.4, 9)
+    depth = offsets[:, None, None] - (profile_offsets()[:, None] + rng.normal(0, blur, 20000))
+    inside = 0.2 + 0.2 * np.sqrt(np.clip(depth, 0, None))
+    profiles = np.where(depth > 0, inside, 0.9).mean(axis=2)
+    assert estimate_blur(profiles) == blur
+    np.testing.assert_allclose(edge_offsets(profiles, blur), offsets, atol=0.04)
 
 
 def test_profiles_cover_the_search_range():

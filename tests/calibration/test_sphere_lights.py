@@ -7,7 +7,7 @@ import pytest
 
 from acquisition import DataError
 from calibration import EstimateError, Stack, calibrate_spheres
-from calibration._spheres import calibrate
+from calibration._spheres import calibrate, recording
 from calibration._spheres.calibrate import _rms
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
@@ -59,8 +59,8 @@ def moved(image, count, shift_px):
 
 def calibrated(monkeypatch, images, *, found=False, left_out=(), **options):
     """Calibrate with these spheres, as if they were marked or found."""
-    monkeypatch.setattr(calibrate, "masked_spheres", lambda _values, _masks: list(images))
-    monkeypatch.setattr(calibrate, "searched_spheres", lambda *_: (list(images), list(left_out)))
+    monkeypatch.setattr(recording, "masked_spheres", lambda _values, _masks: list(images))
+    monkeypatch.setattr(recording, "searched_spheres", lambda *_: (list(images), list(left_out)))
     values = VALUES[: len(images[0].highlights.found)]
     return calibrate_spheres(values, masks=None if found else MARK, **options)
 
@@ -79,14 +79,14 @@ def test_distant_lights_have_the_same_direction_on_all_spheres(monkeypatch, sphe
     lights = LIGHTS * 1e5
     images = [seen(sphere, lights) for sphere in spheres]
     result = calibrated(monkeypatch, images, camera=BENCH.camera)
-    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.01
+    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
     assert result.warnings == ()
     assert result.used.shape == (10, len(spheres))
     assert result.used.all()
     if len(spheres) == 1:
         assert np.isnan(result.residuals_deg).all()
     else:
-        assert result.residuals_deg.max() < 0.01
+        assert result.residuals_deg.max() < 0.001
     assert [sphere.radius_mm for sphere in result.spheres] == [None] * len(spheres)
 
 
@@ -97,7 +97,7 @@ def test_a_direction_from_one_of_two_spheres_has_no_residual(monkeypatch):
     result = calibrated(monkeypatch, [first, second], camera=BENCH.camera)
     assert np.flatnonzero(np.isnan(result.residuals_deg)).tolist() == [3]
     assert np.argwhere(~result.used).tolist() == [[3, 1]]
-    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.01
+    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
 
 
 @pytest.mark.parametrize(("height_mm", "near"), [(1300.0, True), (2000.0, False)])
@@ -156,7 +156,8 @@ def test_exact_highlights_give_exact_positions(monkeypatch, spheres):
     images = [seen(sphere, LIGHTS) for sphere in spheres]
     radii = [radius for _, radius in spheres]
     result = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=radii)
-    np.testing.assert_allclose(result.lights.positions_mm, LIGHTS, atol=0.01)
+    assert np.linalg.norm(result.lights.positions_mm - LIGHTS, axis=1).max() < 0.01
+    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
     np.testing.assert_allclose(
         [sphere.centre_mm for sphere in result.spheres], [c for c, _ in spheres], atol=1e-3
     )
@@ -169,7 +170,7 @@ def test_one_sphere_of_known_radius_gives_directions_and_its_position(monkeypatc
     image = seen(TWO[0], LIGHTS * 1e5)
     result = calibrated(monkeypatch, [image], camera=BENCH.camera, radius_mm=20.0)
     assert codes(result) == ["one-sphere"]
-    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.01
+    assert angles_deg(result.lights.unit_directions, LIGHTS).max() < 0.001
     assert result.spheres[0].centre_mm == pytest.approx(TWO[0][0], abs=1e-3)
     notice = Notice("sphere-blurred", "another sphere was left out")
     with pytest.raises(EstimateError, match="another sphere was left out; positions require two"):
@@ -187,6 +188,10 @@ def test_spheres_off_the_plane_are_reported(monkeypatch):
     images = [seen(((x, 0.0, 80.0), 20.0), LIGHTS) for x in (-60, 60)]
     result = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=20.0)
     assert codes(result) == ["spheres-off-the-plane"]
+    # A radius of 20 mm at 80 mm looks like a larger one on the plane.
+    assert "60 mm above the working plane" in result.warnings[0].text
+    assert "radius 22.22 mm" in result.warnings[0].text
+    assert "working distance 540.0 mm" in result.warnings[0].text
 
 
 @pytest.mark.parametrize(
@@ -295,7 +300,7 @@ def test_colour_images_count_by_their_mean(monkeypatch):
     given = []
     image = seen(TWO[0], LIGHTS)
     monkeypatch.setattr(
-        calibrate, "masked_spheres", lambda values, _masks: given.append(values) or [image]
+        recording, "masked_spheres", lambda values, _masks: given.append(values) or [image]
     )
     colour = np.zeros((10, 330, 420, 3), np.float32)
     colour[3, 5, 7] = 0.1, 0.2, 0.6

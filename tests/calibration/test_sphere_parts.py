@@ -122,7 +122,13 @@ def test_spheres_are_placed_by_their_radius(bench):
     placed = place(cones, np.array([12.0, 30.0]), bench.camera)
     np.testing.assert_allclose(placed.centres_mm, [c for c, _ in spheres], atol=1e-5)
     assert placed.radii_mm.tolist() == [12.0, 30.0]
-    assert not placed.covariance_mm2[:3, 3:].any()
+    # The distances have most of their systematic errors in common, in the same direction.
+    shared = placed.covariance_mm2[:3, 3:]
+    depths = [
+        np.linalg.norm(np.asarray(c) - bench.eye) ** 2 / r * 0.03 / bench.focal_px
+        for c, r in spheres
+    ]
+    assert cones[0].axis @ shared @ cones[1].axis == pytest.approx(0.5 * np.prod(depths), rel=0.01)
     for k, (cone, (centre, radius)) in enumerate(zip(cones, spheres, strict=True)):
         own = placed.covariance_mm2[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
         systematic = own - radius**2 * cone.covariance
@@ -184,7 +190,8 @@ def test_rendered_spheres_give_the_positions(drawn, marked):
     if marked == "one mask":  # regions are numbered from the top
         radii = [16.0, 20.0, 20.0]
     calibration = calibrate_spheres(values, camera=SMALL.camera, radius_mm=radii, **options)
-    assert calibration.warnings == ()
+    # Few pixels: the stated uncertainty is next to its limit.
+    assert {notice.code for notice in calibration.warnings} <= {"lights-uncertain"}
     assert calibration.lights.ids[:3] == ("L00", "L01", "L02")
     assert error_mm(calibration) < (2.0 if "mask" in marked else 6.0)
     assert calibration.used.all()

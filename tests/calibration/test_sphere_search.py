@@ -317,7 +317,7 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
 def searched(monkeypatch, images, camera=None, radii=None, others=()):
     """Search a stack in which these spheres are found, and the others next to them."""
 
-    def find(values, radii_px=(), excluded=(), camera=None):
+    def find(values, radii_px=(), excluded=(), camera=None, reduced=None):
         return list(others) if excluded or (others and not radii_px and radii) else list(images)
 
     monkeypatch.setattr(search, "find_spheres", find)
@@ -329,7 +329,7 @@ def test_the_expected_size_is_that_of_a_sphere_on_the_working_plane(monkeypatch)
     """The centre is one radius above the plane: 1200 x 20 / (600 - 20); never in the camera."""
     asked = []
 
-    def find_one(values, radii_px=(), excluded=(), camera=None):
+    def find_one(values, radii_px=(), excluded=(), camera=None, reduced=None):
         asked.append(list(radii_px))
         return [] if excluded else [image_of()]
 

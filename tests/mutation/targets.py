@@ -65,6 +65,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/find.py": (_SEARCH, _PARTS),
     f"{_SPHERES}/direction_errors.py": ("calibration/test_light_uncertainty.py",),
     f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", _PARTS),
+    f"{_SPHERES}/input_tests.py": ("calibration/test_input_tests.py",),
+    f"{_SPHERES}/known_places.py": ("calibration/test_input_tests.py",),
     f"{_SPHERES}/joint_refinement.py": (
         "calibration/test_light_positions.py",
         "calibration/test_light_uncertainty.py",

@@ -91,8 +91,10 @@ def _reference_ssim(a, b, c1, c2):
     return (luminance * (2 * vxy + c2) / (vx + vy + c2)).mean()
 
 
-def test_ssim_of_full_frames_is_wangs_formula():
-    a, b = _bumpy(1), _bumpy(2)
+# The second size has several tiles and bands, none of which is full.
+@pytest.mark.parametrize("size", [(40, 50), (141, 401)])
+def test_ssim_of_full_frames_is_wangs_formula(size):
+    a, b = _bumpy(1, *size), _bumpy(2, *size)
     x, y = a.normals.astype(float), b.normals.astype(float)
     assert ssim(a, b) == pytest.approx(_reference_ssim(x, y, 1e-4, 9e-4), abs=1e-9)
     assert ssim(a, b, protocol="paper") == pytest.approx(_reference_ssim(x, y, 0.01, 0.03))

@@ -10,8 +10,8 @@ import pytest
 
 from acquisition import Lights, write_lights, write_png
 from sgp import read_record
-from sgp._metrics import COMMANDS
-from sgp._record import FORMAT, check_metrics
+from sgp._metrics import COMMANDS, RECORD_FORMAT
+from sgp._record import check_metrics
 from sgp.app import build, run
 from tests.sgp.small_rig import RIG
 from tests.sgp.virtual_bench import Bench
@@ -41,7 +41,7 @@ def check_figures(words: list[str], printed: str) -> None:
             check_metrics(command, metrics, declared_only=True)
     if "--out" in words:
         for path in Path(words[words.index("--out") + 1]).rglob("*.json"):
-            if FORMAT in path.read_text(errors="replace"):
+            if RECORD_FORMAT in path.read_text(errors="replace"):
                 record = read_record(path)
                 assert record.command in COMMANDS
                 check_metrics(record.command, record.metrics, declared_only=True)

@@ -78,7 +78,7 @@ def test_text_options_of_numbers_are_known() -> None:
     source = re.compile(r'(?:numbers|image_size|led_list)\("(--[a-z-]+)"')
     named = {
         match[1]
-        for file in Path(sgp.commands.__path__[0]).glob("*.py")
+        for file in Path(sgp.commands.__path__[0]).parent.rglob("*.py")
         for match in source.finditer(file.read_text(encoding="utf-8"))
     }
     assert named == {"--at", "--ball", "--look", "--rotate-deg", "--sphere", "--size", "--leds"}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from acquisition import Session, read_lights
-from sgp._rig_lights import rig_notices
+from sgp._rig_lights import led_positions, rig_notices
 from sgp.app import build, run
 
 
@@ -110,6 +110,29 @@ def test_which_rig_file_counts(spheres, lights, tmp_path, monkeypatch):
     assert codes(None, "simulated", replace(found, ids=tuple("abcdefgh"))) == []
     monkeypatch.setenv("SGP_RIG", str(tmp_path / "none.toml"))
     assert codes(None, "simulated") == []
+
+
+def test_the_places_of_leds_come_from_the_rig_file(spheres, tmp_path, monkeypatch):
+    good = rig_file(tmp_path / "good.toml", spheres)
+    truth = read_lights(spheres / "derived" / "truth" / "lights.json")
+    places = led_positions(good, "")
+    assert tuple(places) == truth.ids
+    np.testing.assert_allclose(list(places.values()), truth.positions_mm, atol=0.5)
+    monkeypatch.setenv("SGP_RIG", str(good))
+    assert led_positions(None, "simulated") == places
+    assert led_positions(None, "another") == {}
+
+
+@pytest.mark.slow
+def test_the_rig_file_decides_that_the_radius_is_wrong(sgp, spheres, tmp_path):
+    words = ("calibrate", "spheres", spheres, "--radius-mm", 21, "--out", tmp_path / "l.json")
+    undecided = " ".join(sgp(*words).err.split())
+    assert "radius 20.0" in undecided
+    assert "or working distance 6" in undecided
+    rig = rig_file(tmp_path / "rig.toml", spheres)
+    decided = " ".join(sgp(*words, "--force", "--rig", rig).err.split())
+    assert "radius 20.0" in decided
+    assert "led_positions_mm exclude working distance 6" in decided
 
 
 def test_a_rig_without_positions_is_refused_before_reading(sgp, spheres, tmp_path):

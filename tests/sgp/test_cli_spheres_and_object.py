@@ -68,9 +68,10 @@ def test_the_lights_are_those_of_calibrate(sgp, recording, tmp_path):
     ("words", "text"),
     [
         (("--spheres", "--lights", "{recording}/L00.png"), "--lights and --spheres both give"),
-        (("--radius-mm", "12"), "give --spheres as well"),
+        (("--radius-mm", "12"), "--radius-mm is the radius of spheres: give --spheres as well"),
+        (("--rig", "dome"), "--rig is compared with the lights of spheres: give --spheres as well"),
     ],
-    ids=["both", "radius only"],
+    ids=["both", "radius only", "rig only"],
 )
 @pytest.mark.parametrize("command", ["normals", "run", "inspect"])
 def test_contradictions_are_refused(sgp, recording, tmp_path, command, words, text):
@@ -93,3 +94,17 @@ def test_inspect_takes_the_lights_of_the_spheres(sgp, recording):
     result = sgp("inspect", recording, "--spheres")
     assert result.code == 0, result.err
     assert "8 images, distant lights" in result.out
+
+
+def test_lights_that_contradict_the_rig_file_are_named(sgp, recording, tmp_path):
+    rows = np.round(450 * directions()).tolist()
+    rows[2], rows[5] = rows[5], rows[2]
+    file = tmp_path / "rig.toml"
+    file.write_text(f'name = "dome"\ndriver = "bench"\nleds = 8\nled_positions_mm = {rows}\n')
+    result = sgp("inspect", recording, "--spheres", "--rig", file, "--json")
+    assert result.code == 0, result.err
+    notices = [(one["code"], one["where"]) for one in json.loads(result.out)["notices"]]
+    assert ("lights-swapped", "rig dome") in notices
+    out = tmp_path / "normals"
+    result = sgp("normals", recording, "--spheres", "--rig", file, "--out", out)
+    assert "LED 2 and 5 are swapped" in " ".join(result.err.split())

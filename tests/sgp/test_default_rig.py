@@ -65,7 +65,14 @@ NEEDED = {
     ("rig", "snap"): ["--out", "new/frame.tif"],
 }
 # These only describe a plan, or compare calibrated lights with the positions in a rig file.
-WITHOUT = {("capture", "plan"), ("calibrate", "check"), ("calibrate", "spheres")}
+WITHOUT = {
+    ("capture", "plan"),
+    ("calibrate", "check"),
+    ("calibrate", "spheres"),
+    ("run",),
+    ("normals",),
+    ("inspect",),
+}
 COMMANDS = sorted(set(with_rig_option(build())) - WITHOUT)
 
 

@@ -14,6 +14,8 @@ from sgp._options import SourceOptions
 from sgp._overview import Panel, write_overview
 from sgp._pipeline import process
 from sgp._stages import Stopwatch, open_source
+from sgp.app import build, run
+from sgp.commands import bench
 
 
 def dome(size: int = 48) -> processing.NormalMap:
@@ -58,7 +60,7 @@ def test_integration_reports_percent_of_the_digits_that_it_gains() -> None:
         ),
         (
             "projecting",
-            3,
+            5,
             lambda report: processing.project(
                 processing.Geometry(np.eye(3), np.array([[0, 1, 2]])),
                 pixel_mm=0.1,
@@ -72,6 +74,19 @@ def test_long_functions_report_every_step_once(stage, steps, call) -> None:
     reported: list[tuple[str, int, int]] = []
     call(lambda *report: reported.append(report))
     assert reported == [(stage, done, steps) for done in range(steps + 1)]
+
+
+def test_points_report_fits_and_drawing() -> None:
+    reported: list[tuple[str, int, int]] = []
+    y, x = np.mgrid[:9, :9] / 9
+    cloud = processing.Geometry(np.stack([x, y, 0.1 * x * y], -1).reshape(-1, 3))
+    processing.project(cloud, pixel_mm=0.1, on_progress=lambda *report: reported.append(report))
+    assert reported == [
+        ("fitting normals", 0, 81),
+        ("fitting normals", 81, 81),
+        ("drawing points", 0, 1),
+        ("drawing points", 1, 1),
+    ]
 
 
 def stages_of(monkeypatch, call) -> dict[str, tuple[int, int]]:
@@ -107,6 +122,26 @@ def test_every_stage_of_a_run_is_shown_to_its_end(recording: Path, tmp_path, mon
                 "drawing"]  # fmt: skip
     assert set(stages) == set(expected)
     assert all(done == total for done, total in stages.values()), stages
+
+
+def test_a_transfer_shows_the_measurement_of_its_errors(tmp_path, monkeypatch) -> None:
+    processing.write_normals(tmp_path / "map", dome())
+    place = str(tmp_path / "map")
+    words = ["detail", "transfer", place, place, "--out", str(tmp_path / "out")]
+    stages = stages_of(monkeypatch, lambda: run(build(words), words))
+    assert stages["measuring errors"] == (7, 7)
+
+
+def test_steps_of_the_papers_tables_state_the_time_left(monkeypatch) -> None:
+    lines: list[str] = []
+    clock = iter([100.0, 106.0, 110.0])
+    monkeypatch.setattr(bench, "note", lines.append)
+    monkeypatch.setattr(bench.time, "monotonic", lambda: next(clock))
+    steps = bench._Steps()
+    steps("a", 0, 40)
+    steps("b", 10, 40)
+    steps("c", 0, 2)
+    assert lines == ["a", "b; about 18 s left for this table", "c"]
 
 
 def test_one_bar_is_shown_at_a_time(monkeypatch) -> None:

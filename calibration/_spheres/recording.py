@@ -1,0 +1,136 @@
+"""The spheres of one recording, before those of several recordings are put together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError, led_id
+from calibration._radiance.linear_stack import Stack, check_linear
+from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
+from calibration._spheres.placed import one_radius_each
+from calibration._spheres.robust import Array
+from calibration._spheres.search import searched_spheres
+from calibration._spheres.sphere_image import (
+    SphereImage,
+    missing_highlights_warning,
+    partial_outline_warning,
+    saturation_warning,
+)
+from rig import Notice, pluralize, short_repr
+
+Circle = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class SeenSpheres:
+    """The spheres of one recording.
+
+    Parameters
+    ----------
+    names
+        Names of the N lights.
+    size
+        Height and width of the images.
+    images
+        K spheres with the highlights of the lights.
+    radii_mm
+        ``(K,)``; None if they are not known.
+    found
+        Whether the spheres were searched for, not marked.
+    left_out
+        Notices about outlines that do not count.
+    """
+
+    names: tuple[str, ...]
+    size: tuple[int, int]
+    images: list[SphereImage]
+    radii_mm: Array | None
+    found: bool
+    left_out: list[Notice]
+
+    __repr__ = short_repr
+
+    def warnings(self) -> list[Notice]:
+        """Return what was left out, and doubts about outlines and highlights."""
+        bright = [image for image in self.images if image.highlights.found.any()]
+        return [
+            *self.left_out,
+            *missing_highlights_warning(self.images),
+            *(saturation_warning(bright) if bright else ()),
+            *partial_outline_warning(self.images),
+        ]
+
+
+def seen_in(
+    stack: Stack | npt.NDArray[np.float32],
+    masks: Sequence[Mask] | None,
+    circles: Sequence[Circle] | None,
+    camera: CameraModel | None,
+    radii_mm: Array | None,
+    *,
+    all_radii: bool = True,
+    lights: tuple[str, ...] | None = None,
+) -> SeenSpheres:
+    """Return the spheres that a recording shows.
+
+    Parameters and errors are those of `calibrate_spheres`.
+
+    Parameters
+    ----------
+    all_radii
+        Whether there is one radius for each sphere of this recording; else the recording may show
+        some of the balls, which get the radii that fit their sizes.
+    lights
+        Order of the lights; default: that of the stack.
+    """
+    check_linear("stack", stack)
+    values, names = _values(stack)
+    if lights is not None and lights != names:
+        values, names = values[[names.index(name) for name in lights]], lights
+    if camera is not None and camera.size != values.shape[1:]:
+        raise DataError(
+            f"the camera is {camera.width} x {camera.height} pixels, the images are "
+            f"{values.shape[2]} x {values.shape[1]}: use the camera of these images"
+        )
+    # Arrays of several masks or circles have no truth value.
+    masks = [] if masks is None else list(masks)
+    circles = [] if circles is None else list(circles)
+    if masks and circles:
+        raise DataError("both masks and circles mark the spheres: give one of the two")
+    found = not masks and not circles
+    left_out: list[Notice] = []
+    if masks:
+        images = masked_spheres(values, masks)
+    elif circles:
+        images = circled_spheres(values, circles)
+    else:
+        images, left_out = searched_spheres(values, camera, radii_mm)
+    if radii_mm is not None:
+        by_size = found or not (all_radii or len(radii_mm) == len(images))
+        radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
+    size = values.shape[1], values.shape[2]
+    return SeenSpheres(names, size, images, radii_mm, found, left_out)
+
+
+def _values(
+    stack: Stack | npt.NDArray[np.float32],
+) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
+    """Return grey values ``(N, H, W)`` and the names of the N lights."""
+    values = stack.values if isinstance(stack, Stack) else np.asarray(stack, np.float32)
+    if values.ndim == 4:
+        values = values.mean(axis=3)  # a NaN channel makes the sample NaN
+    if values.ndim != 3 or 0 in values.shape:
+        raise DataError(
+            f"a stack of sphere images must have the shape (N, H, W[, 3]), not {values.shape}"
+        )
+    names = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(values))))
+    if len(names) != len(values):
+        raise DataError(
+            f"{pluralize(len(names), 'light')} for {pluralize(len(values), 'image')}: give one for "
+            "each image"
+        )
+    return values, names
