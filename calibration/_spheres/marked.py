@@ -7,13 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.highlights import find_highlights
+from calibration._spheres.mirror_outline import outlined_mirror
+from calibration._spheres.mirrors import mirror_near
 from calibration._spheres.outline import mask_outlines, outline_image, refine_outline
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
+from calibration._spheres.spots import reduce_stack
+from calibration._spheres.surroundings import MirroredPlane
 
 Mask = npt.NDArray[np.bool_] | npt.NDArray[np.floating]
 
@@ -48,14 +52,19 @@ def masked_spheres(values: npt.NDArray[np.float32], masks: Sequence[Mask]) -> li
 
 
 def circled_spheres(
-    values: npt.NDArray[np.float32], circles: Sequence[tuple[float, float, float]]
+    values: npt.NDArray[np.float32],
+    circles: Sequence[tuple[float, float, float]],
+    camera: CameraModel | None = None,
 ) -> list[SphereImage]:
     """Return outlines and highlights of the spheres near approximate circles.
 
-    Parameters and errors are those of `calibrate_spheres`.
+    If a ball near the circle mirrors the plane on which it rests, that determines its outline on
+    any ground; else the edge near the circle does. Parameters and errors are those of
+    `calibrate_spheres`.
     """
     images = []
-    picture = outline_image(values)
+    picture: npt.NDArray[np.float32] | None = None
+    plane = MirroredPlane(values, reduce_stack(values), camera)
     for x, y, radius in circles:
         if not (np.isfinite([x, y, radius]).all() and radius > 0):
             raise DataError(
@@ -63,7 +72,13 @@ def circled_spheres(
                 "finite numbers and a radius above 0"
             )
         guess = Ellipse((float(x), float(y)), (float(radius), float(radius)))
-        outline, points, coverage = refine_outline(picture, guess, max(4.0, 0.1 * radius))
+        reach = max(4.0, 0.1 * radius)
+        mirror = mirror_near(plane, guess, reach)
+        if mirror is not None:
+            images.append(outlined_mirror(values, plane, mirror))
+            continue
+        picture = outline_image(values) if picture is None else picture
+        outline, points, coverage = refine_outline(picture, guess, reach)
         images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
     return images
 

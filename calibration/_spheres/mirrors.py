@@ -23,6 +23,7 @@ _RADIUS_STEP = 1.06
 _COARSE_SPOKES = 24
 _LEADERS = 4
 _MOST_MOVES = 16
+_NEAR_STEPS, _NEAR_REACH = 5, 1.5
 # Expected radii hold for spheres near the working plane.
 _EXPECTED = 0.15
 # Of true spheres the share is 0.79 to 0.96; chance explains up to 0.6 where little is seen.
@@ -36,7 +37,7 @@ _MARGIN_PX = 2.0
 _FINE_SPOKES = 72
 _SPOKES_TOGETHER = 3
 # Errors of the model that all spokes share, of place and radius; measured on simulated boards.
-_SHARED_SIGMA_PX = 0.04
+_SHARED_SIGMA_PX = 0.03
 _FIT_ROUNDS = 12
 _CLOSE_PX, _CONVERGED_PX = 0.03, 0.004
 _FEWEST_DIFFERENCES = 100
@@ -93,11 +94,46 @@ def find_mirror(
     best, likeness = max(
         (_climb(plane, ball) for ball in leaders), key=lambda pair: float(pair[1].share[0])
     )
-    if likeness.share[0] < _LEAST_SHARE or likeness.seen[0] < _LEAST_SEEN:
+    return _accepted(best, likeness)
+
+
+def mirror_near(plane: MirroredPlane, circle: Ellipse, reach_px: float) -> Mirror | None:
+    """Return the ball near a circle that mirrors the plane around it, or None if none does.
+
+    Parameters
+    ----------
+    plane
+        The images.
+    circle
+        The approximate outline.
+    reach_px
+        Largest error of its centre and of its radius.
+    """
+    start = np.append(circle.centre_px, circle.radius_px)
+    steps = np.linspace(-1, 1, _NEAR_STEPS) * reach_px
+    grid = start + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    # Balls that are compared together must be of similar size.
+    tables = [grid[grid[:, 2] == radius] for radius in np.unique(grid[:, 2]) if radius > 2]
+    scores = [
+        np.where(compared.seen > _LEAST_SEEN, compared.share, -np.inf)
+        for compared in (
+            plane.compare(Balls(table[:, :2], table[:, 2]), _COARSE_SPOKES) for table in tables
+        )
+    ]
+    if not tables:
         return None
-    if likeness.contrast[0] < _LEAST_CONTRAST:
+    best = np.concatenate(tables)[int(np.argmax(np.concatenate(scores)))]
+    ball, likeness = _climb(plane, Balls(best[None, :2], best[None, 2]))
+    moved = np.abs(np.append(ball.axes_px[0], ball.radii_px) - start)
+    return None if moved.max() > _NEAR_REACH * reach_px else _accepted(ball, likeness)
+
+
+def _accepted(ball: Balls, likeness: Likeness) -> Mirror | None:
+    """Return a ball if it mirrors the plane well."""
+    enough = likeness.share[0] >= _LEAST_SHARE and likeness.seen[0] >= _LEAST_SEEN
+    if not (enough and likeness.contrast[0] >= _LEAST_CONTRAST):
         return None
-    return Mirror(best, float(likeness.share[0]))
+    return Mirror(ball, float(likeness.share[0]))
 
 
 def _leaders(plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[float]) -> list[Balls]:

@@ -106,7 +106,7 @@ def seen_in(
     if masks:
         images = masked_spheres(values, masks)
     elif circles:
-        images = circled_spheres(values, circles)
+        images = circled_spheres(values, circles, camera)
     else:
         images, left_out = searched_spheres(values, camera, radii_mm)
     if radii_mm is not None:
