@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
@@ -175,7 +175,7 @@ def _scene(
             f"there is no scene {name}: `sgp simulate list` lists the names; the name of a scene "
             "file must end in .toml"
         )
-    options = {} if leds is None else {"leds": leds}
+    options: dict[str, Any] = {} if leds is None else {"leds": leds}
     if pixels is not None:
         options |= {"width": pixels[0], "height": pixels[1]}
     return simulator.scene_named(name, seed=seed or 0, **options), []
