@@ -16,6 +16,8 @@ from ._radiance.linear_stack import luma as luma
 from ._spheres.apply import apply_spheres as apply_spheres
 from ._spheres.calibrate import calibrate_moved_spheres as calibrate_moved_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
+from ._spheres.candidates import SphereCandidate as SphereCandidate
+from ._spheres.candidates import sphere_candidates as sphere_candidates
 from ._spheres.ellipse import Ellipse as Ellipse
 from ._spheres.find import find_spheres as find_spheres
 from ._spheres.record_setup import record_setup as record_setup

@@ -202,3 +202,17 @@ def draw_spheres(
     panels += [panel for panel in errors if panel is not None]
     names = ", ".join(str(one.source.path) for one in shown)
     write_overview(path, source_title(shown[0].source, names), panels, columns=2)
+
+
+def draw_candidates(
+    path: Path,
+    source: acquisition.Source,
+    brightest: npt.NDArray[np.float32],
+    candidates: Sequence[calibration.SphereCandidate],
+) -> None:
+    """Write a picture of numbered circles that may be spheres, and why each was not used."""
+    from sgp._overview import source_title, write_overview
+    from sgp._panels.lights import candidates_panel, reasons_panel
+
+    panels = [candidates_panel(brightest, candidates), reasons_panel(candidates)]
+    write_overview(path, source_title(source, str(source.path)), panels, columns=2)

@@ -79,7 +79,7 @@ def find_spheres(
     spheres: list[SphereImage] = []
     undecided: list[SpotCluster] = []
     for cluster in spot_clusters(reduced):
-        if any(_inside(cluster, known.outline) for known in (*excluded, *spheres)):
+        if any(inside(cluster, known.outline) for known in (*excluded, *spheres)):
             continue
         mirror = find_mirror(plane, cluster)
         if mirror is None:
@@ -105,7 +105,7 @@ def _by_edges(
     circles = [circle for circle in _circles(image) if _expected(circle, radii_px)]
     spheres: list[SphereImage] = []
     for circle in circles[:_CANDIDATES]:
-        if not any(_inside(cluster, circle) for cluster in clusters):
+        if not any(inside(cluster, circle) for cluster in clusters):
             continue
         if any(overlap(circle, sphere.outline) for sphere in (*known, *spheres)):
             continue
@@ -117,14 +117,19 @@ def _by_edges(
     return spheres
 
 
-def _inside(cluster: SpotCluster, outline: Ellipse) -> bool:
+def inside(cluster: SpotCluster, outline: Ellipse) -> bool:
     """Return whether most spots of a cluster are inside an outline."""
     return float(np.median(np.linalg.norm(outline.unit(cluster.spots_px), axis=1))) < 0.9
 
 
 def round_outlines(values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()) -> int:
     """Count the circles with these radii in a stack, including those that are not spheres."""
-    return sum(_expected(circle, radii_px) for circle in _circles(outline_image(values)))
+    return sum(_expected(circle, radii_px) for circle in round_edges(values))
+
+
+def round_edges(values: npt.NDArray[np.float32]) -> list[Ellipse]:
+    """Return the circular edges of the mean image, best visible first."""
+    return _circles(outline_image(values))
 
 
 def _verify(

@@ -27,7 +27,7 @@ _NEAR_STEPS, _NEAR_REACH = 5, 1.5
 # Expected radii hold for spheres near the working plane.
 _EXPECTED = 0.15
 # Of true spheres the share is 0.79 to 0.96; chance explains up to 0.6 where little is seen.
-_LEAST_SHARE = 0.7
+LEAST_SHARE = 0.7
 _LEAST_SEEN = 0.35
 _LEAST_CONTRAST = 2.0
 # The fit uses the limb from a fifth of the radius inside to two pixels inside the outline, where
@@ -88,13 +88,23 @@ def find_mirror(
     radii_px
         Expected radii, to 15 %. Default: any radius.
     """
+    best = best_mirror(plane, cluster, radii_px)
+    return None if best is None else _accepted(*best)
+
+
+def best_mirror(
+    plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[float] = ()
+) -> tuple[Balls, Likeness] | None:
+    """Return the best ball around a cluster, however well it mirrors the plane.
+
+    Parameters are those of `find_mirror`; the result is None if no ball has the highlights inside.
+    """
     leaders = _leaders(plane, cluster, radii_px)
-    if not leaders:
-        return None
-    best, likeness = max(
-        (_climb(plane, ball) for ball in leaders), key=lambda pair: float(pair[1].share[0])
+    return max(
+        (_climb(plane, ball) for ball in leaders),
+        key=lambda pair: float(pair[1].share[0]),
+        default=None,
     )
-    return _accepted(best, likeness)
 
 
 def mirror_near(plane: MirroredPlane, circle: Ellipse, reach_px: float) -> Mirror | None:
@@ -130,7 +140,7 @@ def mirror_near(plane: MirroredPlane, circle: Ellipse, reach_px: float) -> Mirro
 
 def _accepted(ball: Balls, likeness: Likeness) -> Mirror | None:
     """Return a ball if it mirrors the plane well."""
-    enough = likeness.share[0] >= _LEAST_SHARE and likeness.seen[0] >= _LEAST_SEEN
+    enough = likeness.share[0] >= LEAST_SHARE and likeness.seen[0] >= _LEAST_SEEN
     if not (enough and likeness.contrast[0] >= _LEAST_CONTRAST):
         return None
     return Mirror(ball, float(likeness.share[0]))

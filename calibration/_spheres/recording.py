@@ -88,7 +88,7 @@ def seen_in(
         Order of the lights; default: that of the stack.
     """
     check_linear("stack", stack)
-    values, names = _values(stack)
+    values, names = gray_values(stack)
     if lights is not None and lights != names:
         values, names = values[[names.index(name) for name in lights]], lights
     if camera is not None and camera.size != values.shape[1:]:
@@ -116,7 +116,7 @@ def seen_in(
     return SeenSpheres(names, size, images, radii_mm, found, left_out)
 
 
-def _values(
+def gray_values(
     stack: Stack | npt.NDArray[np.float32],
 ) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
     """Return grey values ``(N, H, W)`` and the names of the N lights."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.text import Text
     from matplotlib.transforms import Bbox
 
-    from calibration import SphereCalibration
+    from calibration import SphereCalibration, SphereCandidate
 
 Image = npt.NDArray[np.float32]
 Box = tuple[float, float, float, float]  # left, bottom, right, top in pixels
@@ -217,3 +217,39 @@ def spheres_panel(
         axes.axis("off")
 
     return Panel(title, draw, crop.aspect)
+
+
+def candidates_panel(brightest: Image, candidates: Sequence[SphereCandidate]) -> Panel:
+    """Show numbered circles that may be spheres, over the brightest value of each pixel."""
+    height, width = brightest.shape
+    crop = Crop(slice(0, height), slice(0, width))
+    picture = np.clip(crop.picture(brightest), 0, 1) ** (1 / 2.2)
+
+    def draw(axes: Axes) -> None:
+        from matplotlib.patches import Circle
+
+        axes.imshow(picture, cmap="gray", vmin=0, vmax=1, extent=crop.extent)
+        for number, one in enumerate(candidates, start=1):
+            x, y, radius = one.circle_px
+            colour = "orange" if one.lights else "cyan"
+            axes.add_patch(Circle((x, y), radius, fill=False, ec=colour))
+            axes.text(x, y, str(number), color=colour, ha="center", va="center")
+        axes.axis("off")
+
+    return Panel("no sphere was found: candidates", draw, crop.aspect)
+
+
+def reasons_panel(candidates: Sequence[SphereCandidate]) -> Panel:
+    """List the candidates of `candidates_panel` and why each is not taken for a sphere."""
+
+    def draw(axes: Axes) -> None:
+        lines = [
+            f"{n}: ({one.circle_px[0]:.0f}, {one.circle_px[1]:.0f}) px, radius "
+            f"{one.circle_px[2]:.0f} px\n{one.reason()}"
+            for n, one in enumerate(candidates, start=1)
+        ]
+        text = "\n\n".join(lines)
+        axes.text(0, 1, text, transform=axes.transAxes, va="top", fontsize="small")
+        axes.axis("off")
+
+    return Panel("why they were not used", draw, 1.0)

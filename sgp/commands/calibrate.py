@@ -22,6 +22,7 @@ from sgp._spheres import (
     ShownSpheres,
     brightest_of,
     describe_spheres,
+    draw_candidates,
     draw_spheres,
     given_radii,
     undivided_stack,
@@ -100,8 +101,10 @@ def spheres(
     calibration.check_recordings([one.source for one in recordings])
     first = recordings[0].source
     places_mm = led_positions(rig, first.setup.rig)
+    candidates = out.with_name(f"{out.stem}-candidates.png")
     estimate = calibration.record_setup(
-        _estimate(recordings, radius_mm, places_mm), *[one.source for one in recordings]
+        _estimate(recordings, radius_mm, places_mm, candidates),
+        *[one.source for one in recordings],
     )
     result = describe_spheres(estimate, source)
     result.outputs = outputs
@@ -183,8 +186,9 @@ def _estimate(
     recordings: Sequence[_Recording],
     radius_mm: Sequence[float],
     places_mm: Mapping[str, Sequence[float]],
+    picture: Path,
 ) -> calibration.SphereCalibration:
-    """Calibrate from one recording, or from all of them together."""
+    """Calibrate from one recording, or from all of them together; draw candidates if it fails."""
     cameras = [one.source.camera for one in recordings if one.source.camera is not None]
     camera, radii = (cameras[0] if cameras else None), given_radii(radius_mm)
     try:
@@ -198,8 +202,9 @@ def _estimate(
                 radius_mm=radii,
                 led_positions_mm=places_mm,
             )
+        stack = recordings[0].read()
         return calibration.calibrate_spheres(
-            recordings[0].read(),
+            stack,
             masks=recordings[0].mask_images(),
             circles=recordings[0].circles,
             camera=camera,
@@ -209,7 +214,28 @@ def _estimate(
     except calibration.EstimateError as error:
         for one in recordings:
             _explain_masks(error, one.source, one.masks)
+        if len(recordings) == 1 and not (recordings[0].masks or recordings[0].circles):
+            _draw_candidates(error, recordings[0], stack, picture)
         raise
+
+
+def _draw_candidates(
+    error: calibration.EstimateError,
+    recording: _Recording,
+    stack: calibration.Stack,
+    picture: Path,
+) -> None:
+    """Write a picture of what may be a sphere, and add a note about it to an error."""
+    candidates = calibration.sphere_candidates(stack, camera=recording.source.camera)
+    if not candidates:
+        return
+    draw_candidates(picture, recording.source, recording.brightest, candidates)
+    count = rigs.pluralize(len(candidates), "candidate")
+    note = f"{picture} shows {count} and why they are not used"
+    if candidates[0].lights:
+        x, y, radius = candidates[0].circle_px
+        note += f"; if number 1 is a mirror sphere, add --sphere {x:.0f},{y:.0f},{radius:.0f}"
+    error.add_note(note)
 
 
 def _explain_masks(

@@ -35,6 +35,7 @@ def simulate(
     seed: Seed | None = None,
     exposure_us: list[Positive] | None = None,
     noise: Annotated[bool, Parameter(negative="--no-noise")] = True,
+    sharp: bool = False,
     layout: Annotated[Literal["session", "diligent"], Parameter(name="format")] = "session",
     sheet: Path | None = None,
 ) -> Result:
@@ -68,6 +69,9 @@ def simulate(
         Exposure time in microseconds; repeat the option for each bracket; default: metered.
     noise
         --no-noise disables the noise: frames then differ from the ground truth by rounding only.
+    sharp
+        Simulate a lens without blur, to compare images with closed forms. A scene file states this
+        in its [lens] table.
     layout
         session, or diligent: 16-bit PNGs with light_directions.txt, mask.png and Normal_gt.mat.
     sheet
@@ -85,7 +89,7 @@ def simulate(
     leds = led_count or lights
     check_folder(out)
     watch = Stopwatch()
-    chosen, files = _scene(scene, leds, size, seed)
+    chosen, files = _scene(scene, leds, size, seed, sharp=sharp)
     if layout == "diligent" and chosen.lens.cfa is not None:
         raise UsageError(
             "--format diligent does not support cameras with a colour mosaic: record a session"
@@ -130,7 +134,7 @@ def simulate(
 
     parameters = {
         "scene": scene, "lights": leds, "size": size, "seed": seed, "exposures_us": exposures,
-        "noise": noise, "noise_seed": seed or 0, "format": layout,
+        "noise": noise, "noise_seed": seed or 0, "sharp": sharp, "format": layout,
     }  # fmt: skip
 
     def save_truth(place: Path) -> dict[str, Path]:
@@ -165,17 +169,19 @@ def simulate(
 
 
 def _scene(
-    name: str, leds: int | None, size: str | None, seed: int | None
+    name: str, leds: int | None, size: str | None, seed: int | None, *, sharp: bool
 ) -> tuple[simulator.Scene, list[Path]]:
     pixels = None if size is None else image_size("--size", size)
     if name.endswith(".toml"):
+        if sharp:
+            raise UsageError(f"--sharp: write sharp = true in the [lens] table of {name}")
         return simulator.read_scene(name, leds=leds, size=pixels, seed=seed), [Path(name)]
     if name not in simulator.SCENES:
         raise UsageError(
             f"there is no scene {name}: `sgp simulate list` lists the names; the name of a scene "
             "file must end in .toml"
         )
-    options: dict[str, Any] = {} if leds is None else {"leds": leds}
+    options: dict[str, Any] = {"sharp": sharp} | ({} if leds is None else {"leds": leds})
     if pixels is not None:
         options |= {"width": pixels[0], "height": pixels[1]}
     return simulator.scene_named(name, seed=seed or 0, **options), []

@@ -1,0 +1,104 @@
+"""Places that look like a sphere to some degree, for a person to decide."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel
+from calibration._radiance.linear_stack import Stack, check_linear
+from calibration._spheres.find import inside, round_edges
+from calibration._spheres.mirrors import LEAST_SHARE, best_mirror, outline_of
+from calibration._spheres.recording import gray_values
+from calibration._spheres.spots import reduce_stack, spot_clusters
+from calibration._spheres.surroundings import Balls, MirroredPlane
+
+_MOST = 8
+
+
+@dataclass(frozen=True)
+class SphereCandidate:
+    """A circle in the images that may be the outline of a mirror sphere.
+
+    Parameters
+    ----------
+    circle_px
+        Centre x, centre y and radius in pixels, an approximate circle for `calibrate_spheres`.
+    lights
+        Number of lights that have a bright spot in it; 0 for a round edge without such spots.
+    mirrored
+        Share of the differences near its limb that the surroundings, mirrored in a ball, explain; a
+        sphere that is found without a mask has 0.7 or more. NaN if it was not compared.
+    """
+
+    circle_px: tuple[float, float, float]
+    lights: int
+    mirrored: float
+
+    def reason(self) -> str:
+        """Return why the search does not take it for a sphere, for people."""
+        if not self.lights:
+            return "a round edge without a highlight that moves with the light"
+        if not self.mirrored >= LEAST_SHARE:
+            share = 100 * max(self.mirrored, 0.0)
+            return f"highlights, but it mirrors only {share:.0f} % of what surrounds it"
+        return "a mirror sphere, but not of the radius that was given"
+
+
+def sphere_candidates(
+    stack: Stack | npt.NDArray[np.float32], *, camera: CameraModel | None = None
+) -> list[SphereCandidate]:
+    """Return the places that may be mirror spheres, for a person to choose from.
+
+    Use it if `calibrate_spheres` found none: a circle that is one can be given to it.
+
+    Parameters
+    ----------
+    stack, camera
+        As for `calibrate_spheres`.
+
+    Returns
+    -------
+    list of SphereCandidate
+        At most 8: first clusters of highlights, those that mirror their surroundings best first,
+        then round edges, those that are visible over most of their circumference first.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import sphere_candidates
+    >>> sphere_candidates(np.full((3, 48, 64), 0.2, np.float32))  # nothing in even images
+    []
+    """
+    check_linear("stack", stack)
+    values, _ = gray_values(stack)
+    reduced = reduce_stack(values)
+    plane = MirroredPlane(values, reduced, camera)
+    edges = round_edges(values)
+    spheres: list[SphereCandidate] = []
+    for cluster in spot_clusters(reduced):
+        best = best_mirror(plane, cluster)
+        share = -1.0 if best is None else float(best[1].share[0])
+        around = [edge for edge in edges if inside(cluster, edge)]
+        if best is not None and (share >= LEAST_SHARE or not around):
+            outline = outline_of(plane.camera, best[0])
+        elif around:
+            outline = around[0]
+            circle = Balls(np.array([outline.centre_px]), np.array([outline.radius_px]))
+            share = float(plane.compare(circle).share[0])
+        else:
+            continue
+        circle_px = (*outline.centre_px, outline.radius_px)
+        spheres.append(SphereCandidate(circle_px, len(cluster.spots_px), share))
+    spheres.sort(key=lambda one: -one.mirrored)
+    for edge in edges:
+        circle_px = (*edge.centre_px, edge.radius_px)
+        if not any(_overlap(circle_px, one.circle_px) for one in spheres):
+            spheres.append(SphereCandidate(circle_px, 0, float("nan")))
+    return spheres[:_MOST]
+
+
+def _overlap(a: tuple[float, float, float], b: tuple[float, float, float]) -> bool:
+    return bool(np.hypot(a[0] - b[0], a[1] - b[1]) < max(a[2], b[2]))
