@@ -85,3 +85,12 @@ def own_bench() -> Iterator[Bench]:
     bench = Bench()
     yield bench
     bench.close()
+
+
+@pytest.fixture
+def board(bench) -> Iterator[Board]:
+    """A client of the bench's virtual board, which is dark."""
+    board = Board(bench.virtual.port)
+    board.off()
+    yield board
+    board.close()

@@ -1,7 +1,7 @@
 """A small recording, and a fixture that runs commands as from the command line."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,6 +13,8 @@ from sgp import read_record
 from sgp._metrics import COMMANDS, RECORD_FORMAT
 from sgp._record import check_metrics
 from sgp.app import build, run
+from tests.sgp.small_rig import RIG
+from tests.sgp.virtual_bench import Bench
 
 SIZE = (40, 48)
 
@@ -90,3 +92,39 @@ def recording(tmp_path: Path) -> Path:
         shade = 0.7 * np.clip(normals @ light, 0, 1)
         write_png(folder / f"ball.{i}.png", np.rint(shade * 65535).astype(np.uint16))
     return folder
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    """A rig file of the small simulated rig."""
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG, encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Callable[[float], Path]:
+    """Write a plan of six LEDs with one exposure time."""
+
+    def write(exposure_us: float) -> Path:
+        path = tmp_path / "plan.toml"
+        path.write_text(f"leds = [0,1,2,3,4,5]\nexposures_us = [{exposure_us}]\n", encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def with_flats(tmp_path: Path) -> Path:
+    """A plan with flats, which wait for the white card."""
+    path = tmp_path / "flats.toml"
+    path.write_text("leds = [0, 1, 2]\nexposures_us = [5000]\nflats = 3\n", encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    """A bench whose board and camera are closed after the test."""
+    bench = Bench(tmp_path)
+    yield bench
+    bench.close()

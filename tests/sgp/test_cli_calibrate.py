@@ -175,10 +175,19 @@ def test_spheres_next_to_an_object_give_the_positions(sgp, coin, tmp_path):
     assert angle_deg(lights.unit_directions, truth.unit_directions).mean() < 0.4
 
 
-def test_intensities_come_from_the_card_and_not_from_the_object(sgp, coin, tmp_path):
-    truth = coin / "derived" / "truth" / "lights.json"
+@pytest.fixture(scope="module")
+def card(tmp_path_factory):
+    """The same scene in a quarter of the pixels, which is enough for its card."""
+    out = tmp_path_factory.mktemp("card") / "cs"
+    words = ["simulate", "coin-with-spheres", "--size", "320x256", "--out", str(out)]
+    assert run(build(), words) == 0
+    return out
+
+
+def test_intensities_come_from_the_card_and_not_from_the_object(sgp, card, tmp_path):
+    truth = card / "derived" / "truth" / "lights.json"
     found = tmp_path / "i.json"
-    answer = sgp("calibrate", "intensities", coin, "--lights", truth, "--out", found, "--json")
+    answer = sgp("calibrate", "intensities", card, "--lights", truth, "--out", found, "--json")
     assert answer.code == 0, answer.err
     strength, true = (np.asarray(read_lights(p).intensities).mean(axis=1) for p in (found, truth))
     # If the coin were used as the card: mu 0, errors of 1.2 % on average.
@@ -186,9 +195,9 @@ def test_intensities_come_from_the_card_and_not_from_the_object(sgp, coin, tmp_p
     assert abs(json.loads(answer.out)["metrics"]["mu"] - 1) < 0.3
 
 
-def test_strengths_are_one_block_and_complete_figures(sgp, coin, tmp_path):
-    truth = coin / "derived" / "truth" / "lights.json"
-    words = ("calibrate", "intensities", coin, coin, "--height-mm", 0, "--height-mm", 0)
+def test_strengths_are_one_block_and_complete_figures(sgp, card, tmp_path):
+    truth = card / "derived" / "truth" / "lights.json"
+    words = ("calibrate", "intensities", card, card, "--height-mm", 0, "--height-mm", 0)
     found = tmp_path / "i.json"
     answer = sgp(*words, "--lights", truth, "--out", found)
     assert answer.code == 0, answer.err
@@ -214,24 +223,24 @@ def test_strengths_are_one_block_and_complete_figures(sgp, coin, tmp_path):
         (("--height-mm", 900), 4, "not in front of the camera"),
     ],
 )
-def test_wrong_cards_are_named(sgp, coin, tmp_path, options, code, message):
-    truth = coin / "derived" / "truth" / "lights.json"
-    words = ("calibrate", "intensities", coin, "--lights", truth, "--out", tmp_path / "i.json")
+def test_wrong_cards_are_named(sgp, card, tmp_path, options, code, message):
+    truth = card / "derived" / "truth" / "lights.json"
+    words = ("calibrate", "intensities", card, "--lights", truth, "--out", tmp_path / "i.json")
     assert message in sgp(*words, *options).error_line(code)
 
 
-def test_a_mask_of_the_card_is_used(sgp, coin, tmp_path):
-    truth = coin / "derived" / "truth" / "lights.json"
-    write_png(tmp_path / "card.png", np.full((512, 640), 255, np.uint8))
+def test_a_mask_of_the_card_is_used(sgp, card, tmp_path):
+    truth = card / "derived" / "truth" / "lights.json"
+    write_png(tmp_path / "card.png", np.full((256, 320), 255, np.uint8))
     metrics = []
     for name, mask in (("a", ()), ("b", ("--mask", tmp_path / "card.png"))):
         out = tmp_path / f"{name}.json"
-        words = ("calibrate", "intensities", coin, "--lights", truth, *mask, "--out", out)
+        words = ("calibrate", "intensities", card, "--lights", truth, *mask, "--out", out)
         metrics.append(json.loads(sgp(*words, "--json").out)["metrics"])
     assert metrics[0] == metrics[1]
-    part = np.zeros((512, 640), np.uint8)
-    part[:60] = 255
+    part = np.zeros((256, 320), np.uint8)
+    part[:30] = 255
     write_png(tmp_path / "part.png", part)
-    words = ("calibrate", "intensities", coin, "--lights", truth, "--mask", tmp_path / "part.png")
+    words = ("calibrate", "intensities", card, "--lights", truth, "--mask", tmp_path / "part.png")
     answer = sgp(*words, "--out", tmp_path / "p.json", "--json")
     assert json.loads(answer.out)["metrics"]["pixels"] < metrics[0]["pixels"]

@@ -1,9 +1,6 @@
 """Scene files: written scenes are read back unchanged, and errors are named."""
 
-import inspect
 import os
-import re
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,19 +12,12 @@ from hypothesis import strategies as st
 
 from acquisition import (
     CameraModel,
-    DataError,
     Lights,
-    MissingPathError,
     NoiseModel,
-    StorageError,
     write_camera,
     write_lights,
 )
 from simulator import (
-    SCENES,
-    Ball,
-    BandNoise,
-    Box,
     Checker,
     ChromeSphere,
     Coin,
@@ -45,19 +35,8 @@ from simulator import (
     scene_named,
     write_scene,
 )
-from simulator._scene.scene_parts import BODIES, CLUTTER, LENSES, LIGHTS, MATERIALS, PATTERNS
-
-SMALL = "[lens]\nkind = 'perspective'\nwidth = 48\nheight = 40\n"
-
-
-@pytest.fixture
-def write(tmp_path: Path):
-    def write(text: str) -> Path:
-        path = tmp_path / "scene.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+from simulator._scene.scene_parts import BODIES, MATERIALS, PATTERNS
+from tests.simulator.conftest import SMALL
 
 
 def test_an_empty_file_is_the_bench_without_object(write):
@@ -277,192 +256,6 @@ def test_a_real_mesh_is_on_the_board(write):
     assert scene.body.radius_mm == pytest.approx(60.0)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        pytest.param("ambiant = 0.1", ["ambiant", "ambient"], id="unknown key"),
-        pytest.param("ambient = 'much'", ["ambient"], id="text for a number"),
-        pytest.param("ambient = nan", ["ambient"], id="not a number"),
-        pytest.param("seed = -1", ["seed"], id="negative seed"),
-        pytest.param("[object", ["TOML"], id="not TOML"),
-        pytest.param("ambient = 2", ["ambient", "0..1"], id="too much ambient light"),
-        pytest.param("[object]\nradius_mm=5", ["[object]", "kind", "coin"], id="no kind"),
-        pytest.param("[object]\nkind='con'", ["[object]", "'con'", "coin"], id="unknown kind"),
-        pytest.param("[object]\nkind=3", ["[object]", "3", "coin"], id="kind of another type"),
-        pytest.param("[object]\nkind=['coin']", ["[object]", "coin"], id="kind as a list"),
-        pytest.param("[object]\nkind='coin'", ["[object]", "radius_mm"], id="missing key"),
-        pytest.param(
-            "[object]\nkind='coin'\nradius_mm=-5", ["[object]", "radius_mm", "-5"],
-            id="negative radius",
-        ),
-        pytest.param(
-            "[object]\nkind='coin'\nradius_mm=5\nreleif_mm=1", ["[object]", "releif_mm"],
-            id="unknown key of a kind",
-        ),
-        pytest.param(
-            "[object]\nkind='mesh'\nfile='no.obj'\nradius_mm=5", ["[object]", "no.obj"],
-            id="missing mesh",
-        ),
-        pytest.param(
-            "[object]\nkind='mesh'\nfile='points.ply'\nradius_mm=5", ["[object]", "points.ply"],
-            id="mesh without faces",
-        ),
-        pytest.param(
-            "[[spheres]]\ncentre_mm=[0,0,5]\nradius_mm=5\n[[spheres]]\ncentre_mm=[0,9]\nradius_mm=1",
-            ["[spheres.1]", "centre_mm"], id="sphere with two coordinates",
-        ),
-        pytest.param(
-            "[[spheres]]\ncentre_mm=[0,0,5]\nradius_mm=-5", ["[spheres.0]", "-5"],
-            id="sphere of negative radius",
-        ),
-        pytest.param(
-            "[object]\nkind='plane'\nradius_mm=50\n[[spheres]]\ncentre_mm=[9,0,5]\nradius_mm=5",
-            ["sphere 0", "overlaps"], id="sphere in the object",
-        ),
-        pytest.param(
-            "[lights]\nkind='listed'\npositions_mm=[[0,100,-5]]", ["LED L00", "below"],
-            id="LED below the surface",
-        ),
-        pytest.param("[lights]\nkind='ring'\ncount=0", ["[lights]", "0 LEDs"], id="no lights"),
-        pytest.param("[lights]\nkind='dome'\nspread=0.5", ["[lights]", "spread"], id="wide spread"),
-        pytest.param("[lights]\nkind='file'\nfile='bad.json'", ["bad.json"], id="bad lights"),
-        pytest.param("[lamps]\nflicker=2", ["[lamps]", "flicker"], id="flicker"),
-        pytest.param("[sensor]\nbit_depth=40", ["[sensor]", "bits"], id="bit depth"),
-        pytest.param("[sensor]\niso=100", ["[sensor]", "iso"], id="unknown key of the sensor"),
-        pytest.param("[lens]\nkind='perspective'\nwidth=0", ["[lens]"], id="zero-size image"),
-        pytest.param(
-            "[lens]\nkind='perspective'\nworking_distance_mm=-1", ["[lens]", "working_distance_mm"],
-            id="negative distance",
-        ),
-        pytest.param(
-            "[lens]\nkind='perspective'\nworking_distance_mm=8\n[object]\nkind='coin'\nradius_mm=50",
-            ["camera", "inside the object"], id="camera inside the object",
-        ),
-    ],
-)  # fmt: skip
-def test_errors_are_reported_in_one_line(write, tmp_path, text, words):
-    (tmp_path / "bad.json").write_text("{}", encoding="utf-8")
-    trimesh.PointCloud(np.eye(3)).export(tmp_path / "points.ply")
-    path = write(text)
-    with pytest.raises(DataError) as caught:
-        read_scene(path)
-    line = str(caught.value)
-    assert line.startswith(str(path))
-    assert "\n" not in line.strip()
-    for word in words:
-        assert word in line
-
-
-def test_the_number_of_lights_from_a_file_is_fixed(write, tmp_path):
-    write_lights(tmp_path / "l.json", dome_lights(4))
-    path = write("[lights]\nkind='file'\nfile='l.json'\n")
-    with pytest.raises(DataError, match=r"\[lights\]"):
-        read_scene(path, leds=5)
-
-
-def test_a_missing_file_is_reported(tmp_path):
-    with pytest.raises(MissingPathError, match=r"nowhere\.toml"):
-        read_scene(tmp_path / "nowhere.toml")
-
-
-def test_a_missing_folder_is_reported(tmp_path):
-    with pytest.raises(StorageError, match="nowhere"):
-        write_scene(tmp_path / "nowhere" / "scene.toml", scene_named("coin", leds=1))
-
-
-def test_a_custom_object_cannot_be_written(tmp_path):
-    class Hill(Plane):
-        pass
-
-    scene = replace(scene_named("coin", leds=1), body=Hill(40.0))
-    with pytest.raises(DataError, match="Hill"):
-        write_scene(tmp_path / "scene.toml", scene)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_every_kind_of_material_can_be_read(write):
     for kind, material in MATERIALS.items():
         assert read_scene(write(f"[material]\nkind = '{kind}'\n{SMALL}")).material == material()
-
-
-def test_clutter_and_relief_are_written_and_read(write, tmp_path):
-    example = (
-        documented().partition("`[[clutter]]`")[2].partition("```toml\n")[2].partition("```")[0]
-    )
-    scene = read_scene(write(f"seed = 3\n{example}\n{SMALL}"))
-    assert scene.clutter == (
-        Ball((-60.0, 40.0, 15.0), 15.0, roughness=0.1),
-        Box((0.0, -50.0), (40.0, 25.0, 18.0), turn_deg=25.0),
-    )
-    assert scene.relief == BandNoise(260.0, 0.1, 8.0, seed=3)
-    assert scene.board == Checker(0.1, 0.7, 15.0)
-    again = read_scene(write_scene(tmp_path / "again.toml", scene)[0])
-    assert (again.clutter, again.relief, again.board) == (scene.clutter, scene.relief, scene.board)
-    np.testing.assert_array_equal(render(again).planes, render(scene).planes)
-
-
-def test_errors_in_clutter_and_relief_name_the_table(write):
-    for text, message in (
-        ("[[clutter]]\nkind = 'cone'", "clutter.0.*ball, box"),
-        ("[[clutter]]\nkind = 'box'\nplace_mm = [0, 0]", "clutter.0.*size_mm"),
-        ("[relief]\nkind = 'coin'", "relief.*noise, textile"),
-    ):
-        with pytest.raises(DataError, match=message):
-            read_scene(write(text))
-
-
-def documented() -> str:
-    return (Path(__file__).parents[2] / "docs" / "scenes.md").read_text(encoding="utf-8")
-
-
-def value_of(text: str) -> object:
-    """Read a default from the documentation: TOML, except for bare words and ``none``."""
-    if text == "none":
-        return None
-    try:
-        value = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
-    return tuple(value) if isinstance(value, list) else value
-
-
-@pytest.mark.parametrize(
-    ("kinds", "heading"),
-    [
-        pytest.param(BODIES, "`[object]`", id="objects"),
-        pytest.param(PATTERNS, "`[pattern]`", id="patterns"),
-        pytest.param(MATERIALS, "`[material]`", id="materials"),
-        pytest.param(CLUTTER, "`[[clutter]]`", id="clutter"),
-        pytest.param(LIGHTS, "`[lights]`", id="lights"),
-        pytest.param(LENSES, "`[lens]`", id="lenses"),
-    ],
-)
-def test_the_documentation_has_all_kinds_with_keys_and_defaults(kinds, heading):
-    section = documented().partition(f"### {heading}")[2].partition("\n### ")[0]
-    rows = dict(re.findall(r"^\| `([a-z-]+)` \|.*\| (.*?) ?\|$", section, re.MULTILINE))
-    assert rows.keys() == kinds.keys()
-    for kind, maker in kinds.items():
-        documented_keys = dict(re.findall(r"`(\w+)`(?: (\[.*?\]|[^,\s]+))?", rows[kind]))
-        keys = inspect.signature(maker).parameters
-        assert list(documented_keys) == list(keys), kind
-        for name, text in documented_keys.items():
-            default = keys[name].default
-            if default is inspect.Parameter.empty:
-                assert text == "", (kind, name)
-            else:
-                expected = pytest.approx(default) if isinstance(default, float) else default
-                assert value_of(text) == expected, (kind, name)
-
-
-def test_the_documented_example_is_a_scene(write, tmp_path):
-    trimesh.creation.icosphere(subdivisions=1).export(tmp_path / "owl.obj")
-    example = documented().partition("```toml\n")[2].partition("```")[0]
-    scene = read_scene(write(example))
-    assert scene.lens.cfa == "RGGB"
-    assert len(scene.lights) == 24
-    assert scene.body.radius_mm == pytest.approx(70.0)
-
-
-def test_the_documentation_lists_the_scenes():
-    rows = re.findall(r"^\| `([a-z-]+)` \| (.*) \|$", documented().partition("\n## ")[0], re.M)
-    assert dict(rows) == SCENES

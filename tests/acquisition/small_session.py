@@ -1,0 +1,58 @@
+"""A session of three frames, and what must hold after its compaction."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._plan.plan import CapturePlan
+from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+
+SHAPE = (24, 32)
+PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
+
+
+def picture(seed: int) -> npt.NDArray[np.uint16]:
+    """Return grey values that deflate compresses well."""
+    return np.random.default_rng(seed).integers(0, 40, SHAPE).astype(np.uint16)
+
+
+def write(folder: Path, *, plan: CapturePlan | None = PLAN, complete: bool = True) -> Path:
+    manifest = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        plan=plan,
+        camera=CameraRecord(width=SHAPE[1], height=SHAPE[0], bit_depth=16),
+    )
+    shots = PLAN.shots() if complete else PLAN.shots()[:2]
+    with SessionWriter.create(folder, manifest) as writer:
+        for index, shot in enumerate(shots):
+            writer.write_frame(shot, picture(index))
+        if complete:
+            writer.complete()
+    return folder
+
+
+def pixels_hold(folder: Path) -> None:
+    session = Session.open(folder)
+    for index, frame in enumerate(session.recorded):
+        np.testing.assert_array_equal(frame.read(), picture(index))
+
+
+def whole(folder: Path) -> bool:
+    """Check that no frame is lost or damaged; return whether the session is complete."""
+    found = verify_session(folder)
+    assert found.problems == ()
+    pixels_hold(folder)
+    return found.complete
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in (folder / "frames").iterdir())

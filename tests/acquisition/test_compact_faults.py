@@ -1,0 +1,244 @@
+"""Compaction on a disk that refuses, and in a process that dies: nothing is lost."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from acquisition._errors import StorageError
+from acquisition._plan.plan import CapturePlan
+from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.compact import compact_session
+from acquisition._session.session import Session
+from acquisition._session.verify import verify_session
+from acquisition._session.writer import SessionWriter
+from rig import Notice
+from tests.acquisition.small_session import PLAN, names, picture, whole, write
+
+CALLS = ("write", "fsync", "replace", "unlink")
+_FULL = OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    ("plan", "error"),
+    [
+        pytest.param(PLAN, _FULL, id="planned-full"),
+        pytest.param(None, KeyboardInterrupt(), id="free-ctrl-c"),
+        pytest.param(None, _FULL, id="free-full", marks=pytest.mark.slow),
+        pytest.param(PLAN, KeyboardInterrupt(), id="planned-ctrl-c", marks=pytest.mark.slow),
+    ],
+)
+def test_a_refusal_or_an_interrupt_at_any_call_to_the_disk(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    plan: CapturePlan | None,
+    error: BaseException,
+) -> None:
+    original = write(tmp_path / "original", plan=plan)
+    left = [0]
+
+    def failing(real: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            left[0] -= 1
+            if left[0] == 0:
+                raise error
+            return real(*arguments, **options)
+
+        return call
+
+    fails_at, restored = 0, 0
+    while True:
+        fails_at += 1
+        folder = tmp_path / f"s{fails_at}"
+        shutil.copytree(original, folder)
+        with monkeypatch.context() as patch:
+            for name in CALLS:
+                patch.setattr(os, name, failing(getattr(os, name)))
+            left[0] = fails_at
+            message = str(folder)
+            try:
+                compact_session(folder)
+                break
+            except StorageError as caught:
+                message = str(caught)
+            except KeyboardInterrupt:
+                assert isinstance(error, KeyboardInterrupt)
+        assert str(folder) in message
+        assert "\n" not in message
+        restored += whole(folder)
+        compact_session(folder)
+        assert whole(folder)
+        assert verify_session(folder).warnings == ()
+        assert names(folder) == ["D_100us.z.tif", "L00_E0.z.tif", "L01_E0.z.tif"]
+    assert fails_at > 20
+    # COMPLETE was restored whenever the end of the journal was known.
+    assert restored > fails_at // 2
+
+
+def test_a_full_disk(tmp_path: Path) -> None:
+    """A real refusal of the operating system: the first compressed file exceeds a size limit."""
+    folder = write(tmp_path / "s")
+    code = """
+import resource, signal, sys
+from acquisition._session.compact import compact_session
+from acquisition._errors import StorageError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))
+try:
+    compact_session(sys.argv[1])
+except StorageError as error:
+    print(error)
+"""
+    files = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(folder)], capture_output=True, text=True, check=True
+    )
+    assert "D_100us.z.tif: cannot write" in done.stdout
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == files
+
+
+SERVER = """
+import json, os, sys
+from acquisition._session.compact import compact_session
+
+def deadly(name, calls, dies_at):
+    real = getattr(os, name)
+    def call(*arguments, **options):
+        calls[0] += 1
+        if calls[0] == dies_at:
+            if name == "write":
+                real(arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
+            os._exit(9)
+        return real(*arguments, **options)
+    setattr(os, name, call)
+
+print("ready", flush=True)
+for line in sys.stdin:
+    folder, dies_at = json.loads(line)
+    pid = os.fork()
+    if pid == 0:
+        calls = [0]
+        for name in ("write", "fsync", "replace", "unlink", "mkdir"):
+            deadly(name, calls, dies_at)
+        try:
+            compact_session(folder)
+        finally:
+            os._exit(0)
+    print(os.waitpid(pid, 0)[1], flush=True)
+"""
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Callable[[Path, int], int]]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", SERVER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    stdin, stdout = process.stdin, process.stdout
+    assert stdout.readline() == "ready\n"
+
+    def compact(folder: Path, dies_at: int) -> int:
+        stdin.write(json.dumps([str(folder), dies_at]) + "\n")
+        stdin.flush()
+        return int(stdout.readline())
+
+    yield compact
+    stdin.close()
+    stdout.close()
+    process.wait(10)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
+@pytest.mark.parametrize(
+    "plan",
+    [pytest.param(PLAN, id="planned"), pytest.param(None, id="free", marks=pytest.mark.slow)],
+)
+@pytest.mark.parametrize("complete", [True, False], ids=["complete", "incomplete"])
+def test_death_at_every_call_to_the_disk(
+    server: Callable[[Path, int], int], tmp_path: Path, plan: CapturePlan | None, complete: bool
+) -> None:
+    """One process per call, killed within a write. Another compaction completes the session."""
+    original = write(tmp_path / "original", plan=plan, complete=complete)
+    frames = len(Session.open(original).recorded)
+    status, dies_at, cut_off = -1, 0, 0
+    while status != 0:
+        dies_at += 1
+        folder = tmp_path / f"s{dies_at}"
+        shutil.copytree(original, folder)
+        status = server(folder, dies_at)
+        cut_off += complete and not whole(folder)
+        done = compact_session(folder)
+        assert done.complete is complete
+        assert whole(folder) is complete
+        assert verify_session(folder).warnings == ()
+        assert len(names(folder)) == frames
+        assert all(name.endswith(".z.tif") for name in names(folder))
+    assert dies_at > 6 * frames
+    assert not complete or cut_off > 6
+
+
+def test_resuming_a_capture_after_a_compaction_that_died_makes_it_complete(
+    server: Callable[[Path, int], int], tmp_path: Path
+) -> None:
+    folder = write(tmp_path / "s")
+    assert server(folder, 16) != 0
+    assert not whole(folder)
+    with SessionWriter.reopen(folder) as writer:
+        assert writer.missing == ()
+        writer.complete()
+    assert whole(folder)
+    compact_session(folder)
+    assert whole(folder)
+    assert not (folder / "derived" / "COMPLETE").exists()
+
+
+def test_an_interrupted_compaction_is_reported(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s")
+    (folder / "derived").mkdir(exist_ok=True)
+    (folder / "COMPLETE").rename(folder / "derived" / "COMPLETE")
+    notice = Notice(
+        "compaction-interrupted",
+        "a compaction was interrupted: compact the session again",
+        where=str(folder),
+    )
+    assert verify_session(folder).warnings == (notice,)
+    assert Session.open(folder).warnings == (notice,)
+    compact_session(folder)
+    assert verify_session(folder).warnings == ()
+    assert whole(folder)
+
+
+def test_a_wrong_copy_of_complete_does_not_complete_the_session(tmp_path: Path) -> None:
+    folder = write(tmp_path / "s", plan=None, complete=False)
+    (folder / "derived").mkdir()
+    (folder / "derived" / "COMPLETE").write_text("0" * 64 + "  journal.jsonl\n")
+    assert not compact_session(folder).complete
+    assert not whole(folder)
+
+
+@pytest.mark.parametrize("since", ["frame", "event"])
+def test_a_copy_of_complete_older_than_a_frame_does_not_complete_the_session(
+    tmp_path: Path, since: str
+) -> None:
+    folder = write(tmp_path / "s", plan=None)
+    mark = (folder / "COMPLETE").read_bytes()
+    (folder / "COMPLETE").unlink()
+    with SessionWriter.reopen(folder) as writer:
+        if since == "frame":
+            writer.write_frame(PlannedShot("light", 2, 0, 0, None), picture(3))
+        else:
+            writer.write_event("interrupted", reason="Ctrl-C")
+    (folder / "derived").mkdir()
+    (folder / "derived" / "COMPLETE").write_bytes(mark)
+    assert not compact_session(folder).complete
+    assert not whole(folder)

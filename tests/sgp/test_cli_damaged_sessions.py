@@ -1,0 +1,166 @@
+"""Sessions that were damaged after their recording: damage is named, and can be repaired."""
+
+import json
+import os
+import re
+import sys
+from itertools import product
+
+import pytest
+
+from tests.acquisition.mutants import rows_of, seal
+from tests.quick_sample import quick
+from tests.sgp.small_rig import capture
+
+
+def test_an_interrupted_compaction_is_reported(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    (out / "derived").mkdir(exist_ok=True)
+    (out / "COMPLETE").rename(out / "derived" / "COMPLETE")
+    message = "a compaction was interrupted: compact the session again"
+    answer = sgp("capture", "verify", out)
+    assert answer.code == 4
+    assert message in answer.err
+    assert message in sgp("capture", "info", out).err
+    assert sgp("capture", "compact", out).code == 0
+    assert message not in sgp("capture", "verify", out).err
+
+
+def test_verify_names_the_frame_that_one_bit_changed(sgp, rig, plan, tmp_path):
+    out = tmp_path / "session"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    frame = out / "frames" / "L03_E0.tif"
+    data = bytearray(frame.read_bytes())
+    data[len(data) // 2] ^= 1
+    frame.write_bytes(data)
+    answer = sgp("capture", "verify", out, "--json")
+    assert answer.code == 4
+    problems = json.loads(answer.out)["metrics"]["problems"]
+    assert len(problems) == 1
+    assert "L03_E0.tif" in problems[0]
+
+
+def flip(path):
+    data = path.read_bytes()
+    path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+
+
+def test_resume_names_damage_and_retakes_it_when_asked(sgp, rig, with_flats, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2  # the card is missing
+    flip(out / "frames" / "L01_E0.tif")
+    (out / "frames" / "L02_E0.tif").unlink()
+    damaged = (out / "frames" / "L01_E0.tif").read_bytes()
+    words = ("capture", "resume", out, "--rig", rig, "--skip-check")
+    answer = sgp(*words)
+    assert answer.code == 4
+    error = answer.err.splitlines()[-1]
+    assert error.startswith(f"error: {out / 'frames' / 'L01_E0.tif'}: was changed since")
+    assert "2 frames are damaged" in error
+    assert (
+        f"damaged: {out / 'frames' / 'L02_E0.tif'}: is in the journal but not there" in answer.err
+    )
+    again = f"capture resume {out} --rig {rig} --skip-check --retake-damaged"
+    assert f"`{again}` takes" in answer.err
+    assert not (out / "COMPLETE").exists()
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    answer = sgp(*words, "--retake-damaged", "--dry-run", "--json")
+    assert (answer.code, json.loads(answer.out)["metrics"]["shots"]) == (0, 2)
+    assert {path: path.read_bytes() for path in out.rglob("*") if path.is_file()} == before
+    answer = sgp(*words, "--retake-damaged", "--json")
+    assert answer.code == 0
+    report = json.loads(answer.out)["metrics"]
+    assert report["complete"]
+    assert report["set_aside"] == ["frames/L01_E0.tif", "frames/L02_E0.tif"]
+    assert "set aside: frames/L01_E0.tif, kept as derived/set_aside/000_L01_E0.tif" in answer.err
+    assert (out / "derived/set_aside/000_L01_E0.tif").read_bytes() == damaged
+    assert sgp("capture", "verify", out).code == 0
+    assert "2 damaged and set aside" in sgp("capture", "info", out).out
+
+
+def test_a_complete_session_with_a_damaged_frame_is_repaired(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    words = ("capture", "resume", out, "--rig", rig, "--skip-check")
+    assert "no frame is damaged" in sgp(*words, "--retake-damaged").err
+    flip(out / "frames" / "D_5000us.tif")
+    answer = sgp("capture", "verify", out)
+    assert answer.code == 4
+    assert f"`capture resume {out} --retake-damaged`, with --rig, takes" in answer.out
+    assert "no shot is missing" in sgp(*words).err
+    assert sgp(*words, "--retake-damaged").code == 0
+    assert sgp("capture", "verify", out).code == 0
+
+
+def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    rows = rows_of(out)
+    next(row for row in rows if row.get("led") == 3)["echo"]["led"] = 5
+    seal(out, rows)
+    message = "L03_E0.tif was planned with LED 3, but the LED board reports LED 5"
+    words = ("capture", "resume", out, "--rig", rig, "--skip-check")
+    for command in (
+        ("capture", "info", out),
+        ("sgp", "normals", out, "--out", tmp_path / "n"),
+        words,
+    ):
+        line = sgp(*command[command[0] == "sgp" :]).error_line(4)
+        assert message in line
+    again = f"capture resume {out} --rig {rig} --skip-check --retake-damaged"
+    assert line.endswith(f"`{again}` takes it again")
+    assert sgp(*words, "--retake-damaged").code == 0
+    assert sgp("capture", "verify", out).code == 0
+
+
+def test_missing_lines_are_reported(sgp, rig, plan, tmp_path):
+    out = tmp_path / "s"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    seal(out, rows_of(out)[:4], complete=False)
+    hint = "4 files without a line in the journal"
+    for words in (
+        ("verify", out),
+        ("info", out),
+        ("resume", out, "--rig", rig, "--skip-check"),
+    ):
+        answer = sgp("capture", *words)
+        assert hint in answer.err + answer.out
+        assert "restore journal.jsonl and COMPLETE from a copy before you continue" in (
+            answer.err + answer.out
+        )
+    assert len(list((out / "derived" / "unrecorded").iterdir())) == 4
+
+
+def _pipe(path):
+    path.unlink()
+    os.mkfifo(path)
+
+
+def _zero(path):
+    path.unlink()
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such files")
+@pytest.mark.parametrize(
+    ("replaced", "name"),
+    quick(
+        product((_pipe, _zero), ("session.toml", "journal.jsonl", "COMPLETE", "frames/L02_E0.tif")),
+        every=3,
+    ),
+)
+def test_a_file_that_is_not_regular_is_reported_and_never_waited_for(
+    sgp, rig, plan, tmp_path, name, replaced
+):
+    out = tmp_path / "session"
+    assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
+    replaced(out / name)
+    sheet = ("info", out, "--sheet", tmp_path / "sheet.png")
+    export = ("export", out, "--format", "exr", "--out", tmp_path / "exr")
+    for words in (("verify", out), sheet, ("compact", out), export):
+        answer = sgp("capture", *words)
+        assert answer.code == 4, words
+        assert name in answer.out + answer.err
+        assert re.search("regular file|link that leaves", answer.out + answer.err)
+        assert answer.err.count("error:") <= 1
