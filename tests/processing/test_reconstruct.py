@@ -31,7 +31,7 @@ PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(9000.0,))
 def session(tmp_path_factory):
     """Record a coin under eight near LEDs, with LED 3 dead and a camera mounted sideways."""
     folder = tmp_path_factory.mktemp("session") / "coin"
-    rendering = render(scene_named("coin", width=96, height=80, leds=LEDS))
+    rendering = render(scene_named("coin", width=96, height=80, leds=LEDS, sharp=True))
     config = RigConfig(
         name="x",
         driver="simulated",

@@ -27,7 +27,7 @@ from simulator._scene.lens import Lens
 
 LENS = Lens.of(bench_camera())  # its eye is at (0, 0, 600)
 EYE = np.array([0.0, 0.0, 600.0])
-SCENE = scene_named("spheres", width=320, height=256, seed=11)
+SCENE = scene_named("spheres", width=320, height=256, seed=11, sharp=True)
 
 
 @cache
@@ -367,7 +367,8 @@ def test_energy_depends_on_the_radiance_and_hardly_on_the_disc():
 
 
 def test_energy_in_pixels_is_proportional_to_the_square_of_the_resolution():
-    fine = find_mirrored_lights(scene_named("spheres", width=1280, height=1024, seed=11))
+    scene = scene_named("spheres", width=1280, height=1024, seed=11, sharp=True)
+    fine = find_mirrored_lights(scene)
     np.testing.assert_allclose(fine.signal, 16 * find_mirrored_lights(SCENE).signal, rtol=1e-4)
 
 
@@ -438,7 +439,7 @@ def test_sphere_mirrors_the_board_and_the_dark():
         SCENE,
         spheres=(sphere,),
         lights=Lights(positions_mm=led[None]),
-        lens=scene_named("spheres", width=1281, height=1025).lens,
+        lens=scene_named("spheres", width=1281, height=1025, sharp=True).lens,
         board_radius_mm=1e4,
         ambient=0.0,
     )

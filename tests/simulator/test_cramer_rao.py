@@ -217,7 +217,7 @@ def test_an_efficient_estimator_reaches_the_bound(normal, albedo, exposure_us, c
 
 def test_the_bound_holds_in_a_rendered_scene():
     """Near lights, painted albedo and cast shadows; light vectors are those of `Lights`."""
-    scene = scene_named("coin", width=80, height=64, leds=20, seed=4)
+    scene = scene_named("coin", width=80, height=64, leds=20, seed=4, sharp=True)
     rendering = render(scene)
     truth, mask, exposure_us = rendering.truth, rendering.truth.mask, 20_000.0
     least = cramer_rao_deg(

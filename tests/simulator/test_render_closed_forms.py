@@ -238,7 +238,7 @@ def test_board_ends_at_its_edge():
 
 
 def test_planes_of_leds_and_of_ambient_light():
-    rendering = render(scene_named("coin", width=64, height=48, leds=3))
+    rendering = render(scene_named("coin", width=64, height=48, leds=3, sharp=True))
     np.testing.assert_array_equal(rendering.plane(None), rendering.ambient)
     np.testing.assert_array_equal(rendering.plane(2), rendering.planes[2])
     mask = rendering.truth.mask
@@ -258,7 +258,7 @@ def test_the_same_seed_gives_the_same_bytes():
 
 
 def test_an_object_adds_only_its_reflections_to_the_spheres():
-    scene = scene_named("coin-with-spheres", width=160, height=128, leds=2)
+    scene = scene_named("coin-with-spheres", width=160, height=128, leds=2, sharp=True)
     with_coin, without = render(scene), render(replace(scene, body=None))
     spheres = with_coin.truth.sphere_masks.any(axis=0)
     # The coin is brighter than the velvet, so the spheres show it and are nowhere darker.

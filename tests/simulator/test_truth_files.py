@@ -145,7 +145,7 @@ def test_points_project_to_their_pixels(truth):
 @pytest.mark.parametrize("name", ["coin", "sphere", "scales", "step-gauge", "tilted-plane"])
 def test_the_truth_agrees_with_the_images(name):
     """Solve the normals from the planes at the true points with the light model of `Lights`."""
-    rendering = render(scene_named(name, width=120, height=96, leds=16))
+    rendering = render(scene_named(name, width=120, height=96, leds=16, sharp=True))
     truth = rendering.truth
     lit = ~truth.shadows[:, truth.mask]
     signal = rendering.planes[:, truth.mask].astype(np.float64)
