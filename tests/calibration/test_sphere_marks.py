@@ -105,12 +105,12 @@ def test_a_very_small_circle_is_valid():
 def test_a_circle_may_be_wrong_by_a_tenth_of_the_radius(monkeypatch, radius, reach_px):
     outline = Ellipse((60.0, 50.0), (30.0, 29.0))
 
-    def refine(image, guess, reach):
-        assert image.shape == VALUES.shape[1:]
+    def refine(images, guess, reach):
+        assert images.upper.shape == VALUES.shape[1:]
         assert guess == Ellipse((70.0, 55.0), (radius, radius))
         assert reach == pytest.approx(reach_px)
         return outline, np.zeros((5, 2)), 0.8
 
-    monkeypatch.setattr(marked, "refine_outline", refine)
+    monkeypatch.setattr(marked, "refine_sharpest", refine)
     (image,) = circled_spheres(VALUES, [(70, 55, radius)])
     assert (image.outline, image.coverage, image.points_px.shape) == (outline, 0.8, (5, 2))

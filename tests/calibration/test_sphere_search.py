@@ -243,7 +243,7 @@ def test_the_first_of_overlapping_candidates_is_the_sphere(monkeypatch):
     monkeypatch.setattr(find, "_circles", lambda _: list(candidates))
     monkeypatch.setattr(find, "_verify", lambda _values, _image, circle: candidates[circle])
     values = np.zeros((1, 20, 20), np.float32)
-    monkeypatch.setattr(find, "_inside", lambda *_: True)
+    monkeypatch.setattr(find, "inside", lambda *_: True)
     known = [image_of(610.0, 50.0), image_of(-50.0, 50.0)]
     found = _by_edges(values, [None], [30.0], known)
     assert sorted(sphere.outline.centre_px[0] for sphere in found) == [20, 90, 305, 400]
@@ -305,7 +305,7 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
         return outline, np.zeros((5, 2)), options["coverage"]
 
     monkeypatch.setattr(find, "find_highlights", highlights)
-    monkeypatch.setattr(find, "refine_outline", refine)
+    monkeypatch.setattr(find, "refine_sharpest", refine)
     values = np.zeros((options["lights"], 20, 20), np.float32)
     sphere = _verify(values, values[0], at(50, 50, options["guess"]))
     assert (sphere is not None) == is_sphere

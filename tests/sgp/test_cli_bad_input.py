@@ -92,7 +92,7 @@ def empty(recording):
 @pytest.mark.parametrize(
     ("spoil", "code", "words"),
     [
-        pytest.param(empty, 4, ["ball", "no "], id="empty folder"),
+        pytest.param(empty, 4, ["ball", "empty"], id="empty folder"),
         pytest.param(drop_image, 4, ["7 images", "8 lights"], id="7 images for 8 lights"),
         pytest.param(lights_of(zero), 4, ["lights.json", "L03"], id="zero light"),
         pytest.param(lights_of(not_a_number), 4, ["lights.json"], id="NaN light"),
