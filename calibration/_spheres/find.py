@@ -14,7 +14,7 @@ from calibration._errors import EstimateError
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
-from calibration._spheres.mirrors import find_mirror
+from calibration._spheres.mirrors import Mirror, find_mirror
 from calibration._spheres.outline import SHARP_PX, OutlineImages, outline_image, refine_sharpest
 from calibration._spheres.painted import is_painted
 from calibration._spheres.robust import Array
@@ -29,6 +29,7 @@ _CENTRES = 60
 _CANDIDATES = 120
 _SECTORS = 72
 _LEAST_COVERAGE = 0.35
+_HORIZON, _CONCENTRIC = 0.73, 0.15
 
 
 def find_spheres(
@@ -82,6 +83,8 @@ def find_spheres(
         if any(inside(cluster, known.outline) for known in (*excluded, *spheres)):
             continue
         mirror = find_mirror(plane, cluster)
+        if mirror is None and len(radii_px):
+            mirror = find_mirror(plane, cluster, radii_px)
         if mirror is None:
             undecided.append(cluster)
         elif _expected(mirror.outline(plane.camera), radii_px):
@@ -90,8 +93,30 @@ def find_spheres(
                 spheres.append(sphere)
     if undecided:
         known = [*excluded, *spheres]
-        spheres += _by_edges(values, undecided, radii_px, known)
+        for sphere in _by_edges(values, undecided, radii_px, known):
+            around = _ball_around(plane, sphere, undecided)
+            spheres.append(sphere if around is None else outlined_mirror(values, plane, around))
     return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
+
+
+def _ball_around(
+    plane: MirroredPlane, sphere: SphereImage, clusters: Sequence[SpotCluster]
+) -> Mirror | None:
+    """Return the ball in which an edge is the mirrored horizon, or None if there is none.
+
+    A sphere mirrors the horizon at about 73 % of its radius. A ball of that size around the edge,
+    with the same centre, that mirrors the plane fairly well is the sphere.
+    """
+    edge = sphere.outline
+    for cluster in clusters:
+        if inside(cluster, edge):
+            ball = find_mirror(plane, cluster, [edge.radius_px / _HORIZON])
+            if ball is not None:
+                outline = ball.outline(plane.camera)
+                offset = np.subtract(outline.centre_px, edge.centre_px)
+                if np.hypot(*offset) < _CONCENTRIC * outline.radius_px:
+                    return ball
+    return None
 
 
 def _by_edges(

@@ -28,6 +28,9 @@ _NEAR_STEPS, _NEAR_REACH = 5, 1.5
 _EXPECTED = 0.15
 # Of true spheres the share is 0.79 to 0.96; chance explains up to 0.6 where little is seen.
 LEAST_SHARE = 0.7
+# Neighbours hide a part of the plane around small spheres, of which the share is 0.5 to 0.8. It is
+# enough if the ball has an expected radius.
+FAIR_SHARE = 0.5
 _LEAST_SEEN = 0.35
 _LEAST_CONTRAST = 2.0
 # The fit uses the limb from a fifth of the radius inside to two pixels inside the outline, where
@@ -89,7 +92,7 @@ def find_mirror(
         Expected radii, to 15 %. Default: any radius.
     """
     best = best_mirror(plane, cluster, radii_px)
-    return None if best is None else _accepted(*best)
+    return None if best is None else _accepted(*best, FAIR_SHARE if len(radii_px) else LEAST_SHARE)
 
 
 def best_mirror(
@@ -138,9 +141,9 @@ def mirror_near(plane: MirroredPlane, circle: Ellipse, reach_px: float) -> Mirro
     return None if moved.max() > _NEAR_REACH * reach_px else _accepted(ball, likeness)
 
 
-def _accepted(ball: Balls, likeness: Likeness) -> Mirror | None:
+def _accepted(ball: Balls, likeness: Likeness, least_share: float = LEAST_SHARE) -> Mirror | None:
     """Return a ball if it mirrors the plane well."""
-    enough = likeness.share[0] >= LEAST_SHARE and likeness.seen[0] >= _LEAST_SEEN
+    enough = likeness.share[0] >= least_share and likeness.seen[0] >= _LEAST_SEEN
     if not (enough and likeness.contrast[0] >= _LEAST_CONTRAST):
         return None
     return Mirror(ball, float(likeness.share[0]))
