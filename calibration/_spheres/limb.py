@@ -24,7 +24,7 @@ def profile_offsets() -> Array:
     return offsets
 
 
-def edge_offsets(profiles: Array, blur_px: float) -> Array:
+def edge_offsets(profiles: Array, blur_px: float, *, curved: bool = False) -> Array:
     """Locate the edge in radial profiles across the outline of a mirror sphere.
 
     Just inside its edge, a mirror sphere shows its immediate surroundings, and farther inside it
@@ -41,22 +41,28 @@ def edge_offsets(profiles: Array, blur_px: float) -> Array:
         ``(M, S)`` linear brightness at `profile_offsets`, from inside to outside.
     blur_px
         Standard deviation of the blur in pixels, one of the values of `estimate_blur`.
+    curved
+        Whether the brightness inside is ``a + b sqrt(d) + c d``, as on a sphere that mirrors a
+        bright plane: without the third term, radii are 0.08 px too large; with it, the edge is less
+        certain.
 
     Returns
     -------
     Array
         ``(M,)`` offset of the edge in pixels, positive outwards; within 1 px.
     """
-    return _offsets(_costs(profiles, blur_px))
+    return _offsets(_costs(profiles, blur_px, curved))
 
 
-def estimate_blur(profiles: Array) -> float:
+def estimate_blur(profiles: Array, *, curved: bool = False) -> float:
     """Return the blur of edges: the standard deviation for which the model fits them best.
 
     Parameters
     ----------
     profiles
         ``(M, S)`` linear brightness at `profile_offsets` of profiles that show an edge; M >= 1.
+    curved
+        As for `edge_offsets`.
 
     Returns
     -------
@@ -64,13 +70,13 @@ def estimate_blur(profiles: Array) -> float:
         0.35 to 1.4 px; it includes the size of a pixel.
     """
     power = np.maximum(profiles.var(axis=1), 1e-300)
-    misfits = [np.median(_costs(profiles, blur).min(axis=1) / power) for blur in _BLURS_PX]
+    misfits = [np.median(_costs(profiles, blur, curved).min(axis=1) / power) for blur in _BLURS_PX]
     return _BLURS_PX[int(np.argmin(misfits))]
 
 
-def _costs(profiles: Array, blur_px: float) -> Array:
+def _costs(profiles: Array, blur_px: float, curved: bool) -> Array:
     """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
-    complements = _complements(blur_px)
+    complements = _complements(blur_px, curved)
     return np.stack(
         [np.sum((profiles @ complement) ** 2, axis=1) for complement in complements], axis=1
     )
@@ -95,7 +101,7 @@ def _shifts() -> Array:
 
 
 @cache
-def _complements(blur_px: float) -> Array:
+def _complements(blur_px: float, curved: bool) -> Array:
     """Return, for each trial shift, the projection to the complement of the model."""
     offsets = profile_offsets()
     fine_step = 0.05
@@ -104,7 +110,10 @@ def _complements(blur_px: float) -> Array:
     for shift in _shifts():
         depth = shift - fine
         inside = np.clip(depth / fine_step + 0.5, 0.0, 1.0)  # share of each step
-        shapes = [1 - inside, np.minimum(depth, 0.0), inside, np.sqrt(np.maximum(depth, 0.0))]
+        within = np.maximum(depth, 0.0)
+        shapes = [1 - inside, np.minimum(depth, 0.0), inside, np.sqrt(within)]
+        if curved:
+            shapes.append(within)
         blurred = [
             np.interp(offsets, fine, gaussian_filter1d(shape, blur_px / fine_step, mode="nearest"))
             for shape in shapes

@@ -10,7 +10,7 @@ from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirrors import FittedBall, Mirror, fit_mirror, outline_of
 from calibration._spheres.outline import outline_image, refine_edges
-from calibration._spheres.outline_noise import circle_covariance
+from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, circle_covariance
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
@@ -18,10 +18,11 @@ from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
 # A search finds a ball to about 1 % of its radius.
 _SEARCH_SHARE = 0.01
 _AROUND_PX = 8
+_FINEST_PX = 0.01
 # An edge that is visible over less of the circumference may be another one.
 _LEAST_EDGE = 0.6
-# The model of a limb holds for small depths only; the radius is off by this.
-_EDGE_RADIUS_SIGMA_PX = 0.06
+# On simulated boards, the radius of edges is off by this.
+_EDGE_RADIUS_SIGMA_PX = 0.04
 # The 99.9 % quantile of chi-square with 3 degrees of freedom.
 _SAME_OUTLINE = 16.3
 
@@ -67,8 +68,16 @@ def outlined_mirror(
         points[visible],
         float(visible.mean()),
         find_highlights(values, outline),
-        covariance_px2=covariance,
+        covariance_px2=_without_systematic(covariance),
     )
+
+
+def _without_systematic(covariance: Array) -> Array:
+    """Return what remains of a covariance without the systematic error of all outlines."""
+    values, vectors = np.linalg.eigh(covariance)
+    rest = np.maximum(values - OUTLINE_SIGMA_PX**2, _FINEST_PX**2)
+    remaining: Array = (vectors * rest) @ vectors.T
+    return remaining
 
 
 def _edge(values: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Array, Array] | None:
@@ -81,7 +90,7 @@ def _edge(values: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Array, Array
     image = outline_image(values[:, low[1] : high[1], low[0] : high[0]])
     moved = Ellipse((centre[0] - low[0], centre[1] - low[1]), guess.semi_axes_px, guess.angle_deg)
     try:
-        edge, points, coverage = refine_edges(image, moved)
+        edge, points, coverage = refine_edges(image, moved, curved=True)
     except EstimateError:
         return None
     if coverage < _LEAST_EDGE:

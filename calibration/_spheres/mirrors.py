@@ -28,9 +28,9 @@ _NEAR_STEPS, _NEAR_REACH = 5, 1.5
 _EXPECTED = 0.15
 # Of true spheres the share is 0.79 to 0.96; chance explains up to 0.6 where little is seen.
 LEAST_SHARE = 0.7
-# Neighbours hide a part of the plane around small spheres, of which the share is 0.5 to 0.8. It is
-# enough if the ball has an expected radius.
-FAIR_SHARE = 0.5
+# Blur and neighbours reduce the share of small spheres to 0.5 to 0.8, which is enough if the ball
+# has an expected radius.
+_SMALL_PX, _FAIR_SHARE = 30.0, 0.5
 _LEAST_SEEN = 0.35
 _LEAST_CONTRAST = 2.0
 # The fit uses the limb from a fifth of the radius inside to two pixels inside the outline, where
@@ -40,7 +40,7 @@ _MARGIN_PX = 2.0
 _FINE_SPOKES = 72
 _SPOKES_TOGETHER = 3
 # Errors of the model that all spokes share, of place and radius; measured on simulated boards.
-_SHARED_SIGMA_PX = 0.03
+_SHARED_SIGMA_PX = 0.04
 _FIT_ROUNDS = 12
 _CLOSE_PX, _CONVERGED_PX = 0.03, 0.004
 _FEWEST_DIFFERENCES = 100
@@ -92,7 +92,10 @@ def find_mirror(
         Expected radii, to 15 %. Default: any radius.
     """
     best = best_mirror(plane, cluster, radii_px)
-    return None if best is None else _accepted(*best, FAIR_SHARE if len(radii_px) else LEAST_SHARE)
+    if best is None:
+        return None
+    small = len(radii_px) and best[0].radii_px[0] < _SMALL_PX
+    return _accepted(*best, _FAIR_SHARE if small else LEAST_SHARE)
 
 
 def best_mirror(

@@ -174,7 +174,7 @@ def refine_outline(
         angles, offsets, seen = _steepest(image, ellipse, reach)
         ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
         start = ellipse
-    return refine_edges(image, ellipse)
+    return refine_edges(image, ellipse, curved=False)
 
 
 def refine_sharpest(
@@ -202,10 +202,13 @@ def scatter_px(outline: Ellipse, points_px: Array) -> float:
     return 1.4826 * float(np.median(np.abs(outline.distance_px(points_px))))
 
 
-def refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellipse, Array, float]:
+def refine_edges(
+    image: npt.NDArray[np.float32], guess: Ellipse, *, curved: bool
+) -> tuple[Ellipse, Array, float]:
     """Fit an outline that is known to a pixel, with the model of a blurred limb.
 
-    Parameters, results and errors are those of `refine_outline`.
+    ``curved`` is that of `edge_offsets`; other parameters, results and errors are those of
+    `refine_outline`.
     """
     ellipse = guess
     for _ in range(2):
@@ -215,7 +218,8 @@ def refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellips
         profiles = gaussian_filter1d(profiles, _ALONG_PX, axis=0, mode="wrap")
         if not seen.any():
             raise _no_outline(ellipse)
-        offsets = edge_offsets(profiles, estimate_blur(profiles[seen]))
+        blur_px = estimate_blur(profiles[seen], curved=curved)
+        offsets = edge_offsets(profiles, blur_px, curved=curved)
         ellipse, points, coverage = _fit(ellipse, angles[seen], offsets[seen], len(angles), ellipse)
     return ellipse, points, coverage
 

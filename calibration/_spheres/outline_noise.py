@@ -88,9 +88,12 @@ def cone_of(camera: CameraModel, image: SphereImage) -> Cone:
 
 
 def outline_covariance(image: SphereImage) -> Array:
-    """Return the covariance ``(3, 3)`` of centre x, centre y and radius of a sphere's outline."""
+    """Return the covariance ``(3, 3)`` of centre x, centre y and radius of a sphere's outline.
+
+    It includes the systematic error of each, `OUTLINE_SIGMA_PX`.
+    """
     if image.covariance_px2 is not None:
-        return image.covariance_px2
+        return image.covariance_px2 + np.eye(3) * OUTLINE_SIGMA_PX**2
     return circle_covariance(image.points_px, image.outline)
 
 

@@ -33,9 +33,10 @@ class SphereImage:
     highlights
         Highlights, one per light.
     covariance_px2
-        ``(3, 3)`` covariance of centre x, centre y and radius of the outline, for a sphere that was
-        seen to mirror the plane around it, which no other object does; else None, and the scatter
-        of the points shows how well the outline is known.
+        ``(3, 3)`` covariance of centre x, centre y and radius of the outline without the systematic
+        error of all outlines (`OUTLINE_SIGMA_PX`), for a sphere that was seen to mirror the plane
+        around it, which no other object does; else None, and the scatter of the points shows how
+        well the outline is known.
     """
 
     outline: Ellipse
