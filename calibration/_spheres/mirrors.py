@@ -33,6 +33,8 @@ LEAST_SHARE = 0.7
 _SMALL_PX, _FAIR_SHARE = 30.0, 0.5
 _LEAST_SEEN = 0.35
 _LEAST_CONTRAST = 2.0
+# Black velvet hardly differs between lights: less is enough for a ball of an expected radius.
+_FAIR_CONTRAST = 1.3
 # The fit uses the limb from a fifth of the radius inside to two pixels inside the outline, where
 # blur does not mix it with the plane.
 _INNERMOST = 0.8
@@ -94,8 +96,12 @@ def find_mirror(
     best = best_mirror(plane, cluster, radii_px)
     if best is None:
         return None
-    small = len(radii_px) and best[0].radii_px[0] < _SMALL_PX
-    return _accepted(*best, _FAIR_SHARE if small else LEAST_SHARE)
+    mirror = _accepted(*best)
+    if mirror is None and len(radii_px):
+        mirror = _accepted(*best, least_contrast=_FAIR_CONTRAST)
+        if mirror is None and best[0].radii_px[0] < _SMALL_PX:
+            mirror = _accepted(*best, least_share=_FAIR_SHARE)
+    return mirror
 
 
 def best_mirror(
@@ -144,10 +150,16 @@ def mirror_near(plane: MirroredPlane, circle: Ellipse, reach_px: float) -> Mirro
     return None if moved.max() > _NEAR_REACH * reach_px else _accepted(ball, likeness)
 
 
-def _accepted(ball: Balls, likeness: Likeness, least_share: float = LEAST_SHARE) -> Mirror | None:
+def _accepted(
+    ball: Balls,
+    likeness: Likeness,
+    *,
+    least_share: float = LEAST_SHARE,
+    least_contrast: float = _LEAST_CONTRAST,
+) -> Mirror | None:
     """Return a ball if it mirrors the plane well."""
     enough = likeness.share[0] >= least_share and likeness.seen[0] >= _LEAST_SEEN
-    if not (enough and likeness.contrast[0] >= _LEAST_CONTRAST):
+    if not (enough and likeness.contrast[0] >= least_contrast):
         return None
     return Mirror(ball, float(likeness.share[0]))
 
