@@ -102,7 +102,7 @@ def find_spheres(
 def _ball_around(
     plane: MirroredPlane, sphere: SphereImage, clusters: Sequence[SpotCluster]
 ) -> Mirror | None:
-    """Return the ball in which an edge is the mirrored horizon, or None if there is none.
+    """Return the ball in which an edge is the mirrored horizon, or None.
 
     A sphere mirrors the horizon at about 73 % of its radius. A ball of that size around the edge,
     with the same centre, that mirrors the plane fairly well is the sphere.
