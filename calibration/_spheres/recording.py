@@ -44,6 +44,8 @@ class SeenSpheres:
         Whether the spheres were searched for, not marked.
     left_out
         Notices about outlines that do not count.
+    uneven
+        Notices about outlines that count, but are not sharp.
     """
 
     names: tuple[str, ...]
@@ -52,6 +54,7 @@ class SeenSpheres:
     radii_mm: Array | None
     found: bool
     left_out: list[Notice]
+    uneven: list[Notice]
 
     __repr__ = short_repr
 
@@ -60,6 +63,7 @@ class SeenSpheres:
         bright = [image for image in self.images if image.highlights.found.any()]
         return [
             *self.left_out,
+            *self.uneven,
             *missing_highlights_warning(self.images),
             *(saturation_warning(bright) if bright else ()),
             *partial_outline_warning(self.images),
@@ -110,13 +114,12 @@ def seen_in(
         images = circled_spheres(values, circles, camera)
     else:
         images, left_out = searched_spheres(values, camera, radii_mm)
-    if not masks:
-        left_out = [*left_out, *uneven_outline_warning(images)]
+    uneven = [] if masks else uneven_outline_warning(images)
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
-    return SeenSpheres(names, size, images, radii_mm, found, left_out)
+    return SeenSpheres(names, size, images, radii_mm, found, left_out, uneven)
 
 
 def gray_values(

@@ -5,9 +5,11 @@ import pytest
 
 from acquisition import DataError
 from calibration import EstimateError
-from calibration._spheres import marked
+from calibration._spheres import marked, recording
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.highlights import Highlights
 from calibration._spheres.marked import _check_disc, _coverage, circled_spheres, masked_spheres
+from calibration._spheres.sphere_image import SphereImage
 
 VALUES = np.zeros((3, 120, 160), np.float32)
 
@@ -114,3 +116,18 @@ def test_a_circle_may_be_wrong_by_a_tenth_of_the_radius(monkeypatch, radius, rea
     monkeypatch.setattr(marked, "refine_sharpest", refine)
     (image,) = circled_spheres(VALUES, [(70, 55, radius)])
     assert (image.outline, image.coverage, image.points_px.shape) == (outline, 0.8, (5, 2))
+
+
+def test_an_uneven_outline_is_a_warning_and_not_left_out(monkeypatch):
+    """One sphere that is left out refuses positions; one that is only uneven gives directions."""
+    angles = np.linspace(0, 2 * np.pi, 60)
+    circle = Ellipse((70.0, 55.0), (30.0, 30.0))
+    points = circle.point(angles, 1 + 0.05 * np.sin(20 * angles))
+    highlights = Highlights(
+        np.full((len(VALUES), 2), 60.0), np.zeros(len(VALUES), bool), np.full(len(VALUES), 0.05)
+    )
+    image = SphereImage(circle, points, 0.9, highlights)
+    monkeypatch.setattr(recording, "circled_spheres", lambda *_: [image])
+    seen = recording.seen_in(VALUES, None, [(70, 55, 30)], None, None)
+    assert seen.left_out == []
+    assert [notice.code for notice in seen.warnings()] == ["outline-uneven"]
