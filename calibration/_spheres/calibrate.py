@@ -2,45 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg, led_id
+from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Stack
-from calibration._spheres.cone import Cone
-from calibration._spheres.direction_errors import direction_covariances
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.input_tests import check_inputs, doubts
+from calibration._spheres.average_directions import orthographic_lights, perspective_lights
 from calibration._spheres.known_places import known_places
-from calibration._spheres.light_positions import locate_lights, observed_rays
 from calibration._spheres.marked import Mask
-from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, cone_of, outline_covariance
-from calibration._spheres.placed import COMMON_SHARE, common_error, off_the_plane, place, systematic
+from calibration._spheres.outline_noise import cone_of
+from calibration._spheres.placed import off_the_plane, place
+from calibration._spheres.positioned_lights import positioned_lights
 from calibration._spheres.recording import Circle, SeenSpheres, seen_in
 from calibration._spheres.recordings_agree import light_difference
-from calibration._spheres.reflection import orthographic_directions, reflected_rays
 from calibration._spheres.robust import Array
-from calibration._spheres.sphere_calibration import (
-    Sphere,
-    SphereCalibration,
-    placed_spheres,
-    seen_spheres,
-)
+from calibration._spheres.seen_together import SeenTogether
+from calibration._spheres.sphere_calibration import SphereCalibration
 from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice, pluralize
-
-_DISAGREEMENT_DEG = 3.0
-_POOR_RESIDUAL_DEG = 0.2
-# The refinement moves wrong spheres until they nearly agree, so a remaining error of half a degree
-# means an error of many degrees of the lights.
-_UNTRUSTED_DEG = 0.5
-_LEAST_AGREEING = 0.5
-# A standard deviation above which an error of 2 mm is likely.
-_UNCERTAIN_MM = 1.6
 
 
 def calibrate_spheres(
@@ -246,39 +229,18 @@ def _calibrate(
         for notice in one.warnings()
     ]
     found = [seen[k].found for k in of_recording]
-    shown = _Shown(names, places_mm, images, of_recording, recordings, found)
+    shown = SeenTogether(names, places_mm, images, of_recording, recordings, found)
     if camera is None:
-        outlines = [image.outline for image in images]
-
-        def orthographic(pixels: Array, change: Array) -> Array:
-            pairs = zip(outlines, np.moveaxis(pixels, 1, 0), change, strict=True)
-            rays = [orthographic_directions(_changed(o, by), of_one) for o, of_one, by in pairs]
-            return np.stack(rays, axis=1)
-
-        # Centre x, centre y and radius of each outline.
-        common = np.tile([0.0, 0.0, OUTLINE_SIGMA_PX * COMMON_SHARE**0.5], (len(images), 1))
-        own = [outline_covariance(image) for image in images]
-        own = [
-            of_one - np.outer(shared, shared) for of_one, shared in zip(own, common, strict=True)
-        ]
-        return _directions(shown, seen_spheres(images), orthographic, own, common, warnings)
+        return orthographic_lights(shown, warnings)
     cones = [cone_of(camera, image) for image in images]
-
-    def perspective(pixels: Array, change: Array) -> Array:
-        centres = np.array([cone.axis / cone.sine for cone in cones]) + change
-        return reflected_rays(camera.rays(pixels), centres, 1.0)[1]
-
     known = [of_one for of_one in radii if of_one is not None]
     if not known:
-        spheres = seen_spheres(images)
-        own = [cone.covariance + systematic(cone, camera) for cone in cones]
-        common = np.array([common_error(cone, camera) for cone in cones])
-        return _directions(shown, spheres, perspective, own, common, warnings)
+        return perspective_lights(shown, cones, camera, warnings)
     radii_mm = np.concatenate(known)
     placed = place(cones, radii_mm, camera)
     warnings += off_the_plane(placed, camera)
     if len(images) > 1:
-        return _positions(shown, cones, radii_mm, camera, warnings)
+        return positioned_lights(shown, cones, radii_mm, camera, warnings)
     left_out = [notice for one in seen for notice in one.left_out]
     if left_out:
         raise EstimateError(
@@ -287,49 +249,7 @@ def _calibrate(
         )
     text = "one sphere gives only directions: positions require two spheres"
     warnings.append(Notice("one-sphere", text))
-    spheres = placed_spheres(images, placed.centres_mm, radii_mm)
-    own = [placed.covariance_mm2 / radii_mm[0] ** 2]
-    return _directions(shown, spheres, perspective, own, np.zeros((1, 3)), warnings)
-
-
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """Names of N lights; K spheres, the number of the recording of each, whether it was found.
-
-    ``places_mm (N, 3)`` are the places of the lights that are known independently, and ``names``
-    has a name for each recording, empty if there is only one.
-    """
-
-    lights: tuple[str, ...]
-    places_mm: Array
-    images: list[SphereImage]
-    of_recording: list[int]
-    names: tuple[str, ...]
-    found: list[bool]
-
-    def without(self, k: int) -> _Shown:
-        kept = [i for i in range(len(self.images)) if i != k]
-        return replace(
-            self,
-            images=[self.images[i] for i in kept],
-            of_recording=[self.of_recording[i] for i in kept],
-            found=[self.found[i] for i in kept],
-        )
-
-    def numbered(self, spheres: tuple[Sphere, ...]) -> tuple[Sphere, ...]:
-        pairs = zip(spheres, self.of_recording, strict=True)
-        return tuple(replace(sphere, recording=k) for sphere, k in pairs)
-
-
-def _changed(outline: Ellipse, change: Array) -> Ellipse:
-    """Return an outline with changed centre x, centre y and radius, in pixels."""
-    (x, y), (a, b) = outline.centre_px, outline.semi_axes_px
-    scale = 1 + float(change[2]) / outline.radius_px
-    return replace(
-        outline,
-        centre_px=(x + float(change[0]), y + float(change[1])),
-        semi_axes_px=(a * scale, b * scale),
-    )
+    return perspective_lights(shown, cones, camera, warnings, placed)
 
 
 def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Array:
@@ -358,129 +278,3 @@ def _check_seen(
             f"lights) on {on}: check that the light was on and that the outline is "
             "correct"
         )
-
-
-def _directions(
-    shown: _Shown,
-    spheres: tuple[Sphere, ...],
-    rays_of: Callable[[Array, Array], Array],
-    outline_covariances: list[Array],
-    outlines_common: Array,
-    warnings: list[Notice],
-) -> SphereCalibration:
-    """Average the directions that `rays_of` returns for highlights and changes of the outlines."""
-    names, images = shown.lights, shown.images
-    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
-    sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
-    rays = rays_of(highlights, np.zeros((len(images), 3)))
-    seen = np.isfinite(rays[..., 0])
-    if not seen.any(axis=1).all():
-        name = names[int(np.argmin(seen.any(axis=1)))]
-        raise EstimateError(
-            f"the highlight under light {name} is outside the sphere: check the outline"
-        )
-    directions = np.nansum(rays, axis=1)
-    residuals = _rms(angle_deg(directions[:, None], rays), seen)
-    residuals[seen.sum(axis=1) < 2] = np.nan
-    if np.any(residuals > _DISAGREEMENT_DEG):
-        worst = float(np.nanmax(residuals))
-        text = (
-            f"the light directions of the spheres differ by up to {worst:.1f} degrees: the lights "
-            "are near; give a camera and a radius to get positions"
-        )
-        warnings.append(Notice("lights-near", text))
-    errors = LightErrors(
-        direction_covariances(
-            rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
-        ),
-        spheres=seen.sum(axis=1),
-    )
-    lights = Lights(directions=directions, ids=names, errors=errors)
-    spheres = shown.numbered(spheres)
-    return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
-
-
-def _positions(
-    shown: _Shown,
-    cones: list[Cone],
-    radii: Array,
-    camera: CameraModel,
-    warnings: list[Notice],
-) -> SphereCalibration:
-    """Estimate positions; leave out a sphere that was searched for and contradicts the others."""
-    names, images = shown.lights, shown.images
-    placed = place(cones, radii, camera)
-    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
-    sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
-    located = locate_lights(camera, placed, highlights, sigma_px, names)
-    positions, centres = located.refined.positions_mm, located.refined.centres_mm
-    used = located.used
-    seen = np.isfinite(highlights[..., 0])
-    share = used.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    worst = int(np.argmin(np.where(shown.found, share, np.inf)))
-    # With only two spheres it is unknown which one is wrong; the residuals show the contradiction.
-    if shown.found[worst] and len(images) > 2 and share[worst] < _LEAST_AGREEING:
-        text = (
-            f"{places([images[worst]])} was left out: only {used[:, worst].sum()} of its "
-            f"{seen[:, worst].sum()} highlights agree with the other spheres"
-        )
-        recording = shown.names[shown.of_recording[worst]]
-        warnings.append(Notice("sphere-contradicts", text, recording))
-        cones = [cone for k, cone in enumerate(cones) if k != worst]
-        radii = np.delete(radii, worst)
-        return _positions(shown.without(worst), cones, radii, camera, warnings)
-    points, rays = observed_rays(camera, replace(placed, centres_mm=centres), highlights)
-    residuals = _rms(angle_deg(positions[:, None] - points, rays), used)
-    disagreement = float(np.median(residuals))
-    if disagreement > _UNTRUSTED_DEG:
-        text = (
-            f"the spheres contradict each other by {disagreement:.1f} degrees: do not trust these "
-            "lights; check outlines, radii and camera"
-        )
-        warnings.append(Notice("lights-untrusted", text))
-    elif disagreement > _POOR_RESIDUAL_DEG:
-        text = (
-            f"the spheres agree about the lights only to {disagreement:.1f} degrees: "
-            "check outlines, radii and camera"
-        )
-        warnings.append(Notice("spheres-disagree", text))
-    if disagreement <= _UNTRUSTED_DEG:
-        outlines = [image.points_px for image in images]
-        weighed = np.where(used, sigma_px, np.inf)
-        tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
-        warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
-    dropped = int(np.sum(seen & ~used))
-    if dropped:
-        text = f"{dropped} highlights disagree with the other spheres and were left out"
-        warnings.append(Notice("highlights-left-out", text))
-    sigma_mm = float(np.sqrt(np.trace(located.refined.covariance_mm2, axis1=1, axis2=2).mean()))
-    if sigma_mm > _UNCERTAIN_MM:
-        text = (
-            f"the positions of the lights are uncertain by {sigma_mm:.1f} mm (standard deviation): "
-            "use larger spheres, more of them, farther apart, or a camera with more pixels"
-        )
-        warnings.append(Notice("lights-uncertain", text))
-    errors = LightErrors(
-        located.refined.covariance_mm2,
-        residual_px=located.residuals_px,
-        spheres=used.sum(axis=1),
-    )
-    lights = Lights(positions_mm=positions, ids=names, errors=errors)
-    spheres = shown.numbered(placed_spheres(images, centres, radii))
-    return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
-
-
-def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
-    """Add doubts about the given values; a warning that spheres are off the plane takes them up."""
-    off = [k for k, warning in enumerate(warnings) if warning.code == "spheres-off-the-plane"]
-    if not (off and doubts):
-        return warnings + doubts
-    text = "; ".join(notice.text for notice in (warnings[off[0]], *doubts))
-    return [replace(one, text=text) if k == off[0] else one for k, one in enumerate(warnings)]
-
-
-def _rms(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:
-    """Return the root mean square ``(N,)`` of the used angles among ``(N, K)``."""
-    square = np.where(use, angle_deg, 0.0) ** 2
-    rms: Array = np.sqrt(square.sum(axis=1) / np.maximum(use.sum(axis=1), 1))
-    return rms

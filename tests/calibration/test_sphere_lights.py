@@ -7,10 +7,10 @@ import pytest
 
 from acquisition import DataError
 from calibration import EstimateError, Stack, calibrate_spheres
-from calibration._spheres import calibrate, recording
-from calibration._spheres.calibrate import _rms
+from calibration._spheres import positioned_lights, recording
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
+from calibration._spheres.seen_together import rms_deg
 from calibration._spheres.sphere_image import SphereImage
 from rig import Notice
 from tests.calibration.conftest import Bench, dome
@@ -27,12 +27,12 @@ MARK = [np.zeros((330, 420), bool)]
 @pytest.fixture(autouse=True)
 def certain_enough(monkeypatch):
     """With 1200 px of focal length, the positions are uncertain by some mm, which is reported."""
-    monkeypatch.setattr(calibrate, "_UNCERTAIN_MM", np.inf)
+    monkeypatch.setattr(positioned_lights, "_UNCERTAIN_MM", np.inf)
 
 
 @pytest.mark.parametrize(("limit_mm", "reported"), [(7.0, True), (8.0, False)])
 def test_uncertain_positions_are_reported(monkeypatch, limit_mm, reported):
-    monkeypatch.setattr(calibrate, "_UNCERTAIN_MM", limit_mm)
+    monkeypatch.setattr(positioned_lights, "_UNCERTAIN_MM", limit_mm)
     images = [seen(sphere, LIGHTS) for sphere in TWO]
     result = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=20.0)
     codes = [warning.code for warning in result.warnings]
@@ -247,7 +247,7 @@ def test_the_disagreement_of_spheres_is_reported(monkeypatch, noise_px, code):
 def test_the_rms_of_the_used_angles():
     angles = np.array([[3.0, 4.0, 100.0], [3.0, np.nan, np.nan], [np.nan, np.nan, np.nan]])
     use = np.array([[True, True, False], [True, False, False], [False, False, False]])
-    assert _rms(angles, use) == pytest.approx([np.sqrt(12.5), 3, 0])
+    assert rms_deg(angles, use) == pytest.approx([np.sqrt(12.5), 3, 0])
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,120 @@
+"""Light directions as the mean of those that the spheres show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from acquisition import CameraModel, LightErrors, Lights, angle_deg
+from calibration._errors import EstimateError
+from calibration._spheres.cone import Cone
+from calibration._spheres.direction_errors import direction_covariances
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.joint_refinement import KnownSpheres
+from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, outline_covariance
+from calibration._spheres.placed import COMMON_SHARE, common_error, systematic
+from calibration._spheres.reflection import orthographic_directions, reflected_rays
+from calibration._spheres.robust import Array
+from calibration._spheres.seen_together import SeenTogether, rms_deg
+from calibration._spheres.sphere_calibration import (
+    Sphere,
+    SphereCalibration,
+    placed_spheres,
+    seen_spheres,
+)
+from rig import Notice
+
+_DISAGREEMENT_DEG = 3.0
+
+
+def orthographic_lights(shown: SeenTogether, warnings: list[Notice]) -> SphereCalibration:
+    """Return directions without a camera: every viewing ray is parallel to the axis."""
+    outlines = [image.outline for image in shown.images]
+
+    def rays_of(pixels: Array, change: Array) -> Array:
+        pairs = zip(outlines, np.moveaxis(pixels, 1, 0), change, strict=True)
+        rays = [orthographic_directions(_changed(o, by), of_one) for o, of_one, by in pairs]
+        return np.stack(rays, axis=1)
+
+    # Centre x, centre y and radius of each outline.
+    common = np.tile([0.0, 0.0, OUTLINE_SIGMA_PX * COMMON_SHARE**0.5], (len(outlines), 1))
+    pairs = zip(shown.images, common, strict=True)
+    own = [outline_covariance(image) - np.outer(shared, shared) for image, shared in pairs]
+    return _directions(shown, seen_spheres(shown.images), rays_of, own, common, warnings)
+
+
+def perspective_lights(
+    shown: SeenTogether,
+    cones: Sequence[Cone],
+    camera: CameraModel,
+    warnings: list[Notice],
+    placed: KnownSpheres | None = None,
+) -> SphereCalibration:
+    """Return directions seen from the centre of a sphere; ``placed`` is one of known radius."""
+    centres = np.array([cone.axis / cone.sine for cone in cones])
+
+    def rays_of(pixels: Array, change: Array) -> Array:
+        return reflected_rays(camera.rays(pixels), centres + change, 1.0)[1]
+
+    if placed is None:
+        spheres = seen_spheres(shown.images)
+        own = [cone.covariance + systematic(cone, camera) for cone in cones]
+        common = np.array([common_error(cone, camera) for cone in cones])
+    else:
+        spheres = placed_spheres(shown.images, placed.centres_mm, placed.radii_mm)
+        own = [placed.covariance_mm2 / placed.radii_mm[0] ** 2]
+        common = np.zeros((1, 3))
+    return _directions(shown, spheres, rays_of, own, common, warnings)
+
+
+def _directions(
+    shown: SeenTogether,
+    spheres: tuple[Sphere, ...],
+    rays_of: Callable[[Array, Array], Array],
+    outline_covariances: list[Array],
+    outlines_common: Array,
+    warnings: list[Notice],
+) -> SphereCalibration:
+    """Average the directions that `rays_of` returns for highlights and changes of the outlines."""
+    names, images = shown.lights, shown.images
+    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
+    sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
+    rays = rays_of(highlights, np.zeros((len(images), 3)))
+    seen = np.isfinite(rays[..., 0])
+    if not seen.any(axis=1).all():
+        name = names[int(np.argmin(seen.any(axis=1)))]
+        raise EstimateError(
+            f"the highlight under light {name} is outside the sphere: check the outline"
+        )
+    directions = np.nansum(rays, axis=1)
+    residuals = rms_deg(angle_deg(directions[:, None], rays), seen)
+    residuals[seen.sum(axis=1) < 2] = np.nan
+    if np.any(residuals > _DISAGREEMENT_DEG):
+        worst = float(np.nanmax(residuals))
+        text = (
+            f"the light directions of the spheres differ by up to {worst:.1f} degrees: the lights "
+            "are near; give a camera and a radius to get positions"
+        )
+        warnings.append(Notice("lights-near", text))
+    errors = LightErrors(
+        direction_covariances(
+            rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
+        ),
+        spheres=seen.sum(axis=1),
+    )
+    lights = Lights(directions=directions, ids=names, errors=errors)
+    spheres = shown.numbered(spheres)
+    return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
+
+
+def _changed(outline: Ellipse, change: Array) -> Ellipse:
+    """Return an outline with changed centre x, centre y and radius, in pixels."""
+    (x, y), (a, b) = outline.centre_px, outline.semi_axes_px
+    scale = 1 + float(change[2]) / outline.radius_px
+    return replace(
+        outline,
+        centre_px=(x + float(change[0]), y + float(change[1])),
+        semi_axes_px=(a * scale, b * scale),
+    )

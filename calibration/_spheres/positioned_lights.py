@@ -1,0 +1,105 @@
+"""Light positions from two or more spheres in one refinement, and tests of the given values."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from acquisition import CameraModel, LightErrors, Lights, angle_deg
+from calibration._spheres.cone import Cone
+from calibration._spheres.input_tests import check_inputs, doubts
+from calibration._spheres.light_positions import locate_lights, observed_rays
+from calibration._spheres.placed import place
+from calibration._spheres.robust import Array
+from calibration._spheres.seen_together import SeenTogether, rms_deg
+from calibration._spheres.sphere_calibration import SphereCalibration, placed_spheres
+from calibration._spheres.sphere_image import places
+from rig import Notice
+
+_POOR_RESIDUAL_DEG = 0.2
+# The refinement moves wrong spheres until they nearly agree, so a remaining error of half a degree
+# means an error of many degrees of the lights.
+_UNTRUSTED_DEG = 0.5
+_LEAST_AGREEING = 0.5
+# A standard deviation above which an error of 2 mm is likely.
+_UNCERTAIN_MM = 1.6
+
+
+def positioned_lights(
+    shown: SeenTogether,
+    cones: list[Cone],
+    radii: Array,
+    camera: CameraModel,
+    warnings: list[Notice],
+) -> SphereCalibration:
+    """Estimate positions; leave out a sphere that was searched for and contradicts the others."""
+    names, images = shown.lights, shown.images
+    placed = place(cones, radii, camera)
+    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
+    sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
+    located = locate_lights(camera, placed, highlights, sigma_px, names)
+    positions, centres = located.refined.positions_mm, located.refined.centres_mm
+    used = located.used
+    seen = np.isfinite(highlights[..., 0])
+    share = used.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    worst = int(np.argmin(np.where(shown.found, share, np.inf)))
+    # With only two spheres it is unknown which one is wrong; the residuals show the contradiction.
+    if shown.found[worst] and len(images) > 2 and share[worst] < _LEAST_AGREEING:
+        text = (
+            f"{places([images[worst]])} was left out: only {used[:, worst].sum()} of its "
+            f"{seen[:, worst].sum()} highlights agree with the other spheres"
+        )
+        recording = shown.names[shown.of_recording[worst]]
+        warnings.append(Notice("sphere-contradicts", text, recording))
+        cones = [cone for k, cone in enumerate(cones) if k != worst]
+        radii = np.delete(radii, worst)
+        return positioned_lights(shown.without(worst), cones, radii, camera, warnings)
+    points, rays = observed_rays(camera, replace(placed, centres_mm=centres), highlights)
+    residuals = rms_deg(angle_deg(positions[:, None] - points, rays), used)
+    disagreement = float(np.median(residuals))
+    if disagreement > _UNTRUSTED_DEG:
+        text = (
+            f"the spheres contradict each other by {disagreement:.1f} degrees: do not trust these "
+            "lights; check outlines, radii and camera"
+        )
+        warnings.append(Notice("lights-untrusted", text))
+    elif disagreement > _POOR_RESIDUAL_DEG:
+        text = (
+            f"the spheres agree about the lights only to {disagreement:.1f} degrees: "
+            "check outlines, radii and camera"
+        )
+        warnings.append(Notice("spheres-disagree", text))
+    if disagreement <= _UNTRUSTED_DEG:
+        outlines = [image.points_px for image in images]
+        weighed = np.where(used, sigma_px, np.inf)
+        tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
+        warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
+    dropped = int(np.sum(seen & ~used))
+    if dropped:
+        text = f"{dropped} highlights disagree with the other spheres and were left out"
+        warnings.append(Notice("highlights-left-out", text))
+    sigma_mm = float(np.sqrt(np.trace(located.refined.covariance_mm2, axis1=1, axis2=2).mean()))
+    if sigma_mm > _UNCERTAIN_MM:
+        text = (
+            f"the positions of the lights are uncertain by {sigma_mm:.1f} mm (standard deviation): "
+            "use larger spheres, more of them, farther apart, or a camera with more pixels"
+        )
+        warnings.append(Notice("lights-uncertain", text))
+    errors = LightErrors(
+        located.refined.covariance_mm2,
+        residual_px=located.residuals_px,
+        spheres=used.sum(axis=1),
+    )
+    lights = Lights(positions_mm=positions, ids=names, errors=errors)
+    spheres = shown.numbered(placed_spheres(images, centres, radii))
+    return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
+
+
+def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
+    """Add doubts about the given values; a warning that spheres are off the plane takes them up."""
+    off = [k for k, warning in enumerate(warnings) if warning.code == "spheres-off-the-plane"]
+    if not (off and doubts):
+        return warnings + doubts
+    text = "; ".join(notice.text for notice in (warnings[off[0]], *doubts))
+    return [replace(one, text=text) if k == off[0] else one for k, one in enumerate(warnings)]
