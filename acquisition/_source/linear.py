@@ -71,12 +71,12 @@ class Linearizer:
             If the frame or a reference frame is damaged or contains values that are not finite; the
             message names the file.
         """
-        return self._above_references(frame, self._read(frame))
+        return self.above_references(frame, self.read(frame))
 
     def signal_and_saturation(self, frame: Frame) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
         """Return `signal` and the samples at or above the white level; raises as `signal` does."""
-        pixels = self._read(frame)
-        return self._above_references(frame, pixels), pixels >= self._source.white_level
+        pixels = self.read(frame)
+        return self.above_references(frame, pixels), pixels >= self._source.white_level
 
     def bands(self, frame: Frame) -> Iterator[tuple[slice, FloatImage, npt.NDArray[np.bool_]]]:
         """Yield `signal_and_saturation` in bands of rows that fit into the cache, with their rows.
@@ -84,22 +84,41 @@ class Linearizer:
         Everything about one band should be done before the next: the signal of a large frame in
         colour takes twelve times as much memory as its pixels.
         """
-        pixels = self._read(frame)
-        for top in range(0, len(pixels), _ROWS):
-            rows = slice(top, min(top + _ROWS, len(pixels)))
-            signal = self._above_references(frame, pixels[rows], rows)
+        pixels = self.read(frame)
+        for rows in row_bands(len(pixels)):
+            signal = self.above_references(frame, pixels[rows], rows)
             yield rows, signal, pixels[rows] >= self._source.white_level
 
-    def _above_references(
+    def reference_level(self, exposure_us: float | None) -> tuple[float, int]:
+        """Return the median signal of the references that are subtracted, and their number.
+
+        The level is relative to black; both are 0 if nothing is subtracted.
+        """
+        offset = self._offset(exposure_us)
+        role = self.reference(exposure_us)
+        if offset is None or role is None:
+            return 0.0, 0
+        return float(np.median(offset)), len(self._references(role, exposure_us))
+
+    def dark_signal(self, exposure_us: float | None) -> FloatImage | None:
+        """Return the mean of the dark frames of an exposure time, as signal; None without any."""
+        if exposure_us is None and not self._timeless:
+            return None
+        frames = self._references("dark", exposure_us)
+        return self._mean_of(frames) if frames else None
+
+    def above_references(
         self, frame: Frame, pixels: Image, rows: slice = slice(None)
     ) -> FloatImage:
+        """Return the signal of rows of a frame, whose ``pixels`` these are."""
         signal = self._linear(pixels)
         offset = self._offset(frame.exposure_us)
         if offset is not None:
             signal -= offset[rows]
         return signal
 
-    def _read(self, frame: Frame) -> Image:
+    def read(self, frame: Frame) -> Image:
+        """Return the samples of a frame; raises as `signal` does."""
         pixels = frame.read()
         if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
             raise DataError(f"{frame.path}: contains values that are not finite")
@@ -146,11 +165,18 @@ class Linearizer:
         role = self.reference(exposure_us)
         if role is None:
             return None
-        frames = self._references(role, exposure_us)
-        total = self._linear(self._read(frames[0])).astype(np.float64)
+        return self._mean_of(self._references(role, exposure_us))
+
+    def _mean_of(self, frames: list[Frame]) -> FloatImage:
+        total = self._linear(self.read(frames[0])).astype(np.float64)
         for frame in frames[1:]:
-            total += self._linear(self._read(frame))
+            total += self._linear(self.read(frame))
         return np.asarray(total / len(frames), np.float32)
+
+
+def row_bands(height: int) -> list[slice]:
+    """Return the rows of bands of an image that fit into the cache."""
+    return [slice(top, min(top + _ROWS, height)) for top in range(0, height, _ROWS)]
 
 
 def same_exposure(one_us: float, other_us: float) -> bool:

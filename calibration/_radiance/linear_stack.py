@@ -15,18 +15,15 @@ from acquisition import (
     DataError,
     Frame,
     Lights,
-    Linearizer,
     Source,
-    same_exposure,
 )
 from calibration._errors import EstimateError
-from calibration._radiance.demosaic import demosaic
+from calibration._radiance.develop import Developer, Task
+from calibration._radiance.stack_noise import StackNoise
 from rig import Notice, Progress, check_type, no_progress
 
 FloatImage = npt.NDArray[np.float32]
 
-# ITU-R BT.601 luma, as in the published results on DiLiGenT.
-_LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
 _THREADS = 4
 # Bytes of the linear images that are computed at the same time; each needs several times as much.
 _AT_ONCE = 200_000_000
@@ -52,7 +49,11 @@ class Stack:
     camera
         The camera model; None if unknown.
     warnings
-        Dark or ambient frames that could not be used, or are missing.
+        Dark or ambient frames that could not be used, or are missing; hot pixels; brackets that
+        contradict their exposure times.
+    noise
+        Law of the temporal variance of the values; None if neither the recording nor its repeats
+        determine it.
     """
 
     values: FloatImage
@@ -61,6 +62,7 @@ class Stack:
     mask: npt.NDArray[np.bool_] | None = None
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
+    noise: StackNoise | None = None
 
     def __repr__(self) -> str:
         parts = [f"{self.values.dtype}{list(self.values.shape)}"]
@@ -75,6 +77,7 @@ class Stack:
             values=self.values[pick],
             ids=tuple(self.ids[i] for i in pick),
             lights=None if self.lights is None else self.lights.take(pick),
+            noise=None if self.noise is None else self.noise.take(pick),
         )
 
 
@@ -90,9 +93,11 @@ def linear_stack(
     curve of the source. The mean of the ambient frames of the same exposure, or else of the dark
     frames, made linear in the same way, is subtracted, and the difference is divided by the
     relative exposure of the frame. Samples at the white level are saturated and left out; float
-    images have no white level and keep their scale. With several
-    brackets, each sample is taken from the longest exposure in which it is not saturated; repeats
-    within a bracket are averaged. Bayer frames are demosaiced bilinearly. Each channel is divided
+    images have no white level and keep their scale. Repeats are averaged. Brackets are merged with
+    weights that are inversely proportional to their variances, or proportional to their exposure
+    times if the noise is unknown; a bracket counts where neither the sample nor its surroundings
+    are close to white. Pixels that are hot in the dark frame of an exposure are left out of it.
+    Bayer frames are demosaiced bilinearly. Each channel is divided
     by the light's intensity, an image of one channel by the mean of the three intensities; gray is
     then ``.2989 R + .587 G + .114 B``. Flat frames are not used. Images of a source with a
     `Source.reduction` are cropped and averaged last; a block with a saturated sample is left out.
@@ -141,9 +146,14 @@ def linear_stack(
             f"of {source.black_level}, which must not be negative"
         )
     ids, lights = source.light_ids, source.lights
-    develop = _Developer(source, lit, channel)
+    develop = Developer(source, lit, channel)
     tasks = _tasks(source, lit)
-    first = develop(*tasks[0])
+    used = develop.used(tasks)
+
+    def used_at(i: int) -> npt.NDArray[np.uint8] | None:
+        return None if used is None else used[i]
+
+    first = develop(*tasks[0], used=used_at(0))
     values = np.zeros((len(ids), *first.shape), np.float32)
     values[0] = first
     brightest = [_brightest(first)]
@@ -152,7 +162,7 @@ def linear_stack(
     on_progress("reading", 1, len(ids))
 
     def fill(i: int) -> np.float32:
-        develop(*tasks[i], out=values[i])
+        develop(*tasks[i], out=values[i], used=used_at(i))
         return _brightest(values[i])
 
     with ThreadPoolExecutor(threads) as pool:
@@ -160,7 +170,9 @@ def linear_stack(
             brightest.append(found)
             on_progress("reading", i + 1, len(ids))
     _check_usable(brightest, ids, source)
-    return Stack(values, ids, lights, source.mask, source.camera, tuple(develop.warnings))
+    return Stack(
+        values, ids, lights, source.mask, source.camera, develop.notices, develop.noise(tasks, used)
+    )
 
 
 def linear_images(
@@ -195,7 +207,7 @@ def linear_images(
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lit = [frame for frame in source.frames if frame.role == "light"]
-    develop = _Developer(source, lit, channel)
+    develop = Developer(source, lit, channel)
     tasks = dict(zip(source.light_ids, _tasks(source, lit), strict=True))
     wanted = [tasks[name] for name in (source.light_ids if ids is None else ids)]
     with ThreadPoolExecutor(1) as pool:
@@ -207,20 +219,7 @@ def linear_images(
             yield image
 
 
-def luma(colour: FloatImage) -> FloatImage:
-    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from calibration import luma
-    >>> luma(np.array([[1, 0, 0], [1, 1, 1]], np.float32)).round(4)
-    array([0.2989, 0.9999], dtype=float32)
-    """
-    return np.asarray(colour @ _LUMA, np.float32)
-
-
-def _tasks(source: Source, lit: list[Frame]) -> list[tuple[list[Frame], npt.NDArray[np.float64]]]:
+def _tasks(source: Source, lit: list[Frame]) -> list[Task]:
     """Return the frames of each light and its intensity in each colour."""
     lights = source.lights
     return [
@@ -234,113 +233,6 @@ def _tasks(source: Source, lit: list[Frame]) -> list[tuple[list[Frame], npt.NDAr
 
 def _threads(image: FloatImage) -> int:
     return max(1, min(_THREADS, _AT_ONCE // image.nbytes))
-
-
-class _Developer:
-    """Callable that converts the frames of one light to its linear image."""
-
-    def __init__(self, source: Source, lit: list[Frame], channel: Literal["gray", "rgb"]) -> None:
-        self._source = source
-        self._channel = channel
-        exposures = [frame.exposure_us for frame in lit]
-        known = [exposure for exposure in exposures if exposure is not None]
-        if known and (len(known) < len(lit) or min(known) <= 0):
-            path = next(f.path for f in lit if f.exposure_us is None or f.exposure_us <= 0)
-            raise DataError(
-                f"{path}: no valid exposure time, although other images have one: add it"
-            )
-        self._longest = max(known, default=1.0)
-        self._linear = Linearizer(source)
-        self.warnings: list[Notice] = []
-        unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
-        if unlit and not known and self._linear.reference(None) is None:
-            text = "dark and ambient frames were not used: the images have no exposure times"
-            self.warnings.append(Notice("dark-frames-unused", text))
-        last_us = 0.0
-        for exposure_us in sorted(set(known)) if unlit else ():
-            if last_us and same_exposure(exposure_us, last_us):
-                continue
-            last_us = exposure_us
-            if self._linear.reference(exposure_us) is None:
-                text = (
-                    f"no dark or ambient frame with an exposure of {exposure_us:g} us: only the "
-                    "black level was subtracted"
-                )
-                self.warnings.append(Notice("dark-frames-missing", text))
-
-    def __call__(
-        self,
-        frames: list[Frame],
-        intensity: npt.NDArray[np.float64],
-        out: FloatImage | None = None,
-    ) -> FloatImage:
-        """Return the merged image of one light, ``(H, W)`` or ``(H, W, 3)``, written to `out`."""
-        if len(frames) == 1 and self._source.cfa is None and self._source.reduction is None:
-            return self._in_bands(frames[0], intensity, out)
-        # Group by bracket: exposure times reported by a camera may differ slightly between repeats.
-        brackets: dict[int, list[Frame]] = {}
-        for frame in sorted(frames, key=lambda frame: frame.exposure_us or 0.0, reverse=True):
-            brackets.setdefault(frame.bracket, []).append(frame)
-        longest, *shorter = brackets.values()
-        merged = self._mean(longest)
-        for repeats in shorter:
-            if not np.isnan(merged).any():
-                break
-            merged = np.where(np.isnan(merged), self._mean(repeats), merged)
-        image = self._colour(merged, intensity, frames[0])
-        if out is None:
-            return image
-        out[...] = image
-        return out
-
-    def _in_bands(
-        self, frame: Frame, intensity: npt.NDArray[np.float64], out: FloatImage | None
-    ) -> FloatImage:
-        """Return the image of a light with one frame, whose pixels are independent."""
-        for rows, signal, saturated in self._linear.bands(frame):
-            image = self._colour(self._exposed(frame, signal, saturated), intensity, frame)
-            if out is None:
-                out = np.zeros((frame.shape[0], *image.shape[1:]), np.float32)
-            out[rows] = image
-        if out is None:
-            raise AssertionError("a frame has rows")
-        return out
-
-    def _mean(self, repeats: list[Frame]) -> FloatImage:
-        image = self._radiance(repeats[0])
-        for frame in repeats[1:]:
-            image += self._radiance(frame)
-        image /= np.float32(len(repeats))
-        return image
-
-    def _radiance(self, frame: Frame) -> FloatImage:
-        return self._exposed(frame, *self._linear.signal_and_saturation(frame))
-
-    def _exposed(
-        self, frame: Frame, radiance: FloatImage, saturated: npt.NDArray[np.bool_]
-    ) -> FloatImage:
-        share = np.float32((frame.exposure_us or self._longest) / self._longest)
-        if share != 1:
-            radiance /= share
-        radiance[saturated] = np.nan
-        return radiance
-
-    def _colour(
-        self, image: FloatImage, intensity: npt.NDArray[np.float64], frame: Frame
-    ) -> FloatImage:
-        if image.ndim == 2 and self._source.cfa is not None:
-            image = demosaic(image, self._source.cfa)
-        if self._source.reduction is not None:
-            image = self._source.reduction.mean(image)
-        if image.ndim == 2:
-            if self._channel == "rgb":
-                raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
-            strength = np.float32(intensity.mean())
-            if strength != 1:
-                image /= strength
-            return image
-        image /= intensity.astype(np.float32)
-        return image if self._channel == "rgb" else luma(image)
 
 
 def _brightest(image: FloatImage) -> np.float32:
