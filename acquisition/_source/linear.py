@@ -175,7 +175,14 @@ class Linearizer:
 
 
 def row_bands(height: int) -> list[slice]:
-    """Return the rows of bands of an image that fit into the cache."""
+    """Return the rows of bands of an image that fit into the cache.
+
+    Examples
+    --------
+    >>> from acquisition import row_bands
+    >>> row_bands(40)
+    [slice(0, 32, None), slice(32, 40, None)]
+    """
     return [slice(top, min(top + _ROWS, height)) for top in range(0, height, _ROWS)]
 
 

@@ -131,7 +131,7 @@ class Developer:
         return self._source.cfa is None and self._source.reduction is None
 
     def used(self, tasks: Sequence[Task]) -> npt.NDArray[np.uint8] | None:
-        """Return an array for the brackets in use at each sample, if they are to be recorded."""
+        """Return an array for the brackets in use at each sample, if the noise depends on them."""
         most = max(len(_brackets(frames)) for frames, _ in tasks)
         if self._noise is None or not self._independent or not 1 < most <= 8:
             return None
