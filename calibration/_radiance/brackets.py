@@ -73,6 +73,8 @@ def merge(
     NDArray
         float32, NaN where no bracket is usable.
     """
+    if len(radiance) == 1:
+        return np.where(usable[0], radiance[0], np.float32(np.nan))
     counted = [
         np.where(on, np.float32(t), np.float32(0)) for on, t in zip(usable, exposure, strict=True)
     ]
