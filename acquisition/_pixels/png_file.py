@@ -58,7 +58,7 @@ def png_pieces(
         band = pixels[rows].reshape(-1, width, channels - (alpha is not None))
         if alpha is not None:
             band = np.dstack([band, alpha[rows]])
-        if data := encoder.compress(_filtered(band)):
+        if data := encoder.compress(_filtered(band).data):
             yield chunk(b"IDAT", data)
     yield chunk(b"IDAT", encoder.flush())
     yield chunk(b"IEND", b"")
