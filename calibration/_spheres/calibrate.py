@@ -79,8 +79,9 @@ def calibrate_spheres(
         If shapes or radii are inconsistent, the camera does not fit the images, both masks and
         circles are given, or a radius is given without a camera.
     EstimateError
-        If no sphere is found, a light has no highlight, or a light is visible on fewer than two
-        spheres although positions are requested. The message names the light or the spheres.
+        If no sphere is found, the edges near a circle do not determine an outline, a light has no
+        highlight, or a light is visible on fewer than two spheres although positions are requested.
+        The message names the light or the spheres.
 
     Examples
     --------

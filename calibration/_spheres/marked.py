@@ -13,7 +13,8 @@ from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, 
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import mirror_near
-from calibration._spheres.outline import OutlineImages, mask_outlines, refine_sharpest
+from calibration._spheres.near_circle import outline_near
+from calibration._spheres.outline import OutlineImages, mask_outlines
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.spots import reduce_stack
@@ -59,8 +60,8 @@ def circled_spheres(
     """Return outlines and highlights of the spheres near approximate circles.
 
     If a ball near the circle mirrors the plane on which it rests, that determines its outline on
-    any ground; else the edge near the circle does. Parameters and errors are those of
-    `calibrate_spheres`.
+    any ground; else the edge near the circle does, see `outline_near`. Parameters and errors are
+    those of `calibrate_spheres`.
     """
     images = []
     pictures = OutlineImages(values)
@@ -77,8 +78,13 @@ def circled_spheres(
         if mirror is not None:
             images.append(outlined_mirror(values, plane, mirror))
             continue
-        outline, points, coverage = refine_sharpest(pictures, guess, reach)
-        images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
+        near = outline_near(pictures, guess, reach)
+        highlights = find_highlights(values, near.outline)
+        images.append(
+            SphereImage(
+                near.outline, near.points_px, near.coverage, highlights, near.covariance_px2
+            )
+        )
     return images
 
 

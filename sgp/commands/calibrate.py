@@ -214,7 +214,7 @@ def _estimate(
     except calibration.EstimateError as error:
         for one in recordings:
             _explain_masks(error, one.source, one.masks)
-        if len(recordings) == 1 and not (recordings[0].masks or recordings[0].circles):
+        if len(recordings) == 1 and not recordings[0].masks:
             _draw_candidates(error, recordings[0], stack, picture)
         raise
 
