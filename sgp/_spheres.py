@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -45,9 +45,20 @@ class SphereLights:
 
 
 def light_by_spheres(
-    source: acquisition.Source, radius_mm: Sequence[float]
+    source: acquisition.Source,
+    radius_mm: Sequence[float],
+    places_mm: Mapping[str, Sequence[float]],
 ) -> tuple[acquisition.Source, SphereLights]:
     """Estimate the lights of a recording from spheres next to its object.
+
+    Parameters
+    ----------
+    source
+        The complete recording.
+    radius_mm
+        Radii of the spheres; empty if they are not known.
+    places_mm
+        Positions of LEDs that are known independently, by their ids; empty if there are none.
 
     Raises
     ------
@@ -56,7 +67,10 @@ def light_by_spheres(
     """
     stack = undivided_stack(source)
     estimate = calibration.calibrate_spheres(
-        stack, camera=source.camera, radius_mm=given_radii(radius_mm)
+        stack,
+        camera=source.camera,
+        radius_mm=given_radii(radius_mm),
+        led_positions_mm=places_mm,
     )
     estimate = calibration.record_setup(estimate, source)
     lit = calibration.apply_spheres(source, estimate)

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import read_image, read_lights
+from acquisition import led_id, read_image, read_lights
+from calibration import EstimateError
 from processing import read_normals
 from sgp import read_record
 from tests.calibration.spheres_and_object import (
@@ -108,6 +109,30 @@ def test_lights_that_contradict_the_rig_file_are_named(sgp, recording, tmp_path)
     out = tmp_path / "normals"
     result = sgp("normals", recording, "--spheres", "--rig", file, "--out", out)
     assert "LED 2 and 5 are swapped" in " ".join(result.err.split())
+
+
+@pytest.mark.parametrize("command", ["normals", "run", "inspect"])
+def test_the_rig_file_decides_about_radius_and_distance(
+    sgp, recording, tmp_path, monkeypatch, command
+):
+    """The decision itself is tested in test_cli_setup.py."""
+    rows = np.round(450 * directions()).tolist()
+    file = tmp_path / "rig.toml"
+    file.write_text(f'name = "dome"\ndriver = "bench"\nleds = 8\nled_positions_mm = {rows}\n')
+    given = {}
+
+    def stop(stack, *, led_positions_mm, **_):
+        given.update(led_positions_mm)
+        raise EstimateError("stopped here")
+
+    monkeypatch.setattr("calibration.calibrate_spheres", stop)
+    out = () if command == "inspect" else ("--out", tmp_path / "out")
+    words = (command, recording, "--spheres", *out)
+    assert "stopped here" in sgp(*words, "--rig", file).err
+    assert given == {led_id(i): tuple(row) for i, row in enumerate(rows)}
+    given.clear()
+    assert "stopped here" in sgp(*words).err
+    assert not given
 
 
 @pytest.mark.slow
