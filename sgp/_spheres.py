@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -65,7 +65,7 @@ def light_by_spheres(
     DataError, EstimateError
         As `calibration.calibrate_spheres`.
     """
-    stack = undivided_stack(source)
+    stack = undivided_images(source)
     estimate = calibration.calibrate_spheres(
         stack,
         camera=source.camera,
@@ -105,14 +105,10 @@ def given_radii(radius_mm: Sequence[float]) -> float | Sequence[float] | None:
     return radius_mm[0] if len(radius_mm) == 1 else radius_mm
 
 
-def undivided_stack(
-    source: acquisition.Source, channel: Literal["gray", "rgb"] = "gray"
-) -> calibration.Stack:
-    """Read a stack as recorded, without dividing by the light intensities of the source."""
+def undivided_images(source: acquisition.Source) -> calibration.RawStack:
+    """Read images as recorded, without dividing by the light intensities of the source."""
     with Stages() as progress:
-        return calibration.linear_stack(
-            replace(source, lights=None), channel=channel, on_progress=progress
-        )
+        return calibration.raw_stack(replace(source, lights=None), on_progress=progress)
 
 
 def write_calibration(
@@ -188,12 +184,9 @@ class ShownSpheres:
     brightest: npt.NDArray[np.float32]
 
 
-def brightest_of(stack: calibration.Stack) -> npt.NDArray[np.float32]:
+def brightest_of(stack: calibration.RawStack) -> npt.NDArray[np.float32]:
     """Return the brightest value ``(H, W)`` of each pixel; saturated values are 1."""
-    brightest = np.zeros(stack.values.shape[1:], np.float32)
-    for image in stack.values:
-        np.maximum(brightest, image, out=brightest)
-    return np.nan_to_num(brightest, copy=False, nan=1.0)
+    return np.nan_to_num(stack.brightest, nan=1.0)
 
 
 def draw_spheres(

@@ -11,6 +11,7 @@ from scipy.ndimage import map_coordinates
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
@@ -33,7 +34,7 @@ _HORIZON, _CONCENTRIC = 0.73, 0.15
 
 
 def find_spheres(
-    values: npt.NDArray[np.float32],
+    values: Images,
     radii_px: Sequence[float] = (),
     excluded: Sequence[SphereImage] = (),
     camera: CameraModel | None = None,
@@ -120,7 +121,7 @@ def _ball_around(
 
 
 def _by_edges(
-    values: npt.NDArray[np.float32],
+    values: Images,
     clusters: Sequence[SpotCluster],
     radii_px: Sequence[float],
     known: Sequence[SphereImage],
@@ -159,19 +160,17 @@ def inside(cluster: SpotCluster, outline: Ellipse) -> bool:
     return float(np.median(np.linalg.norm(outline.unit(cluster.spots_px), axis=1))) < 0.9
 
 
-def round_outlines(values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()) -> int:
+def round_outlines(values: Images, radii_px: Sequence[float] = ()) -> int:
     """Count the circles with these radii in a stack, including those that are not spheres."""
     return sum(_expected(circle, radii_px) for circle in round_edges(values))
 
 
-def round_edges(values: npt.NDArray[np.float32]) -> list[Ellipse]:
+def round_edges(values: Images) -> list[Ellipse]:
     """Return the circular edges of the mean image, best visible first."""
     return _circles(outline_image(values))
 
 
-def _verify(
-    values: npt.NDArray[np.float32], pictures: OutlineImages, circle: Ellipse
-) -> SphereImage | None:
+def _verify(values: Images, pictures: OutlineImages, circle: Ellipse) -> SphereImage | None:
     """Refine a candidate; return it if its highlights are those of a mirror sphere.
 
     The refinement moves the outline by 3 px or 3 % of the radius.

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import ReducedStack, Values, reduced_image, without_nan
 
@@ -96,7 +97,7 @@ class MirroredPlane:
     """
 
     def __init__(
-        self, values: Values, reduced: ReducedStack, camera: CameraModel | None = None
+        self, values: Images, reduced: ReducedStack, camera: CameraModel | None = None
     ) -> None:
         height, width = values.shape[1:]
         self.camera = usual_camera(width, height) if camera is None else camera
