@@ -58,7 +58,7 @@ def light_by_spheres(
     radius_mm
         Radii of the spheres; empty if they are not known.
     places_mm
-        Positions of LEDs that are known independently, by their ids; empty if there are none.
+        Positions of LEDs that are known independently, by their ids; may be empty.
 
     Raises
     ------

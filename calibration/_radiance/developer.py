@@ -31,7 +31,7 @@ def lit_frames(source: Source) -> list[Frame]:
     Raises
     ------
     DataError
-        If there is none, or black and white level contradict each other.
+        If no frame has a light, or black and white level contradict each other.
     """
     lit = [frame for frame in source.frames if frame.role == "light"]
     if not lit:

@@ -139,8 +139,8 @@ def test_the_rig_file_decides_about_radius_and_distance(
 def test_normals_are_nearly_as_good_as_with_a_separate_calibration(sgp, tmp_path):
     """Both without intensities: spheres next to the coin, and a recording of spheres alone.
 
-    The goal is a ratio of 1.1. It is 1.18 with the blur of a real lens, with balls of 27 px radius
-    next to the coin and of 31 to 46 px alone, and 1.02 in sharp images: the limit holds this state.
+    The balls next to the coin have 27 px radius, those alone 31 to 46 px. With the blur of a real
+    lens, the ratio of seeds 0 to 2 is 1.03, 1.02 and .98; in sharp images .98, 1.13 and 1.05.
     """
     coin, alone = tmp_path / "coin", tmp_path / "spheres"
     for scene, out in (("coin-with-spheres", coin), ("spheres", alone)):
@@ -156,4 +156,4 @@ def test_normals_are_nearly_as_good_as_with_a_separate_calibration(sgp, tmp_path
         answer = sgp("normals", coin, *words, "--out", tmp_path / name, "--json")
         assert answer.code == 0, answer.err
         errors_deg.append(json.loads(answer.out)["metrics"]["mae_deg"])
-    assert errors_deg[0] < 1.25 * errors_deg[1]
+    assert errors_deg[0] < 1.1 * errors_deg[1]
