@@ -75,7 +75,7 @@ def light_by_spheres(
     estimate = calibration.record_setup(estimate, source)
     lit = calibration.apply_spheres(source, estimate)
     lights = estimate.lights if lit.lights is None else lit.lights
-    return lit, SphereLights(source, estimate, lights, brightest_of(stack), estimate.warnings)
+    return lit, SphereLights(source, estimate, lights, stack.brightest, estimate.warnings)
 
 
 def add_sphere_lights(
@@ -182,11 +182,6 @@ class ShownSpheres:
 
     source: acquisition.Source
     brightest: npt.NDArray[np.float32]
-
-
-def brightest_of(stack: calibration.RawStack) -> npt.NDArray[np.float32]:
-    """Return the brightest value ``(H, W)`` of each pixel; saturated values are 1."""
-    return np.nan_to_num(stack.brightest, nan=1.0)
 
 
 def draw_spheres(

@@ -64,7 +64,7 @@ class RawStack:
     ids
         N names of the lights.
     brightest
-        ``(H, W)`` float32, the brightest value of each pixel; NaN where one is saturated.
+        ``(H, W)`` float32, the brightest value of each pixel; 1 where one is saturated.
     camera
         The camera model; None if unknown.
     warnings
@@ -184,5 +184,6 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
             samples.append(largest)
             on_progress("reading", len(images), len(ids))
     check_usable(samples, ids, source)
+    np.nan_to_num(brightest, copy=False, nan=1.0)
     shape = (len(ids), *size)
     return RawStack(tuple(images), shape, ids, brightest, source.camera, tuple(develop.warnings))

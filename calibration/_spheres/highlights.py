@@ -88,7 +88,9 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     saturated = np.isnan(crop)
     if saturated.all() or not within.any():
         return Highlights(pixels, peak_saturated, sigma_px)
-    filled = np.where(saturated, np.nanmax(crop), crop)
+    # Parts of raw frames are new arrays.
+    filled = crop.copy() if isinstance(values, np.ndarray) else crop
+    filled[saturated] = np.fmax.reduce(crop, axis=None)
     if len(filled) >= 3:
         _subtract_shared(filled)
     last = np.array(values.shape[:0:-1]) - 1

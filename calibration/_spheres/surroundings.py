@@ -203,8 +203,8 @@ class MirroredPlane:
         (x0, y0), (x1, y1) = box
         shape = (max((x1 - x0) // factor, 1), max((y1 - y0) // factor, 1))
         stack = []
-        for image in self._values[:, y0:y1, x0:x1]:
-            part = without_nan(image)
+        for k in range(len(self._values)):
+            part = without_nan(self._values[k, y0:y1, x0:x1])
             if factor > 1:
                 part = reduced_image(part, shape, factor)
             stack.append(part)

@@ -20,7 +20,6 @@ from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._sphere_marks import Marks, marks_of
 from sgp._spheres import (
     ShownSpheres,
-    brightest_of,
     describe_spheres,
     draw_candidates,
     draw_spheres,
@@ -154,7 +153,7 @@ class _Recording:
             )
         stack = undivided_images(self.source)
         self.notices += stack.warnings
-        self.brightest = brightest_of(stack)
+        self.brightest = stack.brightest
         return stack
 
     def mask_images(self) -> list[npt.NDArray[np.float64]]:
