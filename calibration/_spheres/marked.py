@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
@@ -27,7 +28,7 @@ _LONGEST_RATIO = 1.5
 _ROUGHEST_SHARE = 0.05
 
 
-def masked_spheres(values: npt.NDArray[np.float32], masks: Sequence[Mask]) -> list[SphereImage]:
+def masked_spheres(values: Images, masks: Sequence[Mask]) -> list[SphereImage]:
     """Return outlines and highlights of the spheres in masks.
 
     Parameters and errors are those of `calibrate_spheres`.
@@ -53,7 +54,7 @@ def masked_spheres(values: npt.NDArray[np.float32], masks: Sequence[Mask]) -> li
 
 
 def circled_spheres(
-    values: npt.NDArray[np.float32],
+    values: Images,
     circles: Sequence[tuple[float, float, float]],
     camera: CameraModel | None = None,
 ) -> list[SphereImage]:
