@@ -10,24 +10,17 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import (
-    CameraModel,
-    DataError,
-    Frame,
-    Lights,
-    Source,
-)
-from calibration._errors import EstimateError
-from calibration._radiance.develop import Developer, Task
+from acquisition import CameraModel, Lights, Source
+from calibration._radiance.developer import Developer, FloatImage
 from calibration._radiance.stack_noise import StackNoise
+from calibration._radiance.stack_tasks import (
+    brightest_sample,
+    check_usable,
+    frames_of_lights,
+    lit_frames,
+    threads_for,
+)
 from rig import Notice, Progress, check_type, no_progress
-
-FloatImage = npt.NDArray[np.float32]
-
-_THREADS = 4
-# Bytes of the linear images that are computed at the same time; each needs several times as much.
-_AT_ONCE = 200_000_000
-_LEAST_GREY_VALUES = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,17 +130,10 @@ def linear_stack(
     (Stack(float32[2, 4, 5], lights), array([0.5 , 0.25], dtype=float32))
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    lit = [frame for frame in source.frames if frame.role == "light"]
-    if not lit:
-        raise DataError(f"{source.path}: no image with a light")
-    if not source.white_level > source.black_level >= 0:
-        raise DataError(
-            f"{source.path}: the white level of {source.white_level} must be above the black level "
-            f"of {source.black_level}, which must not be negative"
-        )
+    lit = lit_frames(source)
     ids, lights = source.light_ids, source.lights
     develop = Developer(source, lit, channel)
-    tasks = _tasks(source, lit)
+    tasks = frames_of_lights(source, lit)
     used = develop.used(tasks)
 
     def used_at(i: int) -> npt.NDArray[np.uint8] | None:
@@ -156,20 +142,20 @@ def linear_stack(
     first = develop(*tasks[0], used=used_at(0))
     values = np.zeros((len(ids), *first.shape), np.float32)
     values[0] = first
-    brightest = [_brightest(first)]
-    threads = _threads(first)
+    brightest = [brightest_sample(first)]
+    threads = threads_for(first.nbytes)
     del first
     on_progress("reading", 1, len(ids))
 
     def fill(i: int) -> np.float32:
         develop(*tasks[i], out=values[i], used=used_at(i))
-        return _brightest(values[i])
+        return brightest_sample(values[i])
 
     with ThreadPoolExecutor(threads) as pool:
         for i, found in enumerate(pool.map(fill, range(1, len(ids))), start=1):
             brightest.append(found)
             on_progress("reading", i + 1, len(ids))
-    _check_usable(brightest, ids, source)
+    check_usable(brightest, ids, source)
     return Stack(
         values, ids, lights, source.mask, source.camera, develop.notices, develop.noise(tasks, used)
     )
@@ -206,9 +192,9 @@ def linear_images(
     [(4, 5), (4, 5)]
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    lit = [frame for frame in source.frames if frame.role == "light"]
+    lit = lit_frames(source)
     develop = Developer(source, lit, channel)
-    tasks = dict(zip(source.light_ids, _tasks(source, lit), strict=True))
+    tasks = dict(zip(source.light_ids, frames_of_lights(source, lit), strict=True))
     wanted = [tasks[name] for name in (source.light_ids if ids is None else ids)]
     with ThreadPoolExecutor(1) as pool:
         coming = [pool.submit(develop, *task) for task in wanted[:1]]
@@ -217,49 +203,6 @@ def linear_images(
             if after is not None:
                 coming.append(pool.submit(develop, *after))
             yield image
-
-
-def _tasks(source: Source, lit: list[Frame]) -> list[Task]:
-    """Return the frames of each light and its intensity in each colour."""
-    lights = source.lights
-    return [
-        (
-            [frame for frame in lit if frame.light_id == name],
-            np.ones(3) if lights is None or lights.intensities is None else lights.intensities[i],
-        )
-        for i, name in enumerate(source.light_ids)
-    ]
-
-
-def _threads(image: FloatImage) -> int:
-    return max(1, min(_THREADS, _AT_ONCE // image.nbytes))
-
-
-def _brightest(image: FloatImage) -> np.float32:
-    """Return the largest sample that is not NaN; NaN without any."""
-    return np.float32(np.fmax.reduce(image, axis=None))
-
-
-def _check_usable(images: list[np.float32], ids: tuple[str, ...], source: Source) -> None:
-    # fmax skips images without any sample; max could return their NaN.
-    brightest = np.fmax.reduce(images)
-    if np.isnan(brightest):
-        raise EstimateError(
-            f"{source.path}: every sample of {_all(len(ids))} is saturated: "
-            "record with a shorter exposure time"
-        )
-    # Rounding and an inaccurate black level leave up to two grey values in a dark image.
-    span = source.white_level - source.black_level
-    least = float(source.transfer.light(2 / span)) if span >= _LEAST_GREY_VALUES else 0.0
-    if not brightest > least:
-        raise EstimateError(
-            f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black: check the "
-            "lights and the exposure"
-        )
-
-
-def _all(images: int) -> str:
-    return "the image" if images == 1 else f"all {images} images"
 
 
 def check_linear(name: str, values: object) -> None:

@@ -116,10 +116,10 @@ def _differences(one: Frame, other: Frame, linear: Linearizer) -> tuple[Array, A
     Variances of the differences are those of a single frame. The second frame is scaled by the
     ratio of both, since lamps flicker.
     """
-    a, b = linear.read(one), linear.read(other)
+    a, b = linear.pixels(one), linear.pixels(other)
     rows = row_bands(len(a))[:: max(1, a.size // _PIXELS)]
-    x = np.concatenate([linear.above_references(one, a[band], band).ravel() for band in rows])
-    y = np.concatenate([linear.above_references(other, b[band], band).ravel() for band in rows])
+    x = np.concatenate([linear.part(one, a, (band, slice(None)))[0].ravel() for band in rows])
+    y = np.concatenate([linear.part(other, b, (band, slice(None)))[0].ravel() for band in rows])
     level, _ = linear.reference_level(one.exposure_us)
     mean = (x + y) / 2
     use = mean + level < _MOST

@@ -1,4 +1,4 @@
-"""The linear image of one light from its frames."""
+"""Conversion of the frames of one light to its linear image."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from calibration._radiance.hot_pixels import hot_pixels
 from calibration._radiance.luma import luma
 from calibration._radiance.signal_noise import signal_noise
 from calibration._radiance.stack_noise import StackNoise
+from calibration._radiance.stack_tasks import Task
 from rig import Notice, pluralize
 
 FloatImage = npt.NDArray[np.float32]
-Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | FloatImage
-# The frames of a light and its intensity in each colour.
-Task = tuple[list[Frame], npt.NDArray[np.float64]]
+Array = npt.NDArray[np.float64]
+Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | FloatImage
+Index = slice | npt.NDArray[np.intp]
 Bools = npt.NDArray[np.bool_]
 
 # Brackets are compared where the longer one has between a tenth and four fifths of its range.
 _COMPARED = (0.1, 0.8)
 _LEAST_COMPARED_PX = 500
 _CONTRADICTION = 0.02
+_ALL = slice(None)
 
 
 class Developer:
@@ -181,7 +183,7 @@ class Developer:
     def __call__(
         self,
         frames: list[Frame],
-        intensity: npt.NDArray[np.float64],
+        intensity: Array,
         out: FloatImage | None = None,
         used: npt.NDArray[np.uint8] | None = None,
     ) -> FloatImage:
@@ -199,24 +201,44 @@ class Developer:
         out[...] = image
         return out
 
-    def _in_bands(
-        self, frame: Frame, intensity: npt.NDArray[np.float64], out: FloatImage | None
-    ) -> FloatImage:
+    def _in_bands(self, frame: Frame, intensity: Array, out: FloatImage | None) -> FloatImage:
         """Return the image of a light with one frame, whose pixels are independent."""
-        share, hot = np.float32(self._share(frame)), self._hot_at(frame.exposure_us)
-        for rows, signal, unusable in self._linear.bands(frame):
-            if share != 1:
-                signal /= share
-            signal[unusable] = np.nan
-            if hot is not None:
-                signal[hot[rows]] = np.nan
-            image = self._colour(signal, intensity, frame)
+        pixels = self._linear.pixels(frame)
+        for rows in row_bands(len(pixels)):
+            image = self._colour(self._alone(frame, pixels, (rows, _ALL)), intensity, frame)
             if out is None:
                 out = np.zeros((frame.shape[0], *image.shape[1:]), np.float32)
             out[rows] = image
         if out is None:
             raise AssertionError("a frame has rows")
         return out
+
+    def _alone(self, frame: Frame, pixels: Pixels, part: tuple[Index, Index]) -> FloatImage:
+        """Return the radiance of a part of the only frame of a light."""
+        radiance, unusable = self._linear.part(frame, pixels, part)
+        share = np.float32(self._share(frame))
+        if share != 1:
+            radiance /= share
+        radiance[unusable] = np.nan
+        hot = self._hot_at(frame.exposure_us)
+        if hot is not None:
+            radiance[hot[part]] = np.nan
+        return radiance
+
+    def keeps_raw(self, frames: list[Frame]) -> bool:
+        """Return whether a light has one frame of grey pixels, which are independent."""
+        single = len(frames) == 1 and len(frames[0].shape) == 2
+        return single and self._source.cfa is None and self._source.reduction is None
+
+    def raw(self, frame: Frame) -> Pixels:
+        """Read the pixels of a frame, for `part`; raises as `acquisition.Linearizer.signal`."""
+        return self._linear.pixels(frame)
+
+    def part(
+        self, frame: Frame, pixels: Pixels, intensity: Array, part: tuple[Index, Index]
+    ) -> FloatImage:
+        """Return the linear values of a part of a frame that `keeps_raw`, as in its image."""
+        return self._divided(self._alone(frame, pixels, part), intensity)
 
     def _merged(
         self, brackets: list[list[Frame]], used: npt.NDArray[np.uint8] | None
@@ -227,7 +249,7 @@ class Developer:
                 f"{brackets[1][0].path}: brackets can be merged only if the exposure times are "
                 "known: add them"
             )
-        samples = [[self._linear.read(frame) for frame in repeats] for repeats in brackets]
+        samples = [[self._linear.pixels(frame) for frame in repeats] for repeats in brackets]
         usable = [
             self._usable(repeats, samples[b], last=b == len(brackets) - 1)
             for b, repeats in enumerate(brackets)
@@ -264,7 +286,7 @@ class Developer:
                 self._ratios.append((ratio, *times))
         return out
 
-    def _usable(self, repeats: list[Frame], samples: list[Image], last: bool) -> Bools:
+    def _usable(self, repeats: list[Frame], samples: list[Pixels], last: bool) -> Bools:
         """Return the samples that count: in the shortest bracket all that are not saturated."""
         black, white = self._source.black_level, self._source.white_level
         limit = white
@@ -279,17 +301,15 @@ class Developer:
             usable &= ~hot
         return usable
 
-    def _mean(self, repeats: list[Frame], samples: list[Image], rows: slice) -> FloatImage:
+    def _mean(self, repeats: list[Frame], samples: list[Pixels], rows: slice) -> FloatImage:
         """Return the radiance of some rows, the mean of repeats."""
-        total = self._linear.above_references(repeats[0], samples[0][rows], rows)
+        total = self._linear.part(repeats[0], samples[0], (rows, _ALL))[0]
         for frame, of_one in zip(repeats[1:], samples[1:], strict=True):
-            total += self._linear.above_references(frame, of_one[rows], rows)
+            total += self._linear.part(frame, of_one, (rows, _ALL))[0]
         total /= np.float32(sum(self._share(frame) for frame in repeats))
         return total
 
-    def _colour(
-        self, image: FloatImage, intensity: npt.NDArray[np.float64], frame: Frame
-    ) -> FloatImage:
+    def _colour(self, image: FloatImage, intensity: Array, frame: Frame) -> FloatImage:
         if image.ndim == 2 and self._source.cfa is not None:
             image = demosaic(image, self._source.cfa)
         if self._source.reduction is not None:
@@ -297,12 +317,16 @@ class Developer:
         if image.ndim == 2:
             if self._channel == "rgb":
                 raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
-            strength = np.float32(intensity.mean())
-            if strength != 1:
-                image /= strength
-            return image
+            return self._divided(image, intensity)
         image /= intensity.astype(np.float32)
         return image if self._channel == "rgb" else luma(image)
+
+    @staticmethod
+    def _divided(image: FloatImage, intensity: Array) -> FloatImage:
+        strength = np.float32(intensity.mean())
+        if strength != 1:
+            image /= strength
+        return image
 
 
 def _brackets(frames: list[Frame]) -> list[list[Frame]]:
