@@ -3,7 +3,7 @@
 The faces need the folder SGP_DATA. For each pair the first table has the angular step across the
 seam relative to that inside, with and without the membrane; the detail error over the region by the
 separation's own filter and by the paper's; and CPU seconds with warm caches. Each picture shows the
-placed source, the target, the pasted part, and the part set in. Afterwards the costs of a part with
+placed source, the target, the pasted part, and the blended part. Then the costs of a part with
 about the given number of pixels in a target 4 times as large are printed: CPU seconds of all
 threads, the same in copies of the target's map, and the peak of resident memory.
 """
@@ -77,11 +77,11 @@ def main() -> None:
                     shaded(f"{face.source}, as placed", done.placed),
                     shaded(face.target, target),
                     shaded("pasted", pasted.normal_map),
-                    shaded("set in", done.normal_map),
+                    shaded("blended", done.normal_map),
                 ]
                 options.out.mkdir(parents=True, exist_ok=True)
                 name = f"local-{face.source}-{face.target}.png"
-                write_overview(options.out / name, "", panels)
+                write_overview(options.out / name, "", panels, columns=4)
     else:
         print("SGP_DATA is not set: no faces are measured")
     transfer_local(relief(64, 0), relief(64, 1))

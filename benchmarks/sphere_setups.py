@@ -93,6 +93,25 @@ def error(found: Array) -> tuple[float, float]:
     return float(shift), float(angle_deg(found, truth).mean())
 
 
+def tilt_deg(found: Array) -> float:
+    """Return the mean error in degrees of the normals of a flat object that fills the field.
+
+    The true lights shine on a matte surface with equal irradiances at the origin; the normals are
+    computed by least squares with the lights found.
+    """
+    x, y = np.meshgrid(np.linspace(-140, 140, 15), np.linspace(-118, 118, 13))
+    points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 1, 3)
+
+    def light_vectors(lights: Array) -> Array:
+        toward = lights - points
+        squared = (lights**2).sum(axis=1) / (toward**2).sum(axis=2)
+        return toward / np.linalg.norm(toward, axis=2, keepdims=True) * squared[..., None]
+
+    brightness = light_vectors(dome())[..., 2:]
+    normals = (np.linalg.pinv(light_vectors(found)) @ brightness)[..., 0]
+    return float(angle_deg(normals, np.array([0.0, 0.0, 1.0])).mean())
+
+
 def noisy(model: CameraModel, name: str, radius_mm: float, seeds: range) -> str:
     """Return mean errors; how many draws were refused; or that such spheres would touch."""
     places = np.array(PLACES[name], np.float64)
@@ -141,8 +160,9 @@ def main() -> None:
         label = f"{less.width} x {less.height} px"
         print(f"{label:20}" + "".join(f"{cell:>14}" for cell in cells))
 
-    print("\nCost of a wrong input for 4 x R20 in the corners: mm and deg, without other errors")
-    print(" " * 20 + "".join(f"{f'{percent:g} %':>14}" for percent in (0.1, 0.5, 1, 2, 5)))
+    print("\nCost of a wrong input for 4 x R20 in the corners, without other errors: mm and deg of")
+    print("the lights, and mean error in degrees of the normals of a flat object in the field")
+    print(" " * 20 + "".join(f"{f'{percent:g} %':>20}" for percent in (0.1, 0.5, 1, 2, 5)))
     distance = float(model.working_distance_mm or 0)
     for label in ("radius", "working distance", "focal length"):
         cells = []
@@ -162,8 +182,8 @@ def main() -> None:
                 model, PLACES["4, corners"], 20.0, assumed=assumed, assumed_radius_mm=radius
             )
             mm, deg = error(found)
-            cells.append(f"{mm:5.2f} {deg:5.3f}")
-        print(f"{label:20}" + "".join(f"{cell:>14}" for cell in cells))
+            cells.append(f"{mm:5.2f} {deg:5.3f} {tilt_deg(found):5.3f}")
+        print(f"{label:20}" + "".join(f"{cell:>20}" for cell in cells))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from acquisition._source.source import Frame, Source
 from acquisition._values.transfer_curve import LINEAR
 
 FloatImage = npt.NDArray[np.float32]
+Index = slice | npt.NDArray[np.intp]
 
 # Exposure times that differ by less, relatively, count as equal: cameras read them back rounded.
 _SAME_EXPOSURE = 1e-3
@@ -71,12 +72,11 @@ class Linearizer:
             If the frame or a reference frame is damaged or contains values that are not finite; the
             message names the file.
         """
-        return self._above_references(frame, self._read(frame))
+        return self.signal_and_saturation(frame)[0]
 
     def signal_and_saturation(self, frame: Frame) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
         """Return `signal` and the samples at or above the white level; raises as `signal` does."""
-        pixels = self._read(frame)
-        return self._above_references(frame, pixels), pixels >= self._source.white_level
+        return self.part(frame, self.pixels(frame), (slice(None), slice(None)))
 
     def bands(self, frame: Frame) -> Iterator[tuple[slice, FloatImage, npt.NDArray[np.bool_]]]:
         """Yield `signal_and_saturation` in bands of rows that fit into the cache, with their rows.
@@ -84,22 +84,41 @@ class Linearizer:
         Everything about one band should be done before the next: the signal of a large frame in
         colour takes twelve times as much memory as its pixels.
         """
-        pixels = self._read(frame)
-        for top in range(0, len(pixels), _ROWS):
-            rows = slice(top, min(top + _ROWS, len(pixels)))
-            signal = self._above_references(frame, pixels[rows], rows)
-            yield rows, signal, pixels[rows] >= self._source.white_level
+        pixels = self.pixels(frame)
+        for rows in row_bands(len(pixels)):
+            yield rows, *self.part(frame, pixels, (rows, slice(None)))
 
-    def _above_references(
-        self, frame: Frame, pixels: Image, rows: slice = slice(None)
-    ) -> FloatImage:
-        signal = self._linear(pixels)
+    def reference_level(self, exposure_us: float | None) -> tuple[float, int]:
+        """Return the median signal of the references that are subtracted, and their number.
+
+        The level is relative to black; both are 0 if nothing is subtracted.
+        """
+        offset = self._offset(exposure_us)
+        role = self.reference(exposure_us)
+        if offset is None or role is None:
+            return 0.0, 0
+        return float(np.median(offset)), len(self._references(role, exposure_us))
+
+    def dark_signal(self, exposure_us: float | None) -> FloatImage | None:
+        """Return the mean of the dark frames of an exposure time, as signal; None without any."""
+        if exposure_us is None and not self._timeless:
+            return None
+        frames = self._references("dark", exposure_us)
+        return self._mean_of(frames) if frames else None
+
+    def part(
+        self, frame: Frame, pixels: Image, part: tuple[Index, Index]
+    ) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
+        """Return `signal_and_saturation` of the rows and columns ``part`` of the `pixels`."""
+        samples = pixels[part]
+        signal = self._linear(samples)
         offset = self._offset(frame.exposure_us)
         if offset is not None:
-            signal -= offset[rows]
-        return signal
+            signal -= offset[part]
+        return signal, samples >= self._source.white_level
 
-    def _read(self, frame: Frame) -> Image:
+    def pixels(self, frame: Frame) -> Image:
+        """Read the pixels of a frame as they are; raises as `signal` does."""
         pixels = frame.read()
         if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
             raise DataError(f"{frame.path}: contains values that are not finite")
@@ -108,7 +127,8 @@ class Linearizer:
     def _linear(self, pixels: Image) -> FloatImage:
         if len(self._light) and pixels.dtype == np.uint8:
             table = self._light[:256]
-            return np.asarray(cv2.LUT(pixels, table), np.float32).reshape(pixels.shape)
+            samples8: npt.NDArray[np.uint8] = np.ascontiguousarray(pixels, np.uint8)
+            return np.asarray(cv2.LUT(samples8, table), np.float32).reshape(pixels.shape)
         if len(self._light) and np.issubdtype(pixels.dtype, np.integer):
             light = np.zeros(pixels.shape, np.float32)
             # In parts, because NumPy copies indices to 64 bits.
@@ -146,11 +166,25 @@ class Linearizer:
         role = self.reference(exposure_us)
         if role is None:
             return None
-        frames = self._references(role, exposure_us)
-        total = self._linear(self._read(frames[0])).astype(np.float64)
+        return self._mean_of(self._references(role, exposure_us))
+
+    def _mean_of(self, frames: list[Frame]) -> FloatImage:
+        total = self._linear(self.pixels(frames[0])).astype(np.float64)
         for frame in frames[1:]:
-            total += self._linear(self._read(frame))
+            total += self._linear(self.pixels(frame))
         return np.asarray(total / len(frames), np.float32)
+
+
+def row_bands(height: int) -> list[slice]:
+    """Return the rows of bands of an image that fit into the cache.
+
+    Examples
+    --------
+    >>> from acquisition import row_bands
+    >>> row_bands(40)
+    [slice(0, 32, None), slice(32, 40, None)]
+    """
+    return [slice(top, min(top + _ROWS, height)) for top in range(0, height, _ROWS)]
 
 
 def same_exposure(one_us: float, other_us: float) -> bool:

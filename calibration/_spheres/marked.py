@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.masked import sphere_in_mask
@@ -29,7 +30,7 @@ _ROUGHEST_SHARE, _EXACT_SHARE = 0.05, 0.01
 
 
 def masked_spheres(
-    values: npt.NDArray[np.float32], masks: Sequence[Mask], camera: CameraModel | None = None
+    values: Images, masks: Sequence[Mask], camera: CameraModel | None = None
 ) -> list[SphereImage]:
     """Return outlines and highlights of the spheres in masks.
 
@@ -59,7 +60,7 @@ def masked_spheres(
 
 
 def circled_spheres(
-    values: npt.NDArray[np.float32],
+    values: Images,
     circles: Sequence[tuple[float, float, float]],
     camera: CameraModel | None = None,
 ) -> list[SphereImage]:

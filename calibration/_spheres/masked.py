@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
@@ -29,7 +29,7 @@ _SAME_OUTLINE = 16.3
 
 
 def sphere_in_mask(
-    values: npt.NDArray[np.float32],
+    values: Images,
     pictures: OutlineImages,
     plane: MirroredPlane,
     outline: Ellipse,
@@ -80,7 +80,7 @@ def sphere_in_mask(
 
 
 def _seen_near(
-    values: npt.NDArray[np.float32],
+    values: Images,
     pictures: OutlineImages,
     plane: MirroredPlane,
     outline: Ellipse,
