@@ -100,12 +100,17 @@ class Developer:
         return None
 
     @property
+    def hot_pixels(self) -> npt.NDArray[np.intp]:
+        """Row and column ``(M, 2)`` of the pixels of a frame that are hot in some exposure."""
+        hot = [np.argwhere(mask.any(axis=2) if mask.ndim == 3 else mask) for _, mask in self._hot]
+        return np.unique(np.concatenate([np.zeros((0, 2), np.intp), *hot]), axis=0)
+
+    @property
     def notices(self) -> tuple[Notice, ...]:
         """What was noted about references, hot pixels and brackets so far."""
         notices = list(self._notices)
         if self._hot:
-            most = max(int(hot.sum()) for _, hot in self._hot)
-            text = f"{pluralize(most, 'hot pixel')} in the dark frames left out"
+            text = f"{pluralize(len(self.hot_pixels), 'hot pixel')} in the dark frames left out"
             notices.append(Notice("hot-pixels", text, severity="info"))
         return (*notices, *self._contradictions())
 
