@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -45,23 +45,37 @@ class SphereLights:
 
 
 def light_by_spheres(
-    source: acquisition.Source, radius_mm: Sequence[float]
+    source: acquisition.Source,
+    radius_mm: Sequence[float],
+    places_mm: Mapping[str, Sequence[float]],
 ) -> tuple[acquisition.Source, SphereLights]:
     """Estimate the lights of a recording from spheres next to its object.
+
+    Parameters
+    ----------
+    source
+        The complete recording.
+    radius_mm
+        Radii of the spheres; empty if they are not known.
+    places_mm
+        Positions of LEDs that are known independently, by their ids; may be empty.
 
     Raises
     ------
     DataError, EstimateError
         As `calibration.calibrate_spheres`.
     """
-    stack = undivided_stack(source)
+    stack = undivided_images(source)
     estimate = calibration.calibrate_spheres(
-        stack, camera=source.camera, radius_mm=given_radii(radius_mm)
+        stack,
+        camera=source.camera,
+        radius_mm=given_radii(radius_mm),
+        led_positions_mm=places_mm,
     )
     estimate = calibration.record_setup(estimate, source)
     lit = calibration.apply_spheres(source, estimate)
     lights = estimate.lights if lit.lights is None else lit.lights
-    return lit, SphereLights(source, estimate, lights, brightest_of(stack), estimate.warnings)
+    return lit, SphereLights(source, estimate, lights, stack.brightest, estimate.warnings)
 
 
 def add_sphere_lights(
@@ -91,14 +105,10 @@ def given_radii(radius_mm: Sequence[float]) -> float | Sequence[float] | None:
     return radius_mm[0] if len(radius_mm) == 1 else radius_mm
 
 
-def undivided_stack(
-    source: acquisition.Source, channel: Literal["gray", "rgb"] = "gray"
-) -> calibration.Stack:
-    """Read a stack as recorded, without dividing by the light intensities of the source."""
+def undivided_images(source: acquisition.Source) -> calibration.RawStack:
+    """Read images as recorded, without dividing by the light intensities of the source."""
     with Stages() as progress:
-        return calibration.linear_stack(
-            replace(source, lights=None), channel=channel, on_progress=progress
-        )
+        return calibration.raw_stack(replace(source, lights=None), on_progress=progress)
 
 
 def write_calibration(
@@ -172,14 +182,6 @@ class ShownSpheres:
 
     source: acquisition.Source
     brightest: npt.NDArray[np.float32]
-
-
-def brightest_of(stack: calibration.Stack) -> npt.NDArray[np.float32]:
-    """Return the brightest value ``(H, W)`` of each pixel; saturated values are 1."""
-    brightest = np.zeros(stack.values.shape[1:], np.float32)
-    for image in stack.values:
-        np.maximum(brightest, image, out=brightest)
-    return np.nan_to_num(brightest, copy=False, nan=1.0)
 
 
 def draw_spheres(

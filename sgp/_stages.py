@@ -14,7 +14,7 @@ import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import RecordingOptions, transfer_files, transfer_of
-from sgp._rig_lights import rig_notices, rig_with_positions
+from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._spheres import SphereLights, light_by_spheres
 
 _FEWEST_IMAGES = 3
@@ -110,7 +110,8 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     )
     lit_by = None
     if options.spheres:
-        source, lit_by = light_by_spheres(source, options.radius_mm)
+        places_mm = led_positions(options.rig, source.setup.rig)
+        source, lit_by = light_by_spheres(source, options.radius_mm, places_mm)
         compared = rig_notices(lit_by.estimate.lights, options.rig, source.setup.rig)
         lit_by = replace(lit_by, warnings=(*lit_by.warnings, *compared))
     if options.exclude:

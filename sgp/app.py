@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 # Idle threads of numba's OpenMP pool would spin and use several times the CPU time of the work.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# The matrices are small: more threads of OpenBLAS would only wait for each other, and use CPU time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 _CONSOLE = cast("Console", PlainConsole())
 _PARAMETERS = Group("Parameters")

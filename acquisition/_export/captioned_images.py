@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
-from acquisition._errors import StorageError
 from acquisition._export.caption import Caption
 from acquisition._pixels.encoded_image import encoded_image, store_image
-from acquisition._pixels.png_chunks import SIGNATURE
+from acquisition._pixels.png_chunks import SRGB_CHUNKS, chunk
+from acquisition._pixels.png_file import png_pieces, store_png
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
-
-# Five times as fast as OpenImageIO's PNG writer, and smaller files on sensor noise.
-_PNG_OPTIONS = (
-    cv2.IMWRITE_PNG_STRATEGY,
-    cv2.IMWRITE_PNG_STRATEGY_RLE,
-    cv2.IMWRITE_PNG_FILTER,
-    cv2.IMWRITE_PNG_FILTER_SUB,
-)
-_HEADER_END = len(SIGNATURE) + 4 + 4 + 13 + 4  # IHDR: length, kind, 13 bytes, CRC
-_RENDERING_INTENT = b"\1"  # relative colorimetric
 
 
 def write_captioned_png(
@@ -50,15 +38,10 @@ def write_captioned_png(
     StorageError
         If the file cannot be written, or does not read back as written.
     """
-    image = pixels if pixels.ndim == 2 else cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
-    done, encoded = cv2.imencode(".png", image, _PNG_OPTIONS)
-    data = encoded.tobytes()
-    if not done:
-        raise StorageError(f"{path}: cannot be encoded as PNG: check the memory of this computer")
     chunks = _curve_chunks(transfer)
     fields = {**caption.texts(), "XML:com.adobe.xmp": caption.xmp()}
-    chunks += [_chunk(b"iTXt", _international(*field)) for field in fields.items()]
-    store_image(path, b"".join([data[:_HEADER_END], *chunks, data[_HEADER_END:]]), pixels)
+    chunks += [chunk(b"iTXt", _international(*field)) for field in fields.items()]
+    store_png(path, png_pieces(pixels, chunks=chunks))
 
 
 def write_captioned_exr(
@@ -121,16 +104,12 @@ def _curve_chunks(transfer: TransferCurve) -> list[bytes]:
         case "table":
             return []
         case "srgb":
-            return [_chunk(b"sRGB", _RENDERING_INTENT), _chunk(b"gAMA", _gamma(2.2))]
-    return [_chunk(b"gAMA", _gamma(transfer.exponent or 1.0))]
+            return list(SRGB_CHUNKS)
+    return [chunk(b"gAMA", _gamma(transfer.exponent or 1.0))]
 
 
 def _gamma(exponent: float) -> bytes:
     return struct.pack(">I", round(100_000 / exponent))
-
-
-def _chunk(kind: bytes, data: bytes) -> bytes:
-    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
 def _international(keyword: str, text: str) -> bytes:

@@ -1,4 +1,4 @@
-"""Image files that are encoded and checked in bands of rows.
+"""TIFF and EXR files that are encoded and checked in bands of rows.
 
 The encoder writes into a scratch file, from which the bytes are copied like those of all other
 files; then the file is decoded again. Bands keep the memory far below that of the image, and the
@@ -7,7 +7,6 @@ same bytes result as from the whole image.
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -19,7 +18,7 @@ import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError, StorageError
-from acquisition._pixels.opened_image import check_png_file, first_line, opened_image
+from acquisition._pixels.opened_image import first_line, opened_image
 from acquisition._pixels.scratch import scratch_file
 from acquisition._storage import disk, library_path, published, write_whole
 from rig import UnreadableError, convert_parser_errors
@@ -34,7 +33,7 @@ _PART = 1 << 20
 
 @contextmanager
 def encoded_image(
-    path: Path, kind: str, spec: oiio.ImageSpec, pixels: Pixels, alpha: Pixels | None = None
+    path: Path, kind: str, spec: oiio.ImageSpec, pixels: Pixels
 ) -> Iterator[BinaryIO]:
     """Encode an image into a scratch file, and yield the file for reading.
 
@@ -49,8 +48,6 @@ def encoded_image(
         Size, sample type and attributes.
     pixels
         ``(H, W)`` or ``(H, W, channels)``, contiguous, in native byte order.
-    alpha
-        ``(H, W)`` of the same type, which becomes the last channel.
 
     Raises
     ------
@@ -72,8 +69,6 @@ def encoded_image(
             for rows in _bands(pixels):
                 # OpenImageIO writes wrong pixels from arrays of two dimensions.
                 band = pixels[rows].reshape(-1, pixels.shape[1], pixels.size // _area(pixels))
-                if alpha is not None:
-                    band = np.dstack([band, alpha[rows]])
                 done = done and file.write_scanlines(rows.start, rows.stop, 0, band)
             message = file.geterror()
             # Closing a correct TIFF may leave a message about Exif: only the return values count.
@@ -86,10 +81,8 @@ def encoded_image(
         yield encoded
 
 
-def store_image(
-    path: Path, data: BinaryIO | bytes, pixels: Pixels, alpha: Pixels | None = None
-) -> None:
-    """Write an encoded image and check that it holds these pixels and this alpha channel.
+def store_image(path: Path, data: BinaryIO, pixels: Pixels) -> None:
+    """Write an encoded image and check that it holds these pixels.
 
     The file appears complete and checked, or not at all.
 
@@ -103,22 +96,18 @@ def store_image(
     library_path(path)
     with published(path) as part:
         with disk(path, "write"):
-            source = io.BytesIO(data) if isinstance(data, bytes) else data
-            while piece := source.read(_PART):
+            while piece := data.read(_PART):
                 write_whole(part.descriptor, piece)
-        if not holds(part.path, pixels, alpha):
+        if not holds(part.path, pixels):
             raise StorageError(f"{path}: does not read back as written: check the disk")
 
 
-def holds(path: Path, pixels: Pixels, alpha: Pixels | None = None) -> bool:
-    """Return whether a file that was just written reads back as these pixels and this alpha."""
+def holds(path: Path, pixels: Pixels) -> bool:
+    """Return whether a file that was just written reads back as these pixels."""
     try:
         with opened_image(path, _area(pixels)) as (file, spec, channels, dtype):
-            check_png_file(path)
             stored = spec.height, spec.width, len(channels)
             if np.dtype(dtype) != pixels.dtype or stored != _shape(pixels):
-                return False
-            if alpha is not None and spec.alpha_channel < 0:
                 return False
             for rows in _bands(pixels):
                 with convert_parser_errors("cut short or damaged"):
@@ -129,8 +118,6 @@ def holds(path: Path, pixels: Pixels, alpha: Pixels | None = None) -> bool:
                     return False
                 colours = band if channels == list(range(band.shape[2])) else band[..., channels]
                 if not _same_bits(colours, pixels[rows]):
-                    return False
-                if alpha is not None and not _same_bits(band[..., spec.alpha_channel], alpha[rows]):
                     return False
             # A truncated file may give pixels: only the message shows it.
             return not file.geterror()

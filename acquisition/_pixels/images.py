@@ -17,12 +17,13 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._pixels.encoded_image import encoded_image, store_image
 from acquisition._pixels.opened_image import check_png_file, first_line, opened_image
+from acquisition._pixels.png_chunks import SRGB_CHUNKS, chunk
+from acquisition._pixels.png_file import png_pieces, store_png
 from acquisition._pixels.stated_curve import StatedCurve, stated_curve
 from rig import MAX_PIXELS, convert_parser_errors
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
 
-_PNG_FILTER_SUB = 16
 # Floats are compressed if they contain more zeros than this; every so many rows are looked at.
 _LEAST_ZEROS = 0.02
 _SAMPLED_ROWS = 16
@@ -202,10 +203,13 @@ def write_png(
     >>> read_image("red.png")[0, 0]
     array([255,   0,   0], dtype=uint8)
     """
-    attributes = {"compression": "rle", "oiio:ColorSpace": "sRGB" if srgb else "data"}
+    path = Path(path)
+    array = _checked(path, pixels, {"uint8", "uint16"})
+    opacity = None if alpha is None else _opacity(path, alpha, array)
+    chunks = list(SRGB_CHUNKS) if srgb else []
     if description:
-        attributes["ImageDescription"] = description
-    _write(Path(path), pixels, "png", {"uint8", "uint16"}, attributes, alpha)
+        chunks.append(chunk(b"tEXt", b"Description\0" + description.encode("latin-1", "replace")))
+    store_png(path, png_pieces(array, opacity, chunks))
 
 
 def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
@@ -246,33 +250,30 @@ def _write(
     kind: str,
     allowed: set[str],
     attributes: dict[str, str],
-    alpha: npt.NDArray[np.bool_] | None = None,
 ) -> None:
+    array = _checked(path, pixels, allowed)
+    # OpenImageIO writes wrong pixels, without an error, from strided or byte-swapped arrays.
+    array = np.ascontiguousarray(array, array.dtype.newbyteorder("="))
+    height, width = array.shape[:2]
+    channels = array.size // (height * width)
+    spec = oiio.ImageSpec(width, height, channels, _FILE_TYPES[array.dtype.name])
+    spec.attribute("DateTime", "")  # otherwise the current time is written
+    for name, value in attributes.items():
+        spec.attribute(name, value)
+    with encoded_image(path, kind, spec, array) as data:
+        store_image(path, data, array)
+
+
+def _checked(
+    path: Path, pixels: npt.NDArray[np.generic], allowed: set[str]
+) -> npt.NDArray[np.generic]:
     array = np.asarray(pixels)
     if array.dtype.name not in allowed:
         types = " or ".join(sorted(allowed))
         raise DataError(f"{path}: {array.dtype} samples cannot be written here: give {types}")
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] != 3) or not array.size:
         raise DataError(f"{path}: an array of shape {array.shape} is not an image")
-    opacity = None if alpha is None else _opacity(path, alpha, array)
-    # OpenImageIO writes wrong pixels, without an error, from strided or byte-swapped arrays.
-    array = np.ascontiguousarray(array, array.dtype.newbyteorder("="))
-    height, width = array.shape[:2]
-    channels = array.size // (height * width) + (opacity is not None)
-    spec = oiio.ImageSpec(width, height, channels, _FILE_TYPES[array.dtype.name])
-    if opacity is not None and channels == 2:
-        spec.channelnames = ("Y", "A")
-        spec.alpha_channel = 1
-    spec.attribute("oiio:UnassociatedAlpha", 1)
-    # Runs of equal bytes after a difference to the left: measured maps become as small as by the
-    # search for repeated strings, in a quarter of its time.
-    spec.attribute("png:compressionLevel", 1)
-    spec.attribute("png:filter", _PNG_FILTER_SUB)
-    spec.attribute("DateTime", "")  # otherwise the current time is written
-    for name, value in attributes.items():
-        spec.attribute(name, value)
-    with encoded_image(path, kind, spec, array, opacity) as data:
-        store_image(path, data, array, opacity)
+    return array
 
 
 def _opacity(

@@ -1,7 +1,8 @@
-"""Integrity check for PNG files, made before decoding: the decoder prints errors to stderr."""
+"""Chunks of PNG files, and their check before decoding: the decoder prints errors to stderr."""
 
 from __future__ import annotations
 
+import struct
 import zlib
 from typing import BinaryIO
 
@@ -9,6 +10,17 @@ from acquisition._errors import DataError
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PART = 1 << 18
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    """Return a complete chunk: length, kind, data and CRC."""
+    head = struct.pack(">I", len(data)) + kind
+    return b"".join((head, data, struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))))
+
+
+# The sRGB curve, relative colorimetric, and its approximation for programs that only know gamma:
+# PNG 3, 11.3.2.2 and 11.3.2.5.
+SRGB_CHUNKS = (chunk(b"sRGB", b"\1"), chunk(b"gAMA", struct.pack(">I", 45455)))
 
 
 def check_png(file: BinaryIO, name: str) -> None:

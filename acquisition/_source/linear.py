@@ -16,6 +16,7 @@ from acquisition._source.source import Frame, Source
 from acquisition._values.transfer_curve import LINEAR
 
 FloatImage = npt.NDArray[np.float32]
+Index = slice | npt.NDArray[np.intp]
 
 # Exposure times that differ by less, relatively, count as equal: cameras read them back rounded.
 _SAME_EXPOSURE = 1e-3
@@ -71,12 +72,11 @@ class Linearizer:
             If the frame or a reference frame is damaged or contains values that are not finite; the
             message names the file.
         """
-        return self._above_references(frame, self._read(frame))
+        return self.signal_and_saturation(frame)[0]
 
     def signal_and_saturation(self, frame: Frame) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
         """Return `signal` and the samples at or above the white level; raises as `signal` does."""
-        pixels = self._read(frame)
-        return self._above_references(frame, pixels), pixels >= self._source.white_level
+        return self.part(frame, self.pixels(frame), (slice(None), slice(None)))
 
     def bands(self, frame: Frame) -> Iterator[tuple[slice, FloatImage, npt.NDArray[np.bool_]]]:
         """Yield `signal_and_saturation` in bands of rows that fit into the cache, with their rows.
@@ -84,22 +84,24 @@ class Linearizer:
         Everything about one band should be done before the next: the signal of a large frame in
         colour takes twelve times as much memory as its pixels.
         """
-        pixels = self._read(frame)
+        pixels = self.pixels(frame)
         for top in range(0, len(pixels), _ROWS):
             rows = slice(top, min(top + _ROWS, len(pixels)))
-            signal = self._above_references(frame, pixels[rows], rows)
-            yield rows, signal, pixels[rows] >= self._source.white_level
+            yield rows, *self.part(frame, pixels, (rows, slice(None)))
 
-    def _above_references(
-        self, frame: Frame, pixels: Image, rows: slice = slice(None)
-    ) -> FloatImage:
-        signal = self._linear(pixels)
+    def part(
+        self, frame: Frame, pixels: Image, part: tuple[Index, Index]
+    ) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
+        """Return `signal_and_saturation` of the rows and columns ``part`` of the `pixels`."""
+        samples = pixels[part]
+        signal = self._linear(samples)
         offset = self._offset(frame.exposure_us)
         if offset is not None:
-            signal -= offset[rows]
-        return signal
+            signal -= offset[part]
+        return signal, samples >= self._source.white_level
 
-    def _read(self, frame: Frame) -> Image:
+    def pixels(self, frame: Frame) -> Image:
+        """Read the pixels of a frame as they are; raises as `signal` does."""
         pixels = frame.read()
         if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
             raise DataError(f"{frame.path}: contains values that are not finite")
@@ -108,7 +110,8 @@ class Linearizer:
     def _linear(self, pixels: Image) -> FloatImage:
         if len(self._light) and pixels.dtype == np.uint8:
             table = self._light[:256]
-            return np.asarray(cv2.LUT(pixels, table), np.float32).reshape(pixels.shape)
+            samples8: npt.NDArray[np.uint8] = np.ascontiguousarray(pixels, np.uint8)
+            return np.asarray(cv2.LUT(samples8, table), np.float32).reshape(pixels.shape)
         if len(self._light) and np.issubdtype(pixels.dtype, np.integer):
             light = np.zeros(pixels.shape, np.float32)
             # In parts, because NumPy copies indices to 64 bits.
@@ -147,9 +150,9 @@ class Linearizer:
         if role is None:
             return None
         frames = self._references(role, exposure_us)
-        total = self._linear(self._read(frames[0])).astype(np.float64)
+        total = self._linear(self.pixels(frames[0])).astype(np.float64)
         for frame in frames[1:]:
-            total += self._linear(self._read(frame))
+            total += self._linear(self.pixels(frame))
         return np.asarray(total / len(frames), np.float32)
 
 

@@ -172,10 +172,14 @@ class CameraModel:
         points = (np.asarray(points_mm, np.float64) - self.centre_mm) * _FLIP
         if not points.size:  # OpenCV refuses empty arrays
             return np.zeros((*points.shape[:-1], 2))
-        seen, _ = cv2.projectPoints(
-            points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), np.eye(3), self.distortion
-        )
-        x, y = np.moveaxis(np.asarray(seen, np.float64).reshape(*points.shape[:-1], 2), -1, 0)
+        if self.distortion.any():
+            seen, _ = cv2.projectPoints(
+                points.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), np.eye(3), self.distortion
+            )
+            x, y = np.moveaxis(np.asarray(seen, np.float64).reshape(*points.shape[:-1], 2), -1, 0)
+        else:  # several times as fast, with the same rounding
+            inverse = 1 / np.where(points[..., 2] == 0, 1.0, points[..., 2])
+            x, y = points[..., 0] * inverse, points[..., 1] * inverse
         across = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
         pixels: Array = np.stack([across, self.K[1, 1] * y + self.K[1, 2]], axis=-1)
         return pixels

@@ -10,27 +10,17 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import (
-    CameraModel,
-    DataError,
-    Frame,
-    Lights,
-    Linearizer,
-    Source,
-    same_exposure,
+from acquisition import CameraModel, Lights, Source
+from calibration._radiance.developer import (
+    Developer,
+    FloatImage,
+    brightest_sample,
+    check_usable,
+    frames_of_lights,
+    lit_frames,
+    threads_for,
 )
-from calibration._errors import EstimateError
-from calibration._radiance.demosaic import demosaic
 from rig import Notice, Progress, check_type, no_progress
-
-FloatImage = npt.NDArray[np.float32]
-
-# ITU-R BT.601 luma, as in the published results on DiLiGenT.
-_LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
-_THREADS = 4
-# Bytes of the linear images that are computed at the same time; each needs several times as much.
-_AT_ONCE = 200_000_000
-_LEAST_GREY_VALUES = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,34 +122,27 @@ def linear_stack(
     (Stack(float32[2, 4, 5], lights), array([0.5 , 0.25], dtype=float32))
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    lit = [frame for frame in source.frames if frame.role == "light"]
-    if not lit:
-        raise DataError(f"{source.path}: no image with a light")
-    if not source.white_level > source.black_level >= 0:
-        raise DataError(
-            f"{source.path}: the white level of {source.white_level} must be above the black level "
-            f"of {source.black_level}, which must not be negative"
-        )
+    lit = lit_frames(source)
     ids, lights = source.light_ids, source.lights
-    develop = _Developer(source, lit, channel)
-    tasks = _tasks(source, lit)
+    develop = Developer(source, lit, channel)
+    tasks = frames_of_lights(source, lit)
     first = develop(*tasks[0])
     values = np.zeros((len(ids), *first.shape), np.float32)
     values[0] = first
-    brightest = [_brightest(first)]
-    threads = _threads(first)
+    brightest = [brightest_sample(first)]
+    threads = threads_for(first.nbytes)
     del first
     on_progress("reading", 1, len(ids))
 
     def fill(i: int) -> np.float32:
         develop(*tasks[i], out=values[i])
-        return _brightest(values[i])
+        return brightest_sample(values[i])
 
     with ThreadPoolExecutor(threads) as pool:
         for i, found in enumerate(pool.map(fill, range(1, len(ids))), start=1):
             brightest.append(found)
             on_progress("reading", i + 1, len(ids))
-    _check_usable(brightest, ids, source)
+    check_usable(brightest, ids, source)
     return Stack(values, ids, lights, source.mask, source.camera, tuple(develop.warnings))
 
 
@@ -194,9 +177,9 @@ def linear_images(
     [(4, 5), (4, 5)]
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    lit = [frame for frame in source.frames if frame.role == "light"]
-    develop = _Developer(source, lit, channel)
-    tasks = dict(zip(source.light_ids, _tasks(source, lit), strict=True))
+    lit = lit_frames(source)
+    develop = Developer(source, lit, channel)
+    tasks = dict(zip(source.light_ids, frames_of_lights(source, lit), strict=True))
     wanted = [tasks[name] for name in (source.light_ids if ids is None else ids)]
     with ThreadPoolExecutor(1) as pool:
         coming = [pool.submit(develop, *task) for task in wanted[:1]]
@@ -205,169 +188,6 @@ def linear_images(
             if after is not None:
                 coming.append(pool.submit(develop, *after))
             yield image
-
-
-def luma(colour: FloatImage) -> FloatImage:
-    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from calibration import luma
-    >>> luma(np.array([[1, 0, 0], [1, 1, 1]], np.float32)).round(4)
-    array([0.2989, 0.9999], dtype=float32)
-    """
-    return np.asarray(colour @ _LUMA, np.float32)
-
-
-def _tasks(source: Source, lit: list[Frame]) -> list[tuple[list[Frame], npt.NDArray[np.float64]]]:
-    """Return the frames of each light and its intensity in each colour."""
-    lights = source.lights
-    return [
-        (
-            [frame for frame in lit if frame.light_id == name],
-            np.ones(3) if lights is None or lights.intensities is None else lights.intensities[i],
-        )
-        for i, name in enumerate(source.light_ids)
-    ]
-
-
-def _threads(image: FloatImage) -> int:
-    return max(1, min(_THREADS, _AT_ONCE // image.nbytes))
-
-
-class _Developer:
-    """Callable that converts the frames of one light to its linear image."""
-
-    def __init__(self, source: Source, lit: list[Frame], channel: Literal["gray", "rgb"]) -> None:
-        self._source = source
-        self._channel = channel
-        exposures = [frame.exposure_us for frame in lit]
-        known = [exposure for exposure in exposures if exposure is not None]
-        if known and (len(known) < len(lit) or min(known) <= 0):
-            path = next(f.path for f in lit if f.exposure_us is None or f.exposure_us <= 0)
-            raise DataError(
-                f"{path}: no valid exposure time, although other images have one: add it"
-            )
-        self._longest = max(known, default=1.0)
-        self._linear = Linearizer(source)
-        self.warnings: list[Notice] = []
-        unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
-        if unlit and not known and self._linear.reference(None) is None:
-            text = "dark and ambient frames were not used: the images have no exposure times"
-            self.warnings.append(Notice("dark-frames-unused", text))
-        last_us = 0.0
-        for exposure_us in sorted(set(known)) if unlit else ():
-            if last_us and same_exposure(exposure_us, last_us):
-                continue
-            last_us = exposure_us
-            if self._linear.reference(exposure_us) is None:
-                text = (
-                    f"no dark or ambient frame with an exposure of {exposure_us:g} us: only the "
-                    "black level was subtracted"
-                )
-                self.warnings.append(Notice("dark-frames-missing", text))
-
-    def __call__(
-        self,
-        frames: list[Frame],
-        intensity: npt.NDArray[np.float64],
-        out: FloatImage | None = None,
-    ) -> FloatImage:
-        """Return the merged image of one light, ``(H, W)`` or ``(H, W, 3)``, written to `out`."""
-        if len(frames) == 1 and self._source.cfa is None and self._source.reduction is None:
-            return self._in_bands(frames[0], intensity, out)
-        # Group by bracket: exposure times reported by a camera may differ slightly between repeats.
-        brackets: dict[int, list[Frame]] = {}
-        for frame in sorted(frames, key=lambda frame: frame.exposure_us or 0.0, reverse=True):
-            brackets.setdefault(frame.bracket, []).append(frame)
-        longest, *shorter = brackets.values()
-        merged = self._mean(longest)
-        for repeats in shorter:
-            if not np.isnan(merged).any():
-                break
-            merged = np.where(np.isnan(merged), self._mean(repeats), merged)
-        image = self._colour(merged, intensity, frames[0])
-        if out is None:
-            return image
-        out[...] = image
-        return out
-
-    def _in_bands(
-        self, frame: Frame, intensity: npt.NDArray[np.float64], out: FloatImage | None
-    ) -> FloatImage:
-        """Return the image of a light with one frame, whose pixels are independent."""
-        for rows, signal, saturated in self._linear.bands(frame):
-            image = self._colour(self._exposed(frame, signal, saturated), intensity, frame)
-            if out is None:
-                out = np.zeros((frame.shape[0], *image.shape[1:]), np.float32)
-            out[rows] = image
-        if out is None:
-            raise AssertionError("a frame has rows")
-        return out
-
-    def _mean(self, repeats: list[Frame]) -> FloatImage:
-        image = self._radiance(repeats[0])
-        for frame in repeats[1:]:
-            image += self._radiance(frame)
-        image /= np.float32(len(repeats))
-        return image
-
-    def _radiance(self, frame: Frame) -> FloatImage:
-        return self._exposed(frame, *self._linear.signal_and_saturation(frame))
-
-    def _exposed(
-        self, frame: Frame, radiance: FloatImage, saturated: npt.NDArray[np.bool_]
-    ) -> FloatImage:
-        share = np.float32((frame.exposure_us or self._longest) / self._longest)
-        if share != 1:
-            radiance /= share
-        radiance[saturated] = np.nan
-        return radiance
-
-    def _colour(
-        self, image: FloatImage, intensity: npt.NDArray[np.float64], frame: Frame
-    ) -> FloatImage:
-        if image.ndim == 2 and self._source.cfa is not None:
-            image = demosaic(image, self._source.cfa)
-        if self._source.reduction is not None:
-            image = self._source.reduction.mean(image)
-        if image.ndim == 2:
-            if self._channel == "rgb":
-                raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
-            strength = np.float32(intensity.mean())
-            if strength != 1:
-                image /= strength
-            return image
-        image /= intensity.astype(np.float32)
-        return image if self._channel == "rgb" else luma(image)
-
-
-def _brightest(image: FloatImage) -> np.float32:
-    """Return the largest sample that is not NaN; NaN without any."""
-    return np.float32(np.fmax.reduce(image, axis=None))
-
-
-def _check_usable(images: list[np.float32], ids: tuple[str, ...], source: Source) -> None:
-    # fmax skips images without any sample; max could return their NaN.
-    brightest = np.fmax.reduce(images)
-    if np.isnan(brightest):
-        raise EstimateError(
-            f"{source.path}: every sample of {_all(len(ids))} is saturated: "
-            "record with a shorter exposure time"
-        )
-    # Rounding and an inaccurate black level leave up to two grey values in a dark image.
-    span = source.white_level - source.black_level
-    least = float(source.transfer.light(2 / span)) if span >= _LEAST_GREY_VALUES else 0.0
-    if not brightest > least:
-        raise EstimateError(
-            f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black: check the "
-            "lights and the exposure"
-        )
-
-
-def _all(images: int) -> str:
-    return "the image" if images == 1 else f"all {images} images"
 
 
 def check_linear(name: str, values: object) -> None:

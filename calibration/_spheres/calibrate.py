@@ -6,11 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Stack
+from calibration._radiance.raw_stack import Images, RawStack
 from calibration._spheres.average_directions import orthographic_lights, perspective_lights
 from calibration._spheres.known_places import known_places
 from calibration._spheres.marked import Mask
@@ -27,7 +27,7 @@ from rig import Notice, pluralize
 
 
 def calibrate_spheres(
-    stack: Stack | npt.NDArray[np.float32],
+    stack: Stack | Images,
     *,
     masks: Sequence[Mask] | None = None,
     circles: Sequence[Circle] | None = None,
@@ -44,8 +44,9 @@ def calibrate_spheres(
     Parameters
     ----------
     stack
-        One linear image per light, as returned by `linear_stack`, or ``(N, H, W[, 3])`` values of
-        lights ``L00``..., 1 at the white level of the longest exposure, NaN where saturated.
+        One linear image per light, as returned by `raw_stack` (which takes the least memory) or
+        `linear_stack`, or ``(N, H, W[, 3])`` values of lights ``L00``..., 1 at the white level of
+        the longest exposure, NaN where saturated.
         If brackets are merged into the stack, unsaturated highlights are values far above 1.
     masks
         One or more masks, ``(H, W)`` bool or 0..1; each connected region is a sphere. The mask of a
@@ -79,8 +80,9 @@ def calibrate_spheres(
         If shapes or radii are inconsistent, the camera does not fit the images, both masks and
         circles are given, or a radius is given without a camera.
     EstimateError
-        If no sphere is found, a light has no highlight, or a light is visible on fewer than two
-        spheres although positions are requested. The message names the light or the spheres.
+        If no sphere is found, the edges near a circle do not determine an outline, a light has no
+        highlight, or a light is visible on fewer than two spheres although positions are requested.
+        The message names the light or the spheres.
 
     Examples
     --------
@@ -97,7 +99,7 @@ def calibrate_spheres(
 
 
 def calibrate_moved_spheres(
-    stacks: Iterable[Stack | npt.NDArray[np.float32]],
+    stacks: Iterable[Stack | Images],
     *,
     names: Sequence[str] = (),
     masks: Sequence[Sequence[Mask] | None] = (),
@@ -191,7 +193,7 @@ def calibrate_moved_spheres(
 
 
 def _known_lights(
-    stack: Stack | npt.NDArray[np.float32], seen: list[SeenSpheres], names: list[str]
+    stack: Stack | Images, seen: list[SeenSpheres], names: list[str]
 ) -> tuple[str, ...] | None:
     """Return the lights of the first recording; None before it has been read.
 
@@ -202,7 +204,9 @@ def _known_lights(
     """
     if not seen:
         return None
-    ids = stack.ids if isinstance(stack, Stack) else tuple(map(led_id, range(len(stack))))
+    ids = (
+        stack.ids if isinstance(stack, Stack | RawStack) else tuple(map(led_id, range(len(stack))))
+    )
     difference = light_difference(names[0], seen[0].names, names[len(seen)], ids)
     if difference:
         raise DataError(difference)

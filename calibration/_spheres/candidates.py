@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._radiance.linear_stack import Stack, check_linear
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.find import inside, round_edges
 from calibration._spheres.mirrors import LEAST_SHARE, best_mirror, outline_of
 from calibration._spheres.recording import gray_values
@@ -48,7 +48,7 @@ class SphereCandidate:
 
 
 def sphere_candidates(
-    stack: Stack | npt.NDArray[np.float32], *, camera: CameraModel | None = None
+    stack: Stack | Images, *, camera: CameraModel | None = None
 ) -> list[SphereCandidate]:
     """Return the places that may be mirror spheres, for a person to choose from.
 

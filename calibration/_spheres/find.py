@@ -11,11 +11,18 @@ from scipy.ndimage import map_coordinates
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import Mirror, find_mirror
-from calibration._spheres.outline import SHARP_PX, OutlineImages, outline_image, refine_sharpest
+from calibration._spheres.outline import (
+    SHARP_PX,
+    OutlineImages,
+    outline_image,
+    refine_sharpest,
+    scatter_px,
+)
 from calibration._spheres.painted import is_painted
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
@@ -33,7 +40,7 @@ _HORIZON, _CONCENTRIC = 0.73, 0.15
 
 
 def find_spheres(
-    values: npt.NDArray[np.float32],
+    values: Images,
     radii_px: Sequence[float] = (),
     excluded: Sequence[SphereImage] = (),
     camera: CameraModel | None = None,
@@ -120,7 +127,7 @@ def _ball_around(
 
 
 def _by_edges(
-    values: npt.NDArray[np.float32],
+    values: Images,
     clusters: Sequence[SpotCluster],
     radii_px: Sequence[float],
     known: Sequence[SphereImage],
@@ -138,13 +145,20 @@ def _by_edges(
         sharp = [sphere for sphere in spheres if sphere.rms_px < SHARP_PX]
         if _rivals(circle, [*known, *sharp]):
             continue
-        sphere = _verify(values, pictures, circle)
-        if sphere is None or not _expected(sphere.outline, radii_px):
+        # What is quicker is checked first: most circles around a ball are mirrored in it.
+        later = bool(_rivals(circle, spheres))
+        if not later and not _has_highlights(values, circle):
             continue
-        if _rivals(sphere.outline, known):
+        edge = _refined(pictures, circle)
+        if edge is None or not _expected(edge[0], radii_px) or _rivals(edge[0], known):
             continue
-        rivals = _rivals(sphere.outline, spheres)
-        if all(sphere.rms_px < SHARP_PX < rival.rms_px for rival in rivals):
+        rivals = _rivals(edge[0], spheres)
+        if not all(scatter_px(*edge[:2]) < SHARP_PX < rival.rms_px for rival in rivals):
+            continue
+        if later and not _has_highlights(values, circle):
+            continue
+        sphere = _mirroring(values, *edge)
+        if sphere is not None:
             spheres = [other for other in spheres if other not in rivals] + [sphere]
     return spheres
 
@@ -159,26 +173,27 @@ def inside(cluster: SpotCluster, outline: Ellipse) -> bool:
     return float(np.median(np.linalg.norm(outline.unit(cluster.spots_px), axis=1))) < 0.9
 
 
-def round_outlines(values: npt.NDArray[np.float32], radii_px: Sequence[float] = ()) -> int:
+def round_outlines(values: Images, radii_px: Sequence[float] = ()) -> int:
     """Count the circles with these radii in a stack, including those that are not spheres."""
     return sum(_expected(circle, radii_px) for circle in round_edges(values))
 
 
-def round_edges(values: npt.NDArray[np.float32]) -> list[Ellipse]:
+def round_edges(values: Images) -> list[Ellipse]:
     """Return the circular edges of the mean image, best visible first."""
     return _circles(outline_image(values))
 
 
-def _verify(
-    values: npt.NDArray[np.float32], pictures: OutlineImages, circle: Ellipse
-) -> SphereImage | None:
-    """Refine a candidate; return it if its highlights are those of a mirror sphere.
+def _has_highlights(values: Images, circle: Ellipse) -> bool:
+    """Return whether a circle shows a highlight under half of a few lights."""
+    few = values[:: max(len(values) // 8, 1)]
+    return 2 * np.count_nonzero(find_highlights(few, circle).found) >= len(few)
+
+
+def _refined(pictures: OutlineImages, circle: Ellipse) -> tuple[Ellipse, Array, float] | None:
+    """Refine a circle; return outline, its points and coverage, None if too little is visible.
 
     The refinement moves the outline by 3 px or 3 % of the radius.
     """
-    few = values[:: max(len(values) // 8, 1)]
-    if 2 * np.count_nonzero(find_highlights(few, circle).found) < len(few):
-        return None
     try:
         reach = max(3.0, 0.03 * circle.radius_px)
         outline, points, coverage = refine_sharpest(pictures, circle, reach)
@@ -186,6 +201,13 @@ def _verify(
         return None
     if coverage < _LEAST_COVERAGE or abs(outline.radius_px / circle.radius_px - 1) > 0.15:
         return None
+    return outline, points, coverage
+
+
+def _mirroring(
+    values: Images, outline: Ellipse, points: Array, coverage: float
+) -> SphereImage | None:
+    """Return the sphere with an outline if its highlights are those of a mirror."""
     highlights = find_highlights(values, outline)
     seen = highlights.pixels[highlights.found]
     if len(seen) < 0.5 * len(values):

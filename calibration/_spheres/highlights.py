@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 from calibration._spheres.spot import largest_disc, saturated_spot, unsaturated_spot
@@ -50,7 +51,7 @@ class Highlights:
         return np.isfinite(self.pixels[:, 0])
 
 
-def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highlights:
+def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     """Find the highlight of every light on a sphere.
 
     From three lights on, the brightness that more than three quarters of them share (reflections of
@@ -87,7 +88,9 @@ def find_highlights(values: npt.NDArray[np.float32], outline: Ellipse) -> Highli
     saturated = np.isnan(crop)
     if saturated.all() or not within.any():
         return Highlights(pixels, peak_saturated, sigma_px)
-    filled = np.where(saturated, np.nanmax(crop), crop)
+    # Parts of raw frames are new arrays.
+    filled = crop.copy() if isinstance(values, np.ndarray) else crop
+    filled[saturated] = np.fmax.reduce(crop, axis=None)
     if len(filled) >= 3:
         _subtract_shared(filled)
     last = np.array(values.shape[:0:-1]) - 1

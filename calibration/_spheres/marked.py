@@ -9,11 +9,13 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import mirror_near
-from calibration._spheres.outline import OutlineImages, mask_outlines, refine_sharpest
+from calibration._spheres.near_circle import outline_near
+from calibration._spheres.outline import OutlineImages, mask_outlines
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.spots import reduce_stack
@@ -26,7 +28,7 @@ _LONGEST_RATIO = 1.5
 _ROUGHEST_SHARE = 0.05
 
 
-def masked_spheres(values: npt.NDArray[np.float32], masks: Sequence[Mask]) -> list[SphereImage]:
+def masked_spheres(values: Images, masks: Sequence[Mask]) -> list[SphereImage]:
     """Return outlines and highlights of the spheres in masks.
 
     Parameters and errors are those of `calibrate_spheres`.
@@ -52,15 +54,15 @@ def masked_spheres(values: npt.NDArray[np.float32], masks: Sequence[Mask]) -> li
 
 
 def circled_spheres(
-    values: npt.NDArray[np.float32],
+    values: Images,
     circles: Sequence[tuple[float, float, float]],
     camera: CameraModel | None = None,
 ) -> list[SphereImage]:
     """Return outlines and highlights of the spheres near approximate circles.
 
     If a ball near the circle mirrors the plane on which it rests, that determines its outline on
-    any ground; else the edge near the circle does. Parameters and errors are those of
-    `calibrate_spheres`.
+    any ground; else the edge near the circle does, see `outline_near`. Parameters and errors are
+    those of `calibrate_spheres`.
     """
     images = []
     pictures = OutlineImages(values)
@@ -77,8 +79,13 @@ def circled_spheres(
         if mirror is not None:
             images.append(outlined_mirror(values, plane, mirror))
             continue
-        outline, points, coverage = refine_sharpest(pictures, guess, reach)
-        images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
+        near = outline_near(pictures, guess, reach)
+        highlights = find_highlights(values, near.outline)
+        images.append(
+            SphereImage(
+                near.outline, near.points_px, near.coverage, highlights, near.covariance_px2
+            )
+        )
     return images
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirrors import FittedBall, Mirror, fit_mirror, outline_of
@@ -27,9 +27,7 @@ _EDGE_RADIUS_SIGMA_PX = 0.04
 _SAME_OUTLINE = 16.3
 
 
-def outlined_mirror(
-    values: npt.NDArray[np.float32], plane: MirroredPlane, mirror: Mirror
-) -> SphereImage:
+def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> SphereImage:
     """Return the sphere of a ball that mirrors the plane, with its outline and covariance.
 
     The mirror image near the limb determines the outline on any ground. The edge determines it
@@ -80,7 +78,7 @@ def _without_systematic(covariance: Array) -> Array:
     return remaining
 
 
-def _edge(values: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Array, Array] | None:
+def _edge(values: Images, guess: Ellipse) -> tuple[Array, Array] | None:
     """Return by how much an edge differs from a guess in (x, y, radius), and its covariance."""
     centre, reach = np.array(guess.centre_px), max(guess.semi_axes_px) + _AROUND_PX
     low = np.maximum((centre - reach).astype(int), 0)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter1d
 
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.limb import (
     REACH_PX,
@@ -73,7 +74,7 @@ def _crossings(level: Array) -> Array:
     return np.column_stack([x + step, y])
 
 
-def outline_image(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def outline_image(values: Images) -> npt.NDArray[np.float32]:
     """Return the image in which outlines are searched for: the upper mean over the lights.
 
     The upper mean of a pixel is taken over its brighter half of the lights without the brightest
@@ -113,7 +114,7 @@ class OutlineImages:
         ``(N, H, W)`` linear images; NaN counts as white.
     """
 
-    def __init__(self, values: npt.NDArray[np.float32]) -> None:
+    def __init__(self, values: Images) -> None:
         self._values = values
 
     @cached_property
@@ -132,7 +133,7 @@ class OutlineImages:
         return median + np.float32(max(0.01 * float(median.mean()), 1e-6))
 
 
-def _white(values: npt.NDArray[np.float32]) -> float:
+def _white(values: Images) -> float:
     """Return the white level: 1, or the 99th percentile if that is higher (other scales)."""
     some = values[:, ::_WHITE_STEP, ::_WHITE_STEP]
     finite = some[np.isfinite(some)]

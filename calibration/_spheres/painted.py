@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.reflection import orthographic_directions
@@ -17,7 +17,7 @@ _STEPS = 15
 _SHADED = 0.6
 
 
-def is_painted(values: npt.NDArray[np.float32], outline: Ellipse, highlights: Highlights) -> bool:
+def is_painted(values: Images, outline: Ellipse, highlights: Highlights) -> bool:
     """Return whether the middle of a ball is shaded like a matte surface.
 
     The middle of a mirror shows the camera and the ceiling, whose brightness does not follow the

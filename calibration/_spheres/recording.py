@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, led_id
 from calibration._radiance.linear_stack import Stack, check_linear
+from calibration._radiance.raw_stack import Images, RawStack
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.placed import one_radius_each
 from calibration._spheres.robust import Array
@@ -71,7 +71,7 @@ class SeenSpheres:
 
 
 def seen_in(
-    stack: Stack | npt.NDArray[np.float32],
+    stack: Stack | Images,
     masks: Sequence[Mask] | None,
     circles: Sequence[Circle] | None,
     camera: CameraModel | None,
@@ -123,9 +123,11 @@ def seen_in(
 
 
 def gray_values(
-    stack: Stack | npt.NDArray[np.float32],
-) -> tuple[npt.NDArray[np.float32], tuple[str, ...]]:
+    stack: Stack | Images,
+) -> tuple[Images, tuple[str, ...]]:
     """Return grey values ``(N, H, W)`` and the names of the N lights."""
+    if isinstance(stack, RawStack):
+        return stack, stack.ids
     values = stack.values if isinstance(stack, Stack) else np.asarray(stack, np.float32)
     if values.ndim == 4:
         values = values.mean(axis=3)  # a NaN channel makes the sample NaN

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.find import find_spheres, overlap, round_outlines
 from calibration._spheres.outline import SHARP_PX
 from calibration._spheres.placed import radius_on_plane_mm
@@ -19,7 +19,7 @@ _SHARP_OUTLINE_RATIO = 3.0
 
 
 def searched_spheres(
-    values: npt.NDArray[np.float32],
+    values: Images,
     camera: CameraModel | None,
     radii_mm: Array | None,
 ) -> tuple[list[SphereImage], list[Notice]]:

@@ -35,8 +35,9 @@ class SphereImage:
     covariance_px2
         ``(3, 3)`` covariance of centre x, centre y and radius of the outline without the systematic
         error of all outlines (`OUTLINE_SIGMA_PX`), for a sphere that was seen to mirror the plane
-        around it, which no other object does; else None, and the scatter of the points shows how
-        well the outline is known.
+        around it, which no other object does, or for an outline near a given circle that is not
+        sharp all around; else None, and the scatter of the points shows how well the outline is
+        known.
     """
 
     outline: Ellipse

@@ -8,11 +8,14 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.robust import Array
 
 Values = npt.NDArray[np.float32]
 
 _SIZE_PX = 900
+# Rows of the reduced image that are computed together, so that their pixels fit into the cache.
+_BAND_ROWS = 8
 # A highlight is this much brighter than what the other lights show at its place, and than the
 # brightest matte surface.
 _EXCESS = 1.5
@@ -63,28 +66,32 @@ class SpotCluster:
     spots_px: Array
 
 
-def reduce_stack(values: Values) -> ReducedStack:
+def reduce_stack(values: Images) -> ReducedStack:
     """Return the images at a lower resolution, of about 900 px."""
     count, height, width = values.shape
     factor = max(-(-max(height, width) // _SIZE_PX), 1)
     rows, columns = max(height // factor, 1), max(width // factor, 1)
     mean = np.zeros((count, rows, columns), np.float32)
     peak = np.zeros_like(mean)
-    for k, image in enumerate(values):
+    for k in range(count):
         if factor == 1:
-            mean[k] = peak[k] = without_nan(image)
+            mean[k] = peak[k] = without_nan(values[k])
             continue
-        mean[k] = reduced_image(image, (columns, rows), factor)
-        # First down: whole rows are contiguous. Blocks with NaN become NaN.
-        down = image[: rows * factor].reshape(rows, -1, width).max(axis=1)
-        peak[k] = down[:, : columns * factor].reshape(rows, columns, -1).max(axis=2)
+        for top in range(0, rows, _BAND_ROWS):
+            band = slice(top, min(top + _BAND_ROWS, rows))
+            image = values[k, band.start * factor : band.stop * factor]
+            size = columns, len(image) // factor
+            mean[k, band] = reduced_image(image, size, factor)
+            # First down: whole rows are contiguous. Blocks with NaN become NaN.
+            down = image[: size[1] * factor].reshape(size[1], -1, width).max(axis=1)
+            peak[k, band] = down[:, : columns * factor].reshape(size[1], columns, -1).max(axis=2)
         y, x = np.nonzero(~np.isfinite(peak[k]))
         if len(y):
             # Only these blocks are copied.
             across = np.arange(factor)
             rows_of = np.minimum(y[:, None] * factor + across, height - 1)[:, :, None]
             columns_of = np.minimum(x[:, None] * factor + across, width - 1)[:, None, :]
-            blocks = image[rows_of, columns_of]
+            blocks = values[k, rows_of, columns_of]
             others = np.max(peak[k], initial=1.0, where=np.isfinite(peak[k]))
             filled = without_nan(blocks, float(others))
             mean[k, y, x], peak[k, y, x] = filled.mean(axis=(1, 2)), filled.max(axis=(1, 2))

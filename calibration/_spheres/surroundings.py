@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
+from calibration._radiance.raw_stack import Images
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import ReducedStack, Values, reduced_image, without_nan
 
@@ -96,7 +97,7 @@ class MirroredPlane:
     """
 
     def __init__(
-        self, values: Values, reduced: ReducedStack, camera: CameraModel | None = None
+        self, values: Images, reduced: ReducedStack, camera: CameraModel | None = None
     ) -> None:
         height, width = values.shape[1:]
         self.camera = usual_camera(width, height) if camera is None else camera
@@ -202,8 +203,8 @@ class MirroredPlane:
         (x0, y0), (x1, y1) = box
         shape = (max((x1 - x0) // factor, 1), max((y1 - y0) // factor, 1))
         stack = []
-        for image in self._values[:, y0:y1, x0:x1]:
-            part = without_nan(image)
+        for k in range(len(self._values)):
+            part = without_nan(self._values[k, y0:y1, x0:x1])
             if factor > 1:
                 part = reduced_image(part, shape, factor)
             stack.append(part)

@@ -111,7 +111,8 @@ class ShapeFilter:
         self.check_size(normal_map.size)
         height, _ = normal_map.size
         normals, mask = normal_map.normals.reshape(height, -1), normal_map.mask
-        shape, detail = np.zeros_like(normals), np.zeros_like(normals)
+        # Not zeros_like, which writes the zeros.
+        shape, detail = np.zeros(normals.shape, np.float32), np.zeros(normals.shape, np.float32)
         steps = self.passes + 1
         on_progress("detail", 0, steps)
         if self.passes == 1:

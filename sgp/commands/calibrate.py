@@ -20,12 +20,11 @@ from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._sphere_marks import Marks, marks_of
 from sgp._spheres import (
     ShownSpheres,
-    brightest_of,
     describe_spheres,
     draw_candidates,
     draw_spheres,
     given_radii,
-    undivided_stack,
+    undivided_images,
     write_calibration,
 )
 from sgp._stages import open_source
@@ -145,16 +144,16 @@ class _Recording:
         if source.mask_path is not None and source.mask_origin == "folder" and not marks.circles:
             self.masks = [source.mask_path]
 
-    def read(self) -> calibration.Stack:
+    def read(self) -> calibration.RawStack:
         """Read the images; keep the brightest value of each pixel for the picture."""
         largest = max(self.source.size)
         if any(radius > largest for _, _, radius in self.circles):
             raise UsageError(
                 f"--sphere: the radius must not exceed the size of the images, {largest} pixels"
             )
-        stack = undivided_stack(self.source)
+        stack = undivided_images(self.source)
         self.notices += stack.warnings
-        self.brightest = brightest_of(stack)
+        self.brightest = stack.brightest
         return stack
 
     def mask_images(self) -> list[npt.NDArray[np.float64]]:
@@ -214,7 +213,7 @@ def _estimate(
     except calibration.EstimateError as error:
         for one in recordings:
             _explain_masks(error, one.source, one.masks)
-        if len(recordings) == 1 and not (recordings[0].masks or recordings[0].circles):
+        if len(recordings) == 1 and not recordings[0].masks:
             _draw_candidates(error, recordings[0], stack, picture)
         raise
 
@@ -222,7 +221,7 @@ def _estimate(
 def _draw_candidates(
     error: calibration.EstimateError,
     recording: _Recording,
-    stack: calibration.Stack,
+    stack: calibration.RawStack,
     picture: Path,
 ) -> None:
     """Write a picture of what may be a sphere, and add a note about it to an error."""

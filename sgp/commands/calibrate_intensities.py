@@ -13,12 +13,13 @@ import numpy.typing as npt
 import acquisition
 import calibration
 import rig
+from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._metrics import IntensitiesMetrics
 from sgp._options import Gamma, Input, Inputs, OptionalInput, Pixels, Positive, Real, numbers
 from sgp._output import check_file
 from sgp._result import Result
-from sgp._spheres import undivided_stack, write_calibration
+from sgp._spheres import write_calibration
 from sgp._stages import open_source
 
 # Names of lights that a line may list.
@@ -110,7 +111,10 @@ def intensities(
             raise acquisition.DataError(
                 f"{path}: the camera of these images is not known: give --camera"
             )
-        stack = undivided_stack(opened, channel)
+        with Stages() as progress:
+            stack = calibration.linear_stack(
+                replace(opened, lights=None), channel=channel, on_progress=progress
+            )
         order, by_name = positions.match(stack.ids)
         if not by_name:
             text = "matched to the images by order, not by name"

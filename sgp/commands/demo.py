@@ -21,7 +21,6 @@ from sgp._panels.lights import spheres_panel
 from sgp._panels.maps import map_panel, signed_panel
 from sgp._pipeline import Outcome, process
 from sgp._result import Result
-from sgp._spheres import brightest_of
 from sgp._stages import Stopwatch
 
 _LONG_US, _SHORT_US = 20_000.0, 40.0
@@ -155,7 +154,8 @@ def _calibrate(
     estimate = calibration.record_setup(estimate, source)
     card = calibration.MatteSurface.card(stack.values, camera)
     strong = calibration.calibrate_intensities(card, estimate.lights)
-    return estimate, strong.lights, brightest_of(stack)
+    brightest = np.nan_to_num(np.maximum.reduce(stack.values), nan=1.0)
+    return estimate, strong.lights, brightest
 
 
 class _Errors:

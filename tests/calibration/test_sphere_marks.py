@@ -9,6 +9,7 @@ from calibration._spheres import marked, recording
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.marked import _check_disc, _coverage, circled_spheres, masked_spheres
+from calibration._spheres.near_circle import NearOutline
 from calibration._spheres.sphere_image import SphereImage
 
 VALUES = np.zeros((3, 120, 160), np.float32)
@@ -111,9 +112,9 @@ def test_a_circle_may_be_wrong_by_a_tenth_of_the_radius(monkeypatch, radius, rea
         assert images.upper.shape == VALUES.shape[1:]
         assert guess == Ellipse((70.0, 55.0), (radius, radius))
         assert reach == pytest.approx(reach_px)
-        return outline, np.zeros((5, 2)), 0.8
+        return NearOutline(outline, np.zeros((5, 2)), 0.8, None)
 
-    monkeypatch.setattr(marked, "refine_sharpest", refine)
+    monkeypatch.setattr(marked, "outline_near", refine)
     (image,) = circled_spheres(VALUES, [(70, 55, radius)])
     assert (image.outline, image.coverage, image.points_px.shape) == (outline, 0.8, (5, 2))
 

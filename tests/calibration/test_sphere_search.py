@@ -13,8 +13,10 @@ from calibration._spheres.find import (
     _circles,
     _edges,
     _expected,
+    _has_highlights,
+    _mirroring,
     _radii,
-    _verify,
+    _refined,
     overlap,
     round_outlines,
 )
@@ -226,6 +228,25 @@ def test_circles_are_counted_by_size(monkeypatch):
     assert round_outlines(values, [20.0, 40.0]) == 3
 
 
+def confirm_all(monkeypatch, candidates):
+    """Let each circle have an outline, if there is one, whose highlights are those of a mirror."""
+    examined = []
+
+    def edge(_pictures, circle):
+        found = candidates[circle]
+        return None if found is None else (found.outline, found.points_px, found.coverage)
+
+    def has_highlights(_values, circle):
+        examined.append(circle)
+        return True
+
+    by_outline = {one.outline: one for one in candidates.values() if one is not None}
+    monkeypatch.setattr(find, "_refined", edge)
+    monkeypatch.setattr(find, "_has_highlights", has_highlights)
+    monkeypatch.setattr(find, "_mirroring", lambda _values, outline, *_: by_outline[outline])
+    return examined
+
+
 def test_the_first_of_overlapping_candidates_is_the_sphere(monkeypatch):
     """Candidates that are no spheres, overlap, or get another size are skipped."""
     candidates = {
@@ -241,7 +262,7 @@ def test_the_first_of_overlapping_candidates_is_the_sphere(monkeypatch):
         at(10, 200, 60): image_of(10.0, 200.0, radius=60.0),
     }
     monkeypatch.setattr(find, "_circles", lambda _: list(candidates))
-    monkeypatch.setattr(find, "_verify", lambda _values, _image, circle: candidates[circle])
+    confirm_all(monkeypatch, candidates)
     values = np.zeros((1, 20, 20), np.float32)
     monkeypatch.setattr(find, "inside", lambda *_: True)
     known = [image_of(610.0, 50.0), image_of(-50.0, 50.0)]
@@ -249,6 +270,23 @@ def test_the_first_of_overlapping_candidates_is_the_sphere(monkeypatch):
     assert sorted(sphere.outline.centre_px[0] for sphere in found) == [20, 90, 305, 400]
     found = _by_edges(values, [None], (), ())
     assert sorted(s.outline.centre_px[0] for s in found) == [10, 20, 100, 305, 400, 600]
+
+
+def test_highlights_are_located_only_in_outlines_that_can_replace_the_first(monkeypatch):
+    """A blurred circle never replaces another one, a sharp one replaces a blurred one."""
+    first, blurred, sharp, after = at(400), at(404), at(408), at(412)
+    candidates = {
+        first: image_of(400.0, 50.0, scatter=0.8),
+        blurred: image_of(404.0, 50.0, scatter=0.5),
+        sharp: image_of(408.0, 50.0, scatter=0.1),
+        after: image_of(412.0, 50.0, scatter=0.05),
+    }
+    examined = confirm_all(monkeypatch, candidates)
+    monkeypatch.setattr(find, "_circles", lambda _: list(candidates))
+    monkeypatch.setattr(find, "inside", lambda *_: True)
+    found = _by_edges(np.zeros((1, 20, 20), np.float32), [None], (), ())
+    assert found == [candidates[sharp]]
+    assert examined == [first, sharp]
 
 
 @pytest.mark.parametrize(
@@ -307,7 +345,9 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
     monkeypatch.setattr(find, "find_highlights", highlights)
     monkeypatch.setattr(find, "refine_sharpest", refine)
     values = np.zeros((options["lights"], 20, 20), np.float32)
-    sphere = _verify(values, values[0], at(50, 50, options["guess"]))
+    guess = at(50, 50, options["guess"])
+    edge = _refined(values[0], guess)
+    sphere = _mirroring(values, *edge) if edge and _has_highlights(values, guess) else None
     assert (sphere is not None) == is_sphere
     if is_sphere:
         assert (sphere.outline, sphere.coverage) == (outline, options["coverage"])

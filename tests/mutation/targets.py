@@ -55,10 +55,15 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "rig/_shooting/wires.py": (_VALUES,),
     "rig/_board/protocol.py": ("rig/test_protocol_lines.py",),
     "rig/_board/replies.py": ("rig/test_board_replies.py",),
+    "calibration/_radiance/developer.py": (
+        "calibration/test_radiance_limits.py",
+        "calibration/test_radiance.py",
+    ),
     "calibration/_radiance/linear_stack.py": (
         "calibration/test_radiance_limits.py",
         "calibration/test_radiance.py",
     ),
+    "calibration/_radiance/raw_stack.py": ("calibration/test_raw_stack.py",),
     f"{_SPHERES}/calibrate.py": _WHOLE_CALIBRATION,
     f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),

@@ -93,7 +93,7 @@ def test_what_is_no_mirror_sphere_is_refused(sgp, tmp_path, draw, says):
 
 @pytest.mark.parametrize(
     ("draw", "says"),
-    [(diffuse, "no sphere outline at (130, 100) px"), (overexposed, "no highlight under light")],
+    [(diffuse, "no highlight under light"), (overexposed, "no highlight under light")],
 )
 def test_a_marked_ball_without_highlights_is_refused(sgp, tmp_path, draw, says):
     source = recording(tmp_path / "s", draw)

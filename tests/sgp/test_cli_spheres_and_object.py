@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import read_image, read_lights
+from acquisition import led_id, read_image, read_lights
+from calibration import EstimateError
 from processing import read_normals
 from sgp import read_record
 from tests.calibration.spheres_and_object import (
@@ -110,12 +111,36 @@ def test_lights_that_contradict_the_rig_file_are_named(sgp, recording, tmp_path)
     assert "LED 2 and 5 are swapped" in " ".join(result.err.split())
 
 
+@pytest.mark.parametrize("command", ["normals", "run", "inspect"])
+def test_the_rig_file_decides_about_radius_and_distance(
+    sgp, recording, tmp_path, monkeypatch, command
+):
+    """The decision itself is tested in test_cli_setup.py."""
+    rows = np.round(450 * directions()).tolist()
+    file = tmp_path / "rig.toml"
+    file.write_text(f'name = "dome"\ndriver = "bench"\nleds = 8\nled_positions_mm = {rows}\n')
+    given = {}
+
+    def stop(stack, *, led_positions_mm, **_):
+        given.update(led_positions_mm)
+        raise EstimateError("stopped here")
+
+    monkeypatch.setattr("calibration.calibrate_spheres", stop)
+    out = () if command == "inspect" else ("--out", tmp_path / "out")
+    words = (command, recording, "--spheres", *out)
+    assert "stopped here" in sgp(*words, "--rig", file).err
+    assert given == {led_id(i): tuple(row) for i, row in enumerate(rows)}
+    given.clear()
+    assert "stopped here" in sgp(*words).err
+    assert not given
+
+
 @pytest.mark.slow
 def test_normals_are_nearly_as_good_as_with_a_separate_calibration(sgp, tmp_path):
     """Both without intensities: spheres next to the coin, and a recording of spheres alone.
 
-    The goal is a ratio of 1.1. It is 1.18 with the blur of a real lens, with balls of 27 px radius
-    next to the coin and of 31 to 46 px alone, and 1.02 in sharp images: the limit holds this state.
+    The balls next to the coin have 27 px radius, those alone 31 to 46 px. With the blur of a real
+    lens, the ratio of seeds 0 to 2 is 1.03, 1.02 and .98; in sharp images .98, 1.13 and 1.05.
     """
     coin, alone = tmp_path / "coin", tmp_path / "spheres"
     for scene, out in (("coin-with-spheres", coin), ("spheres", alone)):
@@ -131,4 +156,4 @@ def test_normals_are_nearly_as_good_as_with_a_separate_calibration(sgp, tmp_path
         answer = sgp("normals", coin, *words, "--out", tmp_path / name, "--json")
         assert answer.code == 0, answer.err
         errors_deg.append(json.loads(answer.out)["metrics"]["mae_deg"])
-    assert errors_deg[0] < 1.25 * errors_deg[1]
+    assert errors_deg[0] < 1.1 * errors_deg[1]

@@ -1,0 +1,322 @@
+"""The outline near a given circle, and how far away another one fits the edges as well."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calibration._errors import EstimateError
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.outline import (
+    SHARP_PX,
+    OutlineImages,
+    refine_outline,
+    refine_sharpest,
+    scatter_px,
+)
+from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, circle_covariance
+from calibration._spheres.robust import Array
+
+# A sharp outline that is visible over this share of its length is beyond doubt.
+_SAFE_COVERAGE = 0.6
+# Edges of print agree with some circle over up to a quarter of its length.
+_LEAST_SUPPORT = 0.3
+# Outlines that are farther away than stated reach are compared as well.
+_WIDER = 2.0
+_STEPS = 12
+_LEADERS = 8
+_APART_STEPS = 3.0
+_RAYS = (90, 360)
+# Edges across a ray, to 25 degrees, may belong to an outline; those of print often do not.
+_FACING = 0.9
+_SIGNIFICANT = 4.0
+_OFFSET_STEP_PX = 0.5
+_TOLERANCE_PX = 1.0
+# Edge points along this length of an outline count as one observation.
+_INDEPENDENT_PX = 8.0
+_SAME_PX = 0.25
+# Where a ball is, in multiples of the radius of a horizon that is mirrored in it.
+_OUTER, _OUTER_REACH = 1.38, 0.2
+_OUTER_COVERAGE, _OUTER_SCATTER_PX = 0.35, 0.4
+_INNER, _OUTER_SUPPORT = 0.93, 0.25
+# With a larger error of its outline, in radii, a ball shows directions only to 2 degrees or worse.
+_LARGEST_SIGMA = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class NearOutline:
+    """An outline near a circle.
+
+    Parameters
+    ----------
+    outline
+        The ellipse.
+    points_px
+        ``(M, 2)`` edge points that belong to it.
+    coverage
+        Share 0..1 of the circumference that these points cover.
+    covariance_px2
+        ``(3, 3)`` covariance of centre x, centre y and radius without systematic errors, which
+        includes the other outlines that the edges support; None if it is sharp and visible over
+        60 % of its length: then the scatter of the points shows how well it is known.
+    """
+
+    outline: Ellipse
+    points_px: Array
+    coverage: float
+    covariance_px2: Array | None
+
+    @property
+    def sigma_px(self) -> float:
+        """Largest standard deviation of centre and radius along any direction."""
+        if self.covariance_px2 is None:
+            return 0.0
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance_px2)[-1]))
+
+
+_Found = tuple[float, Ellipse, Array, float]
+
+
+def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> NearOutline:
+    """Return the outline near a circle that most edges support.
+
+    If the nearest edges form a sharp outline over 60 % of its length, this is the outline. Else all
+    circles whose centre and radius differ by up to twice the reach are compared by the share of
+    their circumference where an edge faces them, not by the strength of the edges. The best eight
+    are refined. One that has n observations less than the best one (8 px of circumference each) is
+    exp(-n) times as plausible; the covariance of this mixture adds to that of the best outline, so
+    that it contains the others if the edges do not decide.
+
+    Parameters
+    ----------
+    pictures
+        The images in which edges are searched for.
+    circle
+        The approximate outline.
+    reach_px
+        Largest error of its centre and of its radius.
+
+    Raises
+    ------
+    EstimateError
+        If there is no edge near the circle, if the edges do not determine the outline to 2 % of the
+        radius, or if another outline around it shows that it may be the mirrored horizon.
+    """
+    found: list[_Found] = []
+    try:
+        first = refine_sharpest(pictures, circle, reach_px)
+    except EstimateError:
+        pass
+    else:
+        if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
+            _check_inside(pictures, first[0])
+            return NearOutline(*first, None)
+        found.append((0.0, *first))
+    trials = [one[1] for one in found]
+    found = []
+    for picture in (pictures.upper, pictures.median):
+        edges = _EdgesAround(picture, circle, _WIDER * reach_px)
+        for trial in [*trials, *edges.leaders()]:
+            try:
+                refined = refine_outline(picture, trial, 3.0)
+            except EstimateError:
+                continue
+            if _change(circle, refined[0]).max() <= 1.2 * _WIDER * reach_px:
+                found.append((_support(*refined), *refined))
+    if not found:
+        x, y = circle.centre_px
+        raise EstimateError(
+            f"no sphere outline at ({x:.0f}, {y:.0f}) px: give a mask or a better circle"
+        )
+    even = [one for one in found if scatter_px(one[1], one[2]) < SHARP_PX]
+    best = _mixture(_outermost(even or found), circle, reach_px)
+    scatter = scatter_px(best.outline, best.points_px)
+    support = _support(best.outline, best.points_px, best.coverage)
+    doubtful = not scatter < SHARP_PX or support < _LEAST_SUPPORT
+    if doubtful or best.sigma_px > _LARGEST_SIGMA * best.outline.radius_px:
+        (x, y), radius = circle.centre_px, circle.radius_px
+        raise EstimateError(
+            f"the edges near the circle ({x:.0f}, {y:.0f}, {radius:.0f}) px do not determine the "
+            f"outline of a sphere: the best one is visible over {100 * best.coverage:.0f} % of its "
+            f"length, scatters by {scatter:.1f} px and is known to {best.sigma_px:.1f} px: give "
+            "a better circle or a mask, or light the background evenly"
+        )
+    _check_inside(pictures, best.outline)
+    return best
+
+
+def _is_sharp(outline: Ellipse, points_px: Array, coverage: float) -> bool:
+    """Return whether an outline is sharp and visible over most of its length."""
+    return coverage >= _SAFE_COVERAGE and scatter_px(outline, points_px) < SHARP_PX
+
+
+def _check_inside(pictures: OutlineImages, outline: Ellipse) -> None:
+    """Raise `EstimateError` if an outline may be the horizon that is mirrored in a ball.
+
+    It is mirrored at about 73 % of the radius, as a circle with nearly the same centre.
+    """
+    radius = outline.radius_px
+    around = Ellipse(outline.centre_px, (_OUTER * radius, _OUTER * radius))
+    edges = _EdgesAround(pictures.upper, around, _OUTER_REACH * radius)
+    for trial in edges.leaders():
+        if edges.support(trial) < 0.5 * _OUTER_COVERAGE:
+            continue
+        try:
+            other = refine_outline(pictures.upper, trial, 3.0)
+        except EstimateError:
+            continue
+        offset = np.hypot(*np.subtract(other[0].centre_px, outline.centre_px))
+        apart = other[0].radius_px - radius
+        if (
+            other[2] > _OUTER_COVERAGE
+            and scatter_px(other[0], other[1]) < _OUTER_SCATTER_PX
+            and apart > max(0.5 * (_OUTER - 1) * radius, 2 * offset)
+        ):
+            (x, y), (x2, y2) = outline.centre_px, other[0].centre_px
+            raise EstimateError(
+                f"the edge at ({x:.0f}, {y:.0f}, {radius:.0f}) px may be the horizon that a larger "
+                f"sphere mirrors, with its outline at ({x2:.0f}, {y2:.0f}, "
+                f"{other[0].radius_px:.0f}) px: give that circle, or a mask"
+            )
+
+
+def _support(outline: Ellipse, points_px: Array, coverage: float) -> float:
+    """Return the share of the circumference where edges agree with an outline."""
+    distances = outline.distance_px(points_px) / SHARP_PX
+    return coverage * float(np.mean(1 / (1 + distances**2)))
+
+
+def _outermost(found: list[_Found]) -> list[_Found]:
+    """Return the outlines without those that another one may mirror.
+
+    A ball mirrors circles inside itself, sharper ones than its outline among them, but no circle
+    around itself.
+    """
+    return [
+        inner
+        for inner in found
+        if not any(
+            inner[1].radius_px < _INNER * outer[1].radius_px
+            and np.hypot(*_signed_change(inner[1], outer[1])[:2]) + inner[1].radius_px
+            < outer[1].radius_px
+            and outer[0] > max(_OUTER_SUPPORT, 0.5 * inner[0])
+            for outer in found
+        )
+    ]
+
+
+def _mixture(found: list[_Found], circle: Ellipse, reach_px: float) -> NearOutline:
+    """Return the best of the outlines, of those that are equally good the one near the circle."""
+    logs = [
+        2 * np.pi * circle.radius_px / _INDEPENDENT_PX * support
+        - 0.5 * float(np.sum((_change(circle, outline) / reach_px) ** 2))
+        for support, outline, _, _ in found
+    ]
+    order = np.argsort(-np.array(logs), kind="stable")
+    _, outline, points, coverage = found[order[0]]
+    scatter = scatter_px(outline, points)
+    covariance = circle_covariance(points, outline) - np.eye(3) * OUTLINE_SIGMA_PX**2
+    # The fit selects the points that agree with it: over a part of the outline, their scatter
+    # shows too small an error.
+    covariance += np.eye(3) * 0.5 * scatter**2
+    others: list[tuple[float, Array]] = []
+    for index in order:
+        change = _signed_change(outline, found[index][1])
+        if all(np.abs(change - other).max() > _SAME_PX for _, other in others):
+            others.append((float(np.exp(logs[index] - logs[order[0]])), change))
+    total = sum(weight for weight, _ in others)
+    for weight, change in others:
+        covariance = covariance + weight / total * np.outer(change, change)
+    return NearOutline(outline, points, coverage, covariance)
+
+
+def _signed_change(a: Ellipse, b: Ellipse) -> Array:
+    """Return the change from one outline to another in centre x, centre y and radius."""
+    return np.array([*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px])
+
+
+def _change(a: Ellipse, b: Ellipse) -> Array:
+    return np.abs(_signed_change(a, b))
+
+
+class _EdgesAround:
+    """Edges that face the centre of a circle, in polar coordinates around it."""
+
+    def __init__(self, image: npt.NDArray[np.float32], circle: Ellipse, reach_px: float) -> None:
+        self._circle, self._reach = circle, min(reach_px, 0.3 * circle.radius_px)
+        wide = 2.2 * self._reach + 3
+        count = int(np.clip(np.pi * circle.radius_px, *_RAYS))
+        self._angles = np.arange(count) * (2 * np.pi / count)
+        self._first = -np.floor(wide / _OFFSET_STEP_PX) * _OFFSET_STEP_PX
+        offsets = np.arange(self._first, -self._first + 0.1, _OFFSET_STEP_PX)
+        centre = np.array(circle.centre_px)
+        far = circle.radius_px + wide + 4
+        low = np.maximum((centre - far).astype(int), 0)
+        high = np.minimum((centre + far).astype(int) + 2, image.shape[::-1])
+        self._edges = np.zeros((count, len(offsets)))
+        if np.any(high - low < 8):
+            return
+        crop = np.log(image[low[1] : high[1], low[0] : high[0]])
+        smooth = cv2.GaussianBlur(crop, (0, 0), 0.8)
+        gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
+        gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
+        toward = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=1)
+        places = centre + (circle.radius_px + offsets)[None, :, None] * toward[:, None]
+        x, y = (np.ascontiguousarray(places[..., k] - low[k], np.float32) for k in (0, 1))
+        along_x, along_y = (
+            cv2.remap(g, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for g in (gx, gy)
+        )
+        across = np.abs(along_x * toward[:, :1] + along_y * toward[:, 1:])
+        steep = np.hypot(along_x, along_y)
+        inside = (places > 2) & (places < np.array(image.shape[::-1]) - 3)
+        strong = (across > _SIGNIFICANT * np.median(steep) + 1e-4) & (across > _FACING * steep)
+        ridge = np.zeros_like(strong)
+        middle = across[:, 1:-1]
+        ridge[:, 1:-1] = (middle >= across[:, :-2]) & (middle > across[:, 2:])
+        self._edges = (ridge & strong & inside.all(axis=-1)).astype(np.float64)
+
+    def support(self, outline: Ellipse) -> float:
+        """Return the share of the circumference where an edge is close to an outline."""
+        change = [*np.subtract(outline.centre_px, self._circle.centre_px)]
+        trial = np.array([[*change, outline.radius_px - self._circle.radius_px]])
+        return float(self._support(trial, _TOLERANCE_PX)[0])
+
+    def leaders(self) -> list[Ellipse]:
+        """Return the circles with the most support that are apart from each other."""
+        steps = np.linspace(-self._reach, self._reach, 2 * int(np.clip(self._reach, 1, _STEPS)) + 1)
+        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+        step = float(steps[1] - steps[0])
+        score = np.concatenate(
+            [self._support(part, max(_TOLERANCE_PX, step)) for part in np.array_split(grid, 32)]
+        )
+        (x, y), radius = self._circle.centre_px, self._circle.radius_px
+        kept: list[Array] = []
+        for index in np.argsort(-score, kind="stable"):
+            trial = grid[index]
+            if all(np.abs(trial - other).max() >= _APART_STEPS * step for other in kept):
+                kept.append(trial)
+            if len(kept) == _LEADERS:
+                break
+        return [Ellipse((x + dx, y + dy), (radius + dr, radius + dr)) for dx, dy, dr in kept]
+
+    def _support(self, changes: Array, tolerance_px: float) -> Array:
+        """Return the support of circles changed by (x, y, radius) ``(H, 3)``."""
+        reach = max(int(np.ceil(tolerance_px / _OFFSET_STEP_PX)), 1)
+        near = self._edges.copy()
+        for shift in range(1, reach + 1):
+            share = 1 - shift * _OFFSET_STEP_PX / (tolerance_px + _OFFSET_STEP_PX)
+            for sign in (1, -1):
+                moved = np.roll(self._edges, sign * shift, axis=1)
+                near = np.maximum(near, share * moved)
+        cosine, sine = np.cos(self._angles), np.sin(self._angles)
+        along = np.outer(changes[:, 0], cosine) + np.outer(changes[:, 1], sine)
+        aside = np.outer(changes[:, 1], cosine) - np.outer(changes[:, 0], sine)
+        radius = self._circle.radius_px + changes[:, 2:]
+        offset = along + np.sqrt(np.maximum(radius**2 - aside**2, 0)) - self._circle.radius_px
+        index = np.rint((offset - self._first) / _OFFSET_STEP_PX).astype(int)
+        index = np.clip(index, 0, near.shape[1] - 1)
+        support: Array = near[np.arange(len(self._angles)), index].mean(axis=1)
+        return support

@@ -1,0 +1,76 @@
+"""A given circle is refined to the outline, or its error is stated, or it is refused."""
+
+import numpy as np
+import pytest
+
+from acquisition import angle_deg
+from calibration import EstimateError, calibrate_spheres
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.near_circle import outline_near
+from calibration._spheres.outline import OutlineImages
+
+from .uneven_balls import uneven_ball, wrong_circle
+
+
+def outcome(seed):
+    """Return rms error and rms standard deviation of the directions in degrees, None if refused."""
+    values, circle, directions = uneven_ball(seed)
+    try:
+        lights = calibrate_spheres(values, circles=[wrong_circle(seed, circle)]).lights
+    except EstimateError:
+        return None
+    error_deg = angle_deg(lights.unit_directions, directions)
+    variances = np.trace(lights.errors.covariances, axis1=1, axis2=2) / 2
+    return np.sqrt(np.mean(error_deg**2)), np.degrees(np.sqrt(np.mean(variances)))
+
+
+# Before, circles 4 and 7 gave outlines whose errors were 5 standard deviations, circle 0 was off by
+# 15 px and circle 17 took the mirrored horizon.
+@pytest.mark.parametrize("seed", [0, 4, 7, 17])
+def test_an_uneven_outline_states_its_error_or_is_refused(seed):
+    result = outcome(seed)
+    assert result is None or result[0] <= 3 * result[1]
+
+
+@pytest.mark.slow
+def test_errors_of_uneven_outlines_are_stated():
+    """Of 60 circles that are off by 1 to 12 px, at least 95 %; other seeds than the development."""
+    results = [outcome(seed) for seed in range(300, 360)]
+    good = [result is None or result[0] <= 3 * result[1] for result in results]
+    assert np.mean(good) >= 0.95
+    assert sum(result is not None for result in results) >= 20
+
+
+def rings(*radii, half=False):
+    """Return images with sharp rings, of which the lower half may be invisible."""
+    rows, columns = np.mgrid[:160, :160]
+    distance = np.hypot(columns - 80, rows - 78)
+    image = np.full((160, 160), 0.3)
+    for level, radius in zip((0.02, 0.15), radii, strict=False):
+        image += (level - image) * np.clip(radius + 0.5 - distance, 0, 1)
+    if half:
+        image[rows > 78] = 0.3
+    return OutlineImages(np.repeat(image[None].astype(np.float32), 4, axis=0))
+
+
+def test_a_sharp_ring_has_no_rival():
+    near = outline_near(rings(50.0), Ellipse((82.0, 76.0), (48.0, 48.0)), 5.0)
+    assert near.covariance_px2 is None
+    assert near.outline.centre_px == pytest.approx((80, 78), abs=0.1)
+    assert near.outline.radius_px == pytest.approx(50, abs=0.4)
+
+
+def test_half_a_ring_states_its_covariance():
+    near = outline_near(rings(50.0, half=True), Ellipse((82.0, 76.0), (48.0, 48.0)), 5.0)
+    assert near.coverage < 0.6
+    change = np.array([*near.outline.centre_px, near.outline.radius_px]) - (80, 78, 50)
+    sigma = np.sqrt(np.diag(near.covariance_px2) + 0.03**2)
+    assert np.all(np.abs(change) < 3 * sigma + 0.4)
+    assert near.sigma_px < 1.0
+
+
+def test_a_ring_inside_a_ring_may_be_a_mirrored_horizon():
+    pictures = rings(60.0, 44.0)
+    with pytest.raises(EstimateError, match=r"may be the horizon .* outline at \(80, 78, 60\) px"):
+        outline_near(pictures, Ellipse((80.0, 78.0), (44.0, 44.0)), 4.4)
+    assert outline_near(pictures, Ellipse((80.0, 78.0), (58.0, 58.0)), 5.8).covariance_px2 is None
