@@ -33,6 +33,11 @@ TARGETS: dict[str, tuple[str, ...]] = {
     ),
     "acquisition/_engine/carry_out.py": (
         "acquisition/test_engine.py",
+        "acquisition/test_engine_ctrl_c.py",
+        "acquisition/test_engine_lost_shots.py",
+        "acquisition/test_engine_refusals.py",
+        "acquisition/test_engine_sequences.py",
+        "acquisition/test_engine_slow_disk.py",
         "acquisition/test_engine_disk.py",
         "acquisition/test_set_aside.py",
     ),
