@@ -56,7 +56,7 @@ class Linearizer:
             frame.exposure_us is None for frame in source.frames
         )
         self._lock = threading.Lock()
-        self._offsets: list[tuple[float | None, FloatImage | None]] = []
+        self._offsets: list[tuple[float | None, FloatImage | None, float]] = []
 
     def reference(self, exposure_us: float | None) -> Reference | None:
         """Return the role of the reference frames for an exposure time, None without any."""
@@ -93,16 +93,17 @@ class Linearizer:
 
         The level is relative to black; both are 0 if nothing is subtracted.
         """
-        offset = self._offset(exposure_us)
         role = self.reference(exposure_us)
-        if offset is None or role is None:
+        if role is None:
             return 0.0, 0
-        return float(np.median(offset)), len(self._references(role, exposure_us))
+        return self._subtracted(exposure_us)[1], len(self._references(role, exposure_us))
 
     def dark_signal(self, exposure_us: float | None) -> FloatImage | None:
         """Return the mean of the dark frames of an exposure time, as signal; None without any."""
         if exposure_us is None and not self._timeless:
             return None
+        if self.reference(exposure_us) == "dark":
+            return self._subtracted(exposure_us)[0]
         frames = self._references("dark", exposure_us)
         return self._mean_of(frames) if frames else None
 
@@ -112,7 +113,7 @@ class Linearizer:
         """Return `signal_and_saturation` of the rows and columns ``part`` of the `pixels`."""
         samples = pixels[part]
         signal = self._linear(samples)
-        offset = self._offset(frame.exposure_us)
+        offset, _ = self._subtracted(frame.exposure_us)
         if offset is not None:
             signal -= offset[part]
         return signal, samples >= self._source.white_level
@@ -151,16 +152,19 @@ class Linearizer:
             return self._timeless
         return same_exposure(one_us, other_us)
 
-    def _offset(self, exposure_us: float | None) -> FloatImage | None:
+    def _subtracted(self, exposure_us: float | None) -> tuple[FloatImage | None, float]:
+        """Return the mean of the references of an exposure time, and its median."""
         if exposure_us is None and not self._timeless:
-            return None
+            return None, 0.0
         with self._lock:
-            for known_us, offset in self._offsets:
+            for known_us, offset, level in self._offsets:
                 if self._same_exposure(known_us, exposure_us):
-                    return offset
+                    return offset, level
             offset = self._mean_reference(exposure_us)
-            self._offsets.append((exposure_us, offset))
-            return offset
+            # Every fifth row shows the level of all.
+            level = 0.0 if offset is None else float(np.median(offset[::5]))
+            self._offsets.append((exposure_us, offset, level))
+            return offset, level
 
     def _mean_reference(self, exposure_us: float | None) -> FloatImage | None:
         role = self.reference(exposure_us)

@@ -75,17 +75,15 @@ def merge(
     """
     if len(radiance) == 1:
         return np.where(usable[0], radiance[0], np.float32(np.nan))
-    counted = [
-        np.where(on, np.float32(t), np.float32(0)) for on, t in zip(usable, exposure, strict=True)
-    ]
-    merged = _mean(radiance, counted)
+    merged = _mean(radiance, [on * np.float32(t) for on, t in zip(usable, exposure, strict=True)])
     if laws is None:
         return merged
-    lit = np.maximum(merged, 0)
-    weights = [
-        np.where(on, 1 / (np.float32(law.slope) * lit + np.float32(law.floor)), np.float32(0))
-        for on, law in zip(usable, laws, strict=True)
-    ]
+    lit = np.fmax(merged, np.float32(0))
+    weights = []
+    for on, law in zip(usable, laws, strict=True):
+        variance = lit * np.float32(law.slope)
+        variance += np.float32(law.floor)
+        weights.append(np.divide(on, variance, dtype=np.float32))
     return _mean(radiance, weights)
 
 
@@ -98,11 +96,12 @@ def bits(usable: Sequence[Bools]) -> npt.NDArray[np.uint8]:
 
 
 def _mean(images: Sequence[FloatImage], weights: Sequence[FloatImage]) -> FloatImage:
-    """Return the weighted mean; a sample without weight does not count even if it is NaN."""
-    total = np.zeros_like(images[0])
-    weight = np.zeros_like(images[0])
-    for image, of_one in zip(images, weights, strict=True):
-        total += np.where(of_one > 0, image, 0) * of_one
+    """Return the weighted mean of finite images, NaN where all weights are 0."""
+    total: FloatImage = images[0] * weights[0]
+    weight = weights[0].copy()
+    for image, of_one in zip(images[1:], weights[1:], strict=True):
+        total += image * of_one
         weight += of_one
     with np.errstate(invalid="ignore"):
-        return np.asarray(total / np.where(weight > 0, weight, np.nan), np.float32)
+        total /= weight
+    return total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal
@@ -28,6 +29,7 @@ Bools = npt.NDArray[np.bool_]
 # Brackets are compared where the longer one has between a tenth and four fifths of its range.
 _COMPARED = (0.1, 0.8)
 _LEAST_COMPARED_PX = 500
+_EVERY_BAND = 4
 _CONTRADICTION = 0.02
 _ALL = slice(None)
 
@@ -100,12 +102,17 @@ class Developer:
         return None
 
     @property
+    def hot_pixels(self) -> npt.NDArray[np.intp]:
+        """Row and column ``(M, 2)`` of the pixels of a frame that are hot in some exposure."""
+        hot = [np.argwhere(mask.any(axis=2) if mask.ndim == 3 else mask) for _, mask in self._hot]
+        return np.unique(np.concatenate([np.zeros((0, 2), np.intp), *hot]), axis=0)
+
+    @property
     def notices(self) -> tuple[Notice, ...]:
         """What was noted about references, hot pixels and brackets so far."""
         notices = list(self._notices)
         if self._hot:
-            most = max(int(hot.sum()) for _, hot in self._hot)
-            text = f"{pluralize(most, 'hot pixel')} in the dark frames left out"
+            text = f"{pluralize(len(self.hot_pixels), 'hot pixel')} in the dark frames left out"
             notices.append(Notice("hot-pixels", text, severity="info"))
         return (*notices, *self._contradictions())
 
@@ -260,14 +267,14 @@ class Developer:
         laws = None if self._noise is None else [self._law(repeats) for repeats in brackets]
         out = np.zeros(brackets[0][0].shape, np.float32)
         compared: list[list[tuple[float, float, int]]] = [[] for _ in brackets[1:]]
-        for rows in row_bands(len(out)):
+        for k, rows in enumerate(row_bands(len(out))):
             radiance = [
                 self._mean(repeats, of_one, rows)
                 for repeats, of_one in zip(brackets, samples, strict=True)
             ]
             count = [mask[rows] for mask in usable]
             out[rows] = merge(radiance, count, exposure, laws)
-            for b, sums in enumerate(compared):
+            for b, sums in enumerate(compared if k % _EVERY_BAND == 0 else ()):
                 share = self._share(brackets[b][0])
                 low, high = (limit / share for limit in _COMPARED)
                 both = count[b] & count[b + 1] & (out[rows] > low) & (out[rows] < high)
@@ -294,7 +301,8 @@ class Developer:
             limit = min(black + (white - black) * self._clear_of_white, white)
         near: Bools = np.zeros(samples[0].shape, np.bool_)
         for of_one in samples:
-            near |= of_one >= np.float64(limit)
+            # Integers are compared with integers, without a copy in double precision.
+            near |= of_one >= (limit if of_one.dtype.kind == "f" else math.ceil(limit))
         usable: Bools = ~(near if last else grown(near))
         hot = self._hot_at(repeats[0].exposure_us)
         if hot is not None:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 # dark frame above its surroundings.
 _EXCESS = 0.01
 _DEVIATIONS = 8.0
+_ROWS = 200
 
 
 def hot_pixels(dark: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
@@ -28,9 +29,12 @@ def hot_pixels(dark: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
     NDArray
         bool of the same shape.
     """
-    if min(dark.shape[:2]) < 5:
+    # Every excess is above the darkest pixel.
+    if min(dark.shape[:2]) < 5 or not dark.max() - dark.min() > _EXCESS:
         return np.zeros(dark.shape, np.bool_)
     excess = dark - cv2.medianBlur(np.ascontiguousarray(dark, np.float32), 5)
-    spread = 1.4826 * float(np.median(np.abs(excess)))
+    # Some of the rows show the spread of all.
+    rows = excess[:: max(1, len(excess) // _ROWS)]
+    spread = 1.4826 * float(np.median(np.abs(rows)))
     hot: npt.NDArray[np.bool_] = excess > max(_EXCESS, _DEVIATIONS * spread)
     return hot

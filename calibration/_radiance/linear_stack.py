@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -21,6 +21,10 @@ from calibration._radiance.stack_tasks import (
     threads_for,
 )
 from rig import Notice, Progress, check_type, no_progress
+
+
+def _no_pixels() -> npt.NDArray[np.intp]:
+    return np.zeros((0, 2), np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,9 @@ class Stack:
     noise
         Law of the temporal variance of the values; None if neither the recording nor its repeats
         determine it.
+    hot_pixels
+        ``(M, 2)`` row and column in the frames of pixels that the dark frames of some exposure time
+        show as hot; they are left out of this exposure.
     """
 
     values: FloatImage
@@ -56,6 +63,7 @@ class Stack:
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
     noise: StackNoise | None = None
+    hot_pixels: npt.NDArray[np.intp] = field(default_factory=_no_pixels)
 
     def __repr__(self) -> str:
         parts = [f"{self.values.dtype}{list(self.values.shape)}"]
@@ -157,7 +165,14 @@ def linear_stack(
             on_progress("reading", i + 1, len(ids))
     check_usable(brightest, ids, source)
     return Stack(
-        values, ids, lights, source.mask, source.camera, develop.notices, develop.noise(tasks, used)
+        values,
+        ids,
+        lights,
+        source.mask,
+        source.camera,
+        develop.notices,
+        develop.noise(tasks, used),
+        develop.hot_pixels,
     )
 
 

@@ -69,8 +69,8 @@ class SpotCluster:
 def reduce_stack(values: Images) -> ReducedStack:
     """Return the images at a lower resolution, of about 900 px."""
     count, height, width = values.shape
-    factor = max(-(-max(height, width) // _SIZE_PX), 1)
-    rows, columns = max(height // factor, 1), max(width // factor, 1)
+    factor = max(min(-(-max(height, width) // _SIZE_PX), height, width), 1)
+    rows, columns = height // factor, width // factor
     mean = np.zeros((count, rows, columns), np.float32)
     peak = np.zeros_like(mean)
     for k in range(count):

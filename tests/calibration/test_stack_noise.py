@@ -166,6 +166,7 @@ def test_hot_pixels_are_left_out_of_the_exposure_in_which_they_are_hot():
     used[4, 5] = 2
     np.testing.assert_array_equal(stack.noise.used[0], used)
     assert [str(notice) for notice in stack.warnings] == ["1 hot pixel in the dark frames left out"]
+    assert stack.hot_pixels.tolist() == [[4, 5]]
     alone = linear_stack(source(frames[:2], noise=SENSOR))
     assert np.argwhere(np.isnan(alone.values[0])).tolist() == [[4, 5]]
 
@@ -176,7 +177,9 @@ def test_a_sensor_with_offsets_has_no_hot_pixels():
     glow = 0.1 * np.exp(-np.hypot(*np.indices((80, 80))) / 30)
     dark = np.random.default_rng(1).normal(64, 2, (80, 80)) + glow * 4031
     frames = [frame(np.full((80, 80), 2000, np.uint16)), frame(dark.astype(np.uint16), "dark")]
-    assert linear_stack(source(frames, sensor)).warnings == ()
+    stack = linear_stack(source(frames, sensor))
+    assert stack.warnings == ()
+    assert stack.hot_pixels.shape == (0, 2)
 
 
 def test_nothing_is_assumed_about_an_unknown_sensor():
