@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
-from acquisition._errors import DataError, MissingPathError
+from acquisition._errors import DataError, missing_path
 from acquisition._pixels.sample_bits import (
     high_bits_notice,
     high_bits_of,
@@ -97,7 +97,7 @@ def read_source(
     """
     path = Path(path)
     if not path.exists():
-        raise MissingPathError(f"{path}: no such file or folder")
+        raise missing_path(path)
     check_staging_finished(path if path.is_dir() else path.parent)
     source = with_export_notes(_dispatch(path, mask_path, max_pixels, transfer))
     source = _with_notice(_with_white_level(source))
