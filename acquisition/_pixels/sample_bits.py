@@ -15,7 +15,6 @@ import numpy as np
 from acquisition._pixels.images import Image
 from rig import Notice
 
-_FULL: Final = 65535.0
 # Bits of a sample by the step between its values.
 _BITS: Final = {4: 14, 16: 12, 64: 10}
 # Fewer different values may share a factor by chance.
@@ -72,7 +71,7 @@ def low_bits_of(images: Iterable[Image]) -> int | None:
 
 def white_level_of(bits: int) -> float:
     """Return the value of a saturated sample in the high bits: 65520 for 12 bits."""
-    return _FULL + 1 - 2 ** (16 - bits)
+    return float(2**16 - 2 ** (16 - bits))
 
 
 def high_bits_notice(bits: int, where: str) -> Notice:
