@@ -12,6 +12,7 @@ from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.highlights import find_highlights
+from calibration._spheres.masked import sphere_in_mask
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import mirror_near
 from calibration._spheres.near_circle import outline_near
@@ -25,15 +26,20 @@ Mask = npt.NDArray[np.bool_] | npt.NDArray[np.floating]
 
 # Largest ratio of the axes of a sphere's outline; perspective and non-square pixels cause less.
 _LONGEST_RATIO = 1.5
-_ROUGHEST_SHARE = 0.05
+_ROUGHEST_SHARE, _EXACT_SHARE = 0.05, 0.01
 
 
-def masked_spheres(values: Images, masks: Sequence[Mask]) -> list[SphereImage]:
+def masked_spheres(
+    values: Images, masks: Sequence[Mask], camera: CameraModel | None = None
+) -> list[SphereImage]:
     """Return outlines and highlights of the spheres in masks.
 
-    Parameters and errors are those of `calibrate_spheres`.
+    A mask that contradicts the images is refined, see `sphere_in_mask`. Parameters and errors are
+    those of `calibrate_spheres`.
     """
     images = []
+    pictures = OutlineImages(values)
+    plane = MirroredPlane(values, reduce_stack(values), camera)
     for mask in masks:
         if mask.shape != values.shape[1:]:
             raise DataError(
@@ -49,7 +55,7 @@ def masked_spheres(values: Images, masks: Sequence[Mask]) -> list[SphereImage]:
                 outline, _ = fit_circle(points)
                 _check_disc(outline, points)
             coverage = _coverage(outline, points)
-            images.append(SphereImage(outline, points, coverage, find_highlights(values, outline)))
+            images.append(sphere_in_mask(values, pictures, plane, outline, points, coverage))
     return images
 
 
@@ -98,8 +104,12 @@ def _coverage(outline: Ellipse, points: Array) -> float:
 def _check_disc(outline: Ellipse, points: Array) -> None:
     """Raise `EstimateError` if the outline of a mask is not that of a sphere."""
     axes = outline.semi_axes_px
-    scatter = float(np.sqrt(np.mean(outline.distance_px(points) ** 2)))
-    if max(axes) > _LONGEST_RATIO * min(axes) or scatter > 1 + _ROUGHEST_SHARE * min(axes):
+    distances = np.sort(np.abs(outline.distance_px(points)))
+    scatter = float(np.sqrt(np.mean(distances**2)))
+    # A mask with a bite is exact elsewhere.
+    bitten = distances[3 * len(distances) // 4] < 1 + _EXACT_SHARE * min(axes)
+    rough = scatter > 1 + _ROUGHEST_SHARE * min(axes) and not bitten
+    if max(axes) > _LONGEST_RATIO * min(axes) or rough:
         x, y = outline.centre_px
         raise EstimateError(
             f"the mask at ({x:.0f}, {y:.0f}) px is not the disc of a sphere: its ellipse has "

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._errors import EstimateError
+from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.outline import (
     SHARP_PX,
@@ -26,15 +25,6 @@ _SAFE_COVERAGE = 0.6
 _LEAST_SUPPORT = 0.3
 # Outlines that are farther away than stated reach are compared as well.
 _WIDER = 2.0
-_STEPS = 12
-_LEADERS = 8
-_APART_STEPS = 3.0
-_RAYS = (90, 360)
-# Edges across a ray, to 25 degrees, may belong to an outline; those of print often do not.
-_FACING = 0.9
-_SIGNIFICANT = 4.0
-_OFFSET_STEP_PX = 0.5
-_TOLERANCE_PX = 1.0
 # Edge points along this length of an outline count as one observation.
 _INDEPENDENT_PX = 8.0
 _SAME_PX = 0.25
@@ -118,7 +108,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     trials = [one[1] for one in found]
     found = []
     for picture in (pictures.upper, pictures.median):
-        edges = _EdgesAround(picture, circle, _WIDER * reach_px)
+        edges = EdgesAround(picture, circle, _WIDER * reach_px)
         for trial in [*trials, *edges.leaders()]:
             try:
                 refined = refine_outline(picture, trial, 3.0)
@@ -160,7 +150,7 @@ def _check_inside(pictures: OutlineImages, outline: Ellipse) -> None:
     """
     radius = outline.radius_px
     around = Ellipse(outline.centre_px, (_OUTER * radius, _OUTER * radius))
-    edges = _EdgesAround(pictures.upper, around, _OUTER_REACH * radius)
+    edges = EdgesAround(pictures.upper, around, _OUTER_REACH * radius)
     for trial in edges.leaders():
         if edges.support(trial) < 0.5 * _OUTER_COVERAGE:
             continue
@@ -240,83 +230,3 @@ def _signed_change(a: Ellipse, b: Ellipse) -> Array:
 
 def _change(a: Ellipse, b: Ellipse) -> Array:
     return np.abs(_signed_change(a, b))
-
-
-class _EdgesAround:
-    """Edges that face the centre of a circle, in polar coordinates around it."""
-
-    def __init__(self, image: npt.NDArray[np.float32], circle: Ellipse, reach_px: float) -> None:
-        self._circle, self._reach = circle, min(reach_px, 0.3 * circle.radius_px)
-        wide = 2.2 * self._reach + 3
-        count = int(np.clip(np.pi * circle.radius_px, *_RAYS))
-        self._angles = np.arange(count) * (2 * np.pi / count)
-        self._first = -np.floor(wide / _OFFSET_STEP_PX) * _OFFSET_STEP_PX
-        offsets = np.arange(self._first, -self._first + 0.1, _OFFSET_STEP_PX)
-        centre = np.array(circle.centre_px)
-        far = circle.radius_px + wide + 4
-        low = np.maximum((centre - far).astype(int), 0)
-        high = np.minimum((centre + far).astype(int) + 2, image.shape[::-1])
-        self._edges = np.zeros((count, len(offsets)))
-        if np.any(high - low < 8):
-            return
-        crop = np.log(image[low[1] : high[1], low[0] : high[0]])
-        smooth = cv2.GaussianBlur(crop, (0, 0), 0.8)
-        gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
-        gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
-        toward = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=1)
-        places = centre + (circle.radius_px + offsets)[None, :, None] * toward[:, None]
-        x, y = (np.ascontiguousarray(places[..., k] - low[k], np.float32) for k in (0, 1))
-        along_x, along_y = (
-            cv2.remap(g, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for g in (gx, gy)
-        )
-        across = np.abs(along_x * toward[:, :1] + along_y * toward[:, 1:])
-        steep = np.hypot(along_x, along_y)
-        inside = (places > 2) & (places < np.array(image.shape[::-1]) - 3)
-        strong = (across > _SIGNIFICANT * np.median(steep) + 1e-4) & (across > _FACING * steep)
-        ridge = np.zeros_like(strong)
-        middle = across[:, 1:-1]
-        ridge[:, 1:-1] = (middle >= across[:, :-2]) & (middle > across[:, 2:])
-        self._edges = (ridge & strong & inside.all(axis=-1)).astype(np.float64)
-
-    def support(self, outline: Ellipse) -> float:
-        """Return the share of the circumference where an edge is close to an outline."""
-        change = [*np.subtract(outline.centre_px, self._circle.centre_px)]
-        trial = np.array([[*change, outline.radius_px - self._circle.radius_px]])
-        return float(self._support(trial, _TOLERANCE_PX)[0])
-
-    def leaders(self) -> list[Ellipse]:
-        """Return the circles with the most support that are apart from each other."""
-        steps = np.linspace(-self._reach, self._reach, 2 * int(np.clip(self._reach, 1, _STEPS)) + 1)
-        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
-        step = float(steps[1] - steps[0])
-        score = np.concatenate(
-            [self._support(part, max(_TOLERANCE_PX, step)) for part in np.array_split(grid, 32)]
-        )
-        (x, y), radius = self._circle.centre_px, self._circle.radius_px
-        kept: list[Array] = []
-        for index in np.argsort(-score, kind="stable"):
-            trial = grid[index]
-            if all(np.abs(trial - other).max() >= _APART_STEPS * step for other in kept):
-                kept.append(trial)
-            if len(kept) == _LEADERS:
-                break
-        return [Ellipse((x + dx, y + dy), (radius + dr, radius + dr)) for dx, dy, dr in kept]
-
-    def _support(self, changes: Array, tolerance_px: float) -> Array:
-        """Return the support of circles changed by (x, y, radius) ``(H, 3)``."""
-        reach = max(int(np.ceil(tolerance_px / _OFFSET_STEP_PX)), 1)
-        near = self._edges.copy()
-        for shift in range(1, reach + 1):
-            share = 1 - shift * _OFFSET_STEP_PX / (tolerance_px + _OFFSET_STEP_PX)
-            for sign in (1, -1):
-                moved = np.roll(self._edges, sign * shift, axis=1)
-                near = np.maximum(near, share * moved)
-        cosine, sine = np.cos(self._angles), np.sin(self._angles)
-        along = np.outer(changes[:, 0], cosine) + np.outer(changes[:, 1], sine)
-        aside = np.outer(changes[:, 1], cosine) - np.outer(changes[:, 0], sine)
-        radius = self._circle.radius_px + changes[:, 2:]
-        offset = along + np.sqrt(np.maximum(radius**2 - aside**2, 0)) - self._circle.radius_px
-        index = np.rint((offset - self._first) / _OFFSET_STEP_PX).astype(int)
-        index = np.clip(index, 0, near.shape[1] - 1)
-        support: Array = near[np.arange(len(self._angles)), index].mean(axis=1)
-        return support

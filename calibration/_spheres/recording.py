@@ -16,6 +16,7 @@ from calibration._spheres.robust import Array
 from calibration._spheres.search import searched_spheres
 from calibration._spheres.sphere_image import (
     SphereImage,
+    mask_warnings,
     missing_highlights_warning,
     partial_outline_warning,
     saturation_warning,
@@ -67,6 +68,7 @@ class SeenSpheres:
             *missing_highlights_warning(self.images),
             *(saturation_warning(bright) if bright else ()),
             *partial_outline_warning(self.images),
+            *mask_warnings(self.images),
         ]
 
 
@@ -109,7 +111,7 @@ def seen_in(
     found = not masks and not circles
     left_out: list[Notice] = []
     if masks:
-        images = masked_spheres(values, masks)
+        images = masked_spheres(values, masks, camera)
     elif circles:
         images = circled_spheres(values, circles, camera)
     else:

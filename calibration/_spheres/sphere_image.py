@@ -38,6 +38,11 @@ class SphereImage:
         around it, which no other object does, or for an outline near a given circle that is not
         sharp all around; else None, and the scatter of the points shows how well the outline is
         known.
+    mask_off_px
+        Largest difference of centre and radius from the given mask, if the images replaced it; 0
+        otherwise.
+    painted
+        Whether the sphere in a mask is shaded like a painted ball.
     """
 
     outline: Ellipse
@@ -45,6 +50,8 @@ class SphereImage:
     coverage: float
     highlights: Highlights
     covariance_px2: Array | None = None
+    mask_off_px: float = 0.0
+    painted: bool = False
 
     __repr__ = short_repr
 
@@ -104,6 +111,28 @@ def uneven_outline_warning(images: list[SphereImage]) -> list[Notice]:
         "background evenly, or give a mask"
     )
     return [Notice("outline-uneven", text)]
+
+
+def mask_warnings(images: list[SphereImage]) -> list[Notice]:
+    """Return notices about masks that contradict the images or show painted balls."""
+    notices = [
+        Notice(
+            "mask-refined",
+            f"the mask of {places([image])} is off by {image.mask_off_px:.1f} px: the outline in "
+            "the images is used",
+            severity="info",
+        )
+        for image in images
+        if image.mask_off_px
+    ]
+    painted = [image for image in images if image.painted]
+    if painted:
+        text = (
+            f"{places(painted)} is shaded like a painted ball, so its highlights are not those of "
+            "a mirror: check the mask"
+        )
+        notices.append(Notice("sphere-painted", text))
+    return notices
 
 
 def places(images: list[SphereImage]) -> str:

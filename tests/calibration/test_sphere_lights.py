@@ -59,7 +59,7 @@ def moved(image, count, shift_px):
 
 def calibrated(monkeypatch, images, *, found=False, left_out=(), **options):
     """Calibrate with these spheres, as if they were marked or found."""
-    monkeypatch.setattr(recording, "masked_spheres", lambda _values, _masks: list(images))
+    monkeypatch.setattr(recording, "masked_spheres", lambda *_: list(images))
     monkeypatch.setattr(recording, "searched_spheres", lambda *_: (list(images), list(left_out)))
     values = VALUES[: len(images[0].highlights.found)]
     return calibrate_spheres(values, masks=None if found else MARK, **options)
@@ -300,7 +300,7 @@ def test_colour_images_count_by_their_mean(monkeypatch):
     given = []
     image = seen(TWO[0], LIGHTS)
     monkeypatch.setattr(
-        recording, "masked_spheres", lambda values, _masks: given.append(values) or [image]
+        recording, "masked_spheres", lambda values, *_: given.append(values) or [image]
     )
     colour = np.zeros((10, 330, 420, 3), np.float32)
     colour[3, 5, 7] = 0.1, 0.2, 0.6

@@ -164,7 +164,11 @@ def test_one_sharp_sphere_among_blurred_ones_gives_no_positions(one, monkeypatch
     draw = np.random.default_rng(1)
     images = found_images(values, truth)
     images[1:] = [
-        replace(image, points_px=image.points_px + draw.normal(0, 1, image.points_px.shape))
+        replace(
+            image,
+            points_px=image.points_px + draw.normal(0, 1, image.points_px.shape),
+            covariance_px2=None,
+        )
         for image in images[1:]
     ]
     monkeypatch.setattr(

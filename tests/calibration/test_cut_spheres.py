@@ -1,0 +1,71 @@
+"""Spheres that the frame cuts off are used as far as they are visible."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration import EstimateError, calibrate_spheres
+from calibration._spheres.ellipse import fit_ellipse
+from simulator import ChromeSphere, render, scene_named
+
+pytestmark = pytest.mark.slow
+
+
+def outline(camera, sphere):
+    """Return the ellipse of the points where rays touch a sphere, within the image or not."""
+    axis = np.array(sphere.centre_mm) - camera.centre_mm
+    distance = np.linalg.norm(axis)
+    axis /= distance
+    first = np.cross(axis, [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first)
+    angle = np.arange(0, 2 * np.pi, 0.05)
+    around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(axis, first))
+    sine = sphere.radius_mm / distance
+    touch = distance * (1 - sine**2) * axis + sphere.radius_mm * np.sqrt(1 - sine**2) * around
+    return fit_ellipse(camera.project(camera.centre_mm + touch))[0]
+
+
+@pytest.fixture(scope="module", params=[0.8, 0.6])
+def scene(request):
+    """Return images of a sphere of which this share of the width is visible, and of another one."""
+    scene = scene_named("spheres", width=640, height=512, leds=12, seed=31)
+    x = 0.97 * (-147 + 40 * request.param - 20)
+    spheres = (ChromeSphere((x, 10.0, 20.0), 20.0), ChromeSphere((40.0, 30.0, 20.0), 20.0))
+    rendering = render(replace(scene, spheres=spheres))
+    values = rendering.planes + rendering.ambient
+    values[values > 1] = np.nan
+    masks = list(rendering.truth.sphere_masks)
+    outlines = [outline(rendering.truth.camera, sphere) for sphere in spheres]
+    return SimpleNamespace(
+        values=values, masks=masks, outlines=outlines, camera=rendering.truth.camera
+    )
+
+
+def marks(scene, marked):
+    circles = [(*one.centre_px, one.radius_px + 2) for one in scene.outlines]
+    return {"searched": {}, "circles": {"circles": circles}, "masks": {"masks": scene.masks}}[
+        marked
+    ]
+
+
+@pytest.mark.parametrize("marked", ["searched", "circles", "masks"])
+def test_the_visible_part_gives_the_outline_and_its_coverage(scene, marked):
+    calibration = calibrate_spheres(scene.values, camera=scene.camera, **marks(scene, marked))
+    assert len(calibration.spheres) == 2
+    cut, whole = calibration.spheres
+    assert 0.4 < cut.coverage < 0.75
+    assert whole.coverage > 0.9
+    # Today .44 px off toward the frame.
+    assert cut.outline.centre_px == pytest.approx(scene.outlines[0].centre_px, abs=0.6)
+    assert cut.outline.radius_px == pytest.approx(scene.outlines[0].radius_px, abs=0.6)
+    codes = {notice.code for notice in calibration.warnings}
+    assert ("outline-partly-seen" in codes) == (cut.coverage < 0.6)
+
+
+@pytest.mark.parametrize("marked", ["searched", "circles", "masks"])
+def test_positions_do_not_turn_into_directions(scene, marked):
+    """The highlights of some lights are beyond the frame: these lights are named."""
+    with pytest.raises(EstimateError, match=r"lights? L02.* on fewer than 2 of 2 spheres"):
+        calibrate_spheres(scene.values, camera=scene.camera, radius_mm=20.0, **marks(scene, marked))

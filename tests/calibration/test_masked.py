@@ -1,0 +1,103 @@
+"""Masks of spheres that are off are refined in the images, exact masks are not changed."""
+
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration import calibrate_spheres
+from calibration._spheres.ellipse import fit_ellipse
+from calibration._spheres.marked import masked_spheres
+from calibration._spheres.outline import mask_outlines
+from calibration._spheres.outline_noise import outline_covariance
+from simulator import render, scene_named
+
+from .uneven_balls import uneven_ball
+
+DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    rendering = render(scene_named("spheres", width=640, height=512, leds=8, seed=21))
+    values = (rendering.planes + rendering.ambient) * np.float32(2)
+    values[values > 1] = np.nan
+    mask = rendering.truth.sphere_masks[0]
+    outline, _ = fit_ellipse(mask_outlines(mask)[0])
+    return SimpleNamespace(values=values, mask=mask, outline=outline, camera=rendering.truth.camera)
+
+
+def bitten(mask):
+    rows, columns = np.nonzero(mask)
+    y, x = np.mgrid[: mask.shape[0], : mask.shape[1]]
+    distance = np.hypot(x - columns.max(), y - rows.mean())
+    return mask & (distance > 0.35 * np.sqrt(mask.sum() / np.pi))
+
+
+def changed(mask, change):
+    mask = mask.astype(np.uint8)
+    if change == "grown":
+        return cv2.dilate(mask, DISC, iterations=2) > 0
+    if change == "shrunk":
+        return cv2.erode(mask, DISC) > 0
+    if change == "shifted":
+        return np.roll(mask, (1, -2), (0, 1)) > 0
+    return bitten(mask > 0) if change == "bitten" else mask > 0
+
+
+def off_px(image, outline):
+    return np.array(
+        [
+            *np.subtract(image.outline.centre_px, outline.centre_px),
+            image.outline.radius_px - outline.radius_px,
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "refined"),
+    [("exact", False), ("bitten", False), ("grown", True), ("shrunk", True), ("shifted", True)],
+)
+def test_a_mask_that_is_off_is_refined(scene, change, refined):
+    (image,) = masked_spheres(scene.values, [changed(scene.mask, change)], scene.camera)
+    assert (image.mask_off_px > 0.5) == refined
+    sigma = np.sqrt(np.diag(outline_covariance(image)))
+    off = np.abs(off_px(image, scene.outline))
+    assert np.all(off < (0.25 if refined else sigma))
+
+
+def test_the_notice_names_the_mask_that_was_off(scene):
+    masks = [changed(scene.mask, "grown")]
+    calibration = calibrate_spheres(scene.values, masks=masks, camera=scene.camera)
+    (notice,) = [one for one in calibration.warnings if one.code == "mask-refined"]
+    x, y = scene.outline.centre_px
+    assert f"the sphere at ({x:.0f}, {y:.0f}) px is off by 1." in notice.text
+    assert notice.severity == "info"
+
+
+def test_a_mask_is_kept_where_the_images_show_no_outline():
+    """Half of the outline is dark, and the edges there are uneven."""
+    values, (x, y, radius), _ = uneven_ball(4)
+    rows, columns = np.mgrid[: values.shape[1], : values.shape[2]]
+    mask = np.hypot(columns - x, rows - y) < radius + 1.5
+    (image,) = masked_spheres(values, [mask])
+    assert image.mask_off_px == 0
+    assert image.outline.radius_px == pytest.approx(radius + 1.5, abs=0.2)
+
+
+def test_a_mask_of_a_painted_ball_is_named():
+    rows, columns = np.mgrid[:120, :160]
+    x, y = (columns - 80) / 40, (rows - 60) / 40
+    inside = np.hypot(x, y) < 1
+    height = np.sqrt(np.clip(1 - x**2 - y**2, 0, 1))
+    images = []
+    for angle in np.arange(6):
+        light = np.array([0.5 * np.cos(angle), 0.5 * np.sin(angle), 0.75**0.5])
+        shading = np.clip(x * light[0] - y * light[1] + height * light[2], 0, None)
+        half = light + np.array([0, 0, 1])
+        half /= np.linalg.norm(half)
+        gloss = 3 * np.exp(-400 * ((x - half[0]) ** 2 + (y + half[1]) ** 2))
+        images.append(np.where(inside, 0.4 * shading + gloss, 0.4))
+    (image,) = masked_spheres(np.array(images, np.float32), [inside])
+    assert image.painted
