@@ -65,6 +65,7 @@ from ._software import SOFTWARE as SOFTWARE
 from ._software import software_version as software_version
 from ._source.exclude import exclude as exclude
 from ._source.linear import Linearizer as Linearizer
+from ._source.linear import row_bands as row_bands
 from ._source.linear import same_exposure as same_exposure
 from ._source.reader import read_source as read_source
 from ._source.reduce import crop as crop

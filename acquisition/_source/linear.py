@@ -85,9 +85,26 @@ class Linearizer:
         colour takes twelve times as much memory as its pixels.
         """
         pixels = self.pixels(frame)
-        for top in range(0, len(pixels), _ROWS):
-            rows = slice(top, min(top + _ROWS, len(pixels)))
+        for rows in row_bands(len(pixels)):
             yield rows, *self.part(frame, pixels, (rows, slice(None)))
+
+    def reference_level(self, exposure_us: float | None) -> tuple[float, int]:
+        """Return the median signal of the references that are subtracted, and their number.
+
+        The level is relative to black; both are 0 if nothing is subtracted.
+        """
+        offset = self._offset(exposure_us)
+        role = self.reference(exposure_us)
+        if offset is None or role is None:
+            return 0.0, 0
+        return float(np.median(offset)), len(self._references(role, exposure_us))
+
+    def dark_signal(self, exposure_us: float | None) -> FloatImage | None:
+        """Return the mean of the dark frames of an exposure time, as signal; None without any."""
+        if exposure_us is None and not self._timeless:
+            return None
+        frames = self._references("dark", exposure_us)
+        return self._mean_of(frames) if frames else None
 
     def part(
         self, frame: Frame, pixels: Image, part: tuple[Index, Index]
@@ -149,11 +166,25 @@ class Linearizer:
         role = self.reference(exposure_us)
         if role is None:
             return None
-        frames = self._references(role, exposure_us)
+        return self._mean_of(self._references(role, exposure_us))
+
+    def _mean_of(self, frames: list[Frame]) -> FloatImage:
         total = self._linear(self.pixels(frames[0])).astype(np.float64)
         for frame in frames[1:]:
             total += self._linear(self.pixels(frame))
         return np.asarray(total / len(frames), np.float32)
+
+
+def row_bands(height: int) -> list[slice]:
+    """Return the rows of bands of an image that fit into the cache.
+
+    Examples
+    --------
+    >>> from acquisition import row_bands
+    >>> row_bands(40)
+    [slice(0, 32, None), slice(32, 40, None)]
+    """
+    return [slice(top, min(top + _ROWS, height)) for top in range(0, height, _ROWS)]
 
 
 def same_exposure(one_us: float, other_us: float) -> bool:

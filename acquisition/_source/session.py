@@ -16,6 +16,7 @@ from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._source.source import Frame, Source
+from acquisition._values.noise_model import NoiseModel
 from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Mounting, Notice, pluralize
@@ -105,6 +106,7 @@ def read_session(
             device.serial,
         ),
         recorded_utc=session.manifest.started_utc,
+        noise=_noise_at_gain(session),
         transfer=transfer or session.transfer,
         transfer_origin="given" if transfer else MANIFEST,
         files=(
@@ -114,6 +116,14 @@ def read_session(
         ),
         warnings=tuple(warnings),
     )
+
+
+def _noise_at_gain(session: Session) -> NoiseModel | None:
+    """Return the sensor at the gain of the frames; None if it is unknown or gains differ."""
+    gains_db = {frame.line.gain_db or 0.0 for frame in session.frames}
+    if session.sensor is None or len(gains_db) > 1:
+        return None
+    return session.sensor.at_gain(gains_db.pop())
 
 
 def _upright(recorded: SessionFrame, mounting: Mounting) -> Callable[[], Image]:

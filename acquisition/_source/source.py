@@ -17,6 +17,7 @@ from acquisition._plan.planned_shot import Role
 from acquisition._source.reduction import Reduction
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
+from acquisition._values.noise_model import NoiseModel
 from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize, short_repr
@@ -128,6 +129,9 @@ class Source:
         `Setup.intrinsics`, see `source_setup`.
     recorded_utc
         Start of the recording; None if it is not known.
+    noise
+        The sensor, as far as the recording states it, at the gain of the recording; None if not
+        known.
     transfer
         The transfer curve of the samples, which `Linearizer` applies: light relative to white from
         samples relative to white, after the black level.
@@ -159,6 +163,7 @@ class Source:
     simulated: bool = False
     setup: Setup = field(default_factory=Setup)
     recorded_utc: datetime | None = None
+    noise: NoiseModel | None = None
     transfer: TransferCurve = LINEAR
     transfer_origin: str = ""
     files: tuple[Path, ...] = ()

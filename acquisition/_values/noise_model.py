@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -102,6 +102,15 @@ class NoiseModel:
         full = (self.full_well_e - 4 * noise_e) / self.electrons_per_dn
         # Absurd numbers give an infinite difference, which has no integer value.
         return math.floor(min(self.converter_end_dn, max(self.black_level_dn + full, 0.0)))
+
+    def at_gain(self, gain_db: float) -> NoiseModel:
+        """Return the sensor with additional analogue gain, decibels (20 dB = tenfold).
+
+        The read noise in electrons is kept, although that of most sensors falls somewhat.
+        """
+        if not gain_db:
+            return self
+        return replace(self, electrons_per_dn=self.electrons_per_dn / 10.0 ** (gain_db / 20.0))
 
     def variance_dn(self, grey_dn: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the temporal variance (grey values squared) at mean grey values.

@@ -58,3 +58,38 @@ def demosaic(mosaic: npt.NDArray[np.float32], pattern: str) -> npt.NDArray[np.fl
             interpolated, total / np.where(interpolated, weight, 1), np.nan
         )
     return colour
+
+
+def site_factors(pattern: str, first: tuple[int, int], factor: int) -> npt.NDArray[np.float64]:
+    """Return by how much `demosaic` and averaging change the variance of equally noisy samples.
+
+    Parameters
+    ----------
+    pattern
+        As in `demosaic`.
+    first
+        Row and column of the first pixel of the result in the mosaic.
+    factor
+        Rows and columns that are averaged.
+
+    Returns
+    -------
+    NDArray
+        ``(2, 2, 3)`` factor of each colour at the pixels of the result, which repeat.
+    """
+    margin = 2
+    factors = np.zeros((2, 2, 3))
+    for row in range(2):
+        for column in range(2):
+            # The mosaic from `margin` before the block on, and the weight of its samples.
+            weight = np.zeros((factor + 2 * margin, factor + 2 * margin))
+            weight[margin:-margin, margin:-margin] = 1 / factor**2
+            top, left = first[0] + row * factor - margin, first[1] + column * factor - margin
+            rows, columns = np.indices(weight.shape)
+            site = 2 * ((rows + top) % 2) + (columns + left) % 2
+            for channel, name in enumerate("RGB"):
+                kernel = _GREEN if name == "G" else _RED_BLUE
+                spread = cv2.filter2D(weight, -1, kernel, borderType=cv2.BORDER_CONSTANT)
+                of_colour = np.isin(site, [i for i in range(4) if pattern[i] == name])
+                factors[row, column, channel] = np.sum((spread * of_colour) ** 2)
+    return factors

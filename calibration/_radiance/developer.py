@@ -2,55 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Frame, Linearizer, Source, same_exposure
-from calibration._errors import EstimateError
-from calibration._radiance.demosaic import demosaic
-from rig import Notice
+from acquisition import DataError, Frame, Linearizer, Source, row_bands, same_exposure
+from calibration._radiance.brackets import Law, bits, clear_of_white, grown, merge
+from calibration._radiance.demosaic import demosaic, site_factors
+from calibration._radiance.hot_pixels import hot_pixels
+from calibration._radiance.luma import luma
+from calibration._radiance.signal_noise import signal_noise
+from calibration._radiance.stack_noise import StackNoise
+from calibration._radiance.stack_tasks import Task
+from rig import Notice, pluralize
 
 FloatImage = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
-Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
+Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | FloatImage
 Index = slice | npt.NDArray[np.intp]
+Bools = npt.NDArray[np.bool_]
 
-# ITU-R BT.601 luma, as in the published results on DiLiGenT.
-_LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
-_THREADS = 4
-# Bytes of the linear images that are computed at the same time; each needs several times as much.
-_AT_ONCE = 200_000_000
-_LEAST_GREY_VALUES = 100.0
+# Brackets are compared where the longer one has between a tenth and four fifths of its range.
+_COMPARED = (0.1, 0.8)
+_LEAST_COMPARED_PX = 500
+_CONTRADICTION = 0.02
+_ALL = slice(None)
 
 
-def lit_frames(source: Source) -> list[Frame]:
-    """Return the frames with a light.
+class Developer:
+    """Converts the frames of one light to its linear image; may be used by several threads.
 
     Raises
     ------
     DataError
-        If no frame has a light, or black and white level contradict each other.
+        If an image has no valid exposure time although other images have one.
     """
-    lit = [frame for frame in source.frames if frame.role == "light"]
-    if not lit:
-        raise DataError(f"{source.path}: no image with a light")
-    if not source.white_level > source.black_level >= 0:
-        raise DataError(
-            f"{source.path}: the white level of {source.white_level} must be above the black level "
-            f"of {source.black_level}, which must not be negative"
-        )
-    return lit
-
-
-def threads_for(image_bytes: int) -> int:
-    """Return the number of threads for images whose linear values have this size."""
-    return max(1, min(_THREADS, _AT_ONCE // image_bytes))
-
-
-class Developer:
-    """Callable that converts the frames of one light to its linear image."""
 
     def __init__(self, source: Source, lit: list[Frame], channel: Literal["gray", "rgb"]) -> None:
         self._source = source
@@ -64,60 +53,177 @@ class Developer:
             )
         self._longest = max(known, default=1.0)
         self._linear = Linearizer(source)
-        self.warnings: list[Notice] = []
-        unlit = any(frame.role in ("dark", "ambient") for frame in source.frames)
-        if unlit and not known and self._linear.reference(None) is None:
-            text = "dark and ambient frames were not used: the images have no exposure times"
-            self.warnings.append(Notice("dark-frames-unused", text))
+        self._noise = signal_noise(source, self._linear)
+        white = None if self._noise is None else Law(self._noise.shot, self._noise.constant)
+        self._clear_of_white = clear_of_white(white)
+        self._notices: list[Notice] = []
+        # For each exposure time in use, the hot pixels of its dark frames.
+        self._hot: list[tuple[float | None, Bools]] = []
+        # Per light, the median ratio of each bracket to the next longer one, with both times.
+        self._ratios: list[tuple[float, float, float]] = []
+        self._check_references(sorted(set(known)))
+
+    def _check_references(self, exposures_us: Sequence[float]) -> None:
+        """Read the references of all exposure times; note those that are missing."""
+        if not any(frame.role in ("dark", "ambient") for frame in self._source.frames):
+            return
+        if not exposures_us:
+            self._find_hot(None)
+            if self._linear.reference(None) is None:
+                text = "dark and ambient frames were not used: the images have no exposure times"
+                self._notices.append(Notice("dark-frames-unused", text))
         last_us = 0.0
-        for exposure_us in sorted(set(known)) if unlit else ():
+        for exposure_us in exposures_us:
             if last_us and same_exposure(exposure_us, last_us):
                 continue
             last_us = exposure_us
+            self._find_hot(exposure_us)
             if self._linear.reference(exposure_us) is None:
                 text = (
                     f"no dark or ambient frame with an exposure of {exposure_us:g} us: only the "
                     "black level was subtracted"
                 )
-                self.warnings.append(Notice("dark-frames-missing", text))
+                self._notices.append(Notice("dark-frames-missing", text))
+
+    def _find_hot(self, exposure_us: float | None) -> None:
+        dark = self._linear.dark_signal(exposure_us)
+        if dark is None or not np.isfinite(self._source.white_level):
+            return
+        hot = hot_pixels(dark)
+        if hot.any():
+            self._hot.append((exposure_us, hot))
+
+    def _hot_at(self, exposure_us: float | None) -> Bools | None:
+        for other_us, hot in self._hot:
+            if exposure_us is None or other_us is None or same_exposure(exposure_us, other_us):
+                return hot
+        return None
+
+    @property
+    def notices(self) -> tuple[Notice, ...]:
+        """What was noted about references, hot pixels and brackets so far."""
+        notices = list(self._notices)
+        if self._hot:
+            most = max(int(hot.sum()) for _, hot in self._hot)
+            text = f"{pluralize(most, 'hot pixel')} in the dark frames left out"
+            notices.append(Notice("hot-pixels", text, severity="info"))
+        return (*notices, *self._contradictions())
+
+    def _contradictions(self) -> list[Notice]:
+        """Return a notice for each pair of exposure times whose images contradict them."""
+        pairs: dict[tuple[int, int], list[tuple[float, float, float]]] = {}
+        for of_one in self._ratios:
+            pairs.setdefault((round(of_one[1]), round(of_one[2])), []).append(of_one)
+        notices = []
+        for found in pairs.values():
+            ratio = float(np.median([of_one[0] for of_one in found]))
+            if abs(ratio - 1) > _CONTRADICTION:
+                _, shorter_us, longer_us = found[0]
+                text = (
+                    f"images of {shorter_us:g} us are {ratio:.2f} times as bright as those of "
+                    f"{longer_us:g} us let expect: check the exposure times, the black level and "
+                    "the linearity of the camera"
+                )
+                notices.append(Notice("brackets-contradict", text))
+        return notices
+
+    @property
+    def _independent(self) -> bool:
+        """Whether every pixel of an image is from one pixel of the frames."""
+        return self._source.cfa is None and self._source.reduction is None
+
+    def used(self, tasks: Sequence[Task]) -> npt.NDArray[np.uint8] | None:
+        """Return an array for the brackets in use at each sample, if the noise depends on them."""
+        most = max(len(_brackets(frames)) for frames, _ in tasks)
+        if self._noise is None or not self._independent or not 1 < most <= 8:
+            return None
+        return np.zeros((len(tasks), *tasks[0][0][0].shape), np.uint8)
+
+    def noise(self, tasks: Sequence[Task], used: npt.NDArray[np.uint8] | None) -> StackNoise | None:
+        """Return the law of the noise of the images of some lights; None if it is unknown."""
+        if self._noise is None:
+            return None
+        groups = [_brackets(frames) for frames, _ in tasks]
+        shape = (len(groups), max(map(len, groups)))
+        slope, floor = np.zeros(shape), np.full(shape, np.inf)
+        limit = np.full(shape, np.inf)
+        for i, brackets in enumerate(groups):
+            for b, repeats in enumerate(brackets):
+                law = self._law(repeats)
+                slope[i, b], floor[i, b] = law.slope, law.floor
+                if b < len(brackets) - 1:
+                    level, _ = self._linear.reference_level(repeats[0].exposure_us)
+                    limit[i, b] = (self._clear_of_white - level) / self._share(repeats[0])
+        first = tasks[0][0][0]
+        colour = len(first.shape) == 3 or self._source.cfa is not None
+        reduction = self._source.reduction
+        step, at = (
+            (1, (0, 0)) if reduction is None else (reduction.factor, (reduction.y, reduction.x))
+        )
+        if self._source.cfa is None:
+            factor = np.full((1, 1, 3), 1 / step**2)
+        else:
+            factor = site_factors(self._source.cfa, at, step)
+        intensities = np.array([intensity for _, intensity in tasks])
+        return StackNoise(
+            slope, floor, limit, intensities, factor, colour, self._noise.origin, used
+        )
+
+    def _law(self, repeats: list[Frame]) -> Law:
+        """Return the law of the mean of repeats, in units of radiance."""
+        if self._noise is None:
+            raise AssertionError("without noise there is no law")
+        level, references = self._linear.reference_level(repeats[0].exposure_us)
+        return self._noise.law(self._share(repeats[0]), len(repeats), level, references)
+
+    def _share(self, frame: Frame) -> float:
+        """Return the exposure time relative to the longest."""
+        return (frame.exposure_us or self._longest) / self._longest
 
     def __call__(
         self,
         frames: list[Frame],
-        intensity: npt.NDArray[np.float64],
+        intensity: Array,
         out: FloatImage | None = None,
+        used: npt.NDArray[np.uint8] | None = None,
     ) -> FloatImage:
-        """Return the merged image of one light, ``(H, W)`` or ``(H, W, 3)``, written to `out`."""
-        if len(frames) == 1 and self._source.cfa is None and self._source.reduction is None:
+        """Return the merged image of one light, ``(H, W)`` or ``(H, W, 3)``, written to `out`.
+
+        Bit b of `used`, of the shape of the frames, says whether bracket b counts at a sample.
+        """
+        if len(frames) == 1 and self._independent:
+            if used is not None:
+                used[...] = 1
             return self._in_bands(frames[0], intensity, out)
-        # Group by bracket: exposure times reported by a camera may differ slightly between repeats.
-        brackets: dict[int, list[Frame]] = {}
-        for frame in sorted(frames, key=lambda frame: frame.exposure_us or 0.0, reverse=True):
-            brackets.setdefault(frame.bracket, []).append(frame)
-        longest, *shorter = brackets.values()
-        merged = self._mean(longest)
-        for repeats in shorter:
-            if not np.isnan(merged).any():
-                break
-            merged = np.where(np.isnan(merged), self._mean(repeats), merged)
-        image = self._colour(merged, intensity, frames[0])
+        image = self._colour(self._merged(_brackets(frames), used), intensity, frames[0])
         if out is None:
             return image
         out[...] = image
         return out
 
-    def _in_bands(
-        self, frame: Frame, intensity: npt.NDArray[np.float64], out: FloatImage | None
-    ) -> FloatImage:
+    def _in_bands(self, frame: Frame, intensity: Array, out: FloatImage | None) -> FloatImage:
         """Return the image of a light with one frame, whose pixels are independent."""
-        for rows, signal, saturated in self._linear.bands(frame):
-            image = self._colour(self._exposed(frame, signal, saturated), intensity, frame)
+        pixels = self._linear.pixels(frame)
+        for rows in row_bands(len(pixels)):
+            image = self._colour(self._alone(frame, pixels, (rows, _ALL)), intensity, frame)
             if out is None:
                 out = np.zeros((frame.shape[0], *image.shape[1:]), np.float32)
             out[rows] = image
         if out is None:
             raise AssertionError("a frame has rows")
         return out
+
+    def _alone(self, frame: Frame, pixels: Pixels, part: tuple[Index, Index]) -> FloatImage:
+        """Return the radiance of a part of the only frame of a light."""
+        radiance, unusable = self._linear.part(frame, pixels, part)
+        share = np.float32(self._share(frame))
+        if share != 1:
+            radiance /= share
+        radiance[unusable] = np.nan
+        hot = self._hot_at(frame.exposure_us)
+        if hot is not None:
+            radiance[hot[part]] = np.nan
+        return radiance
 
     def keeps_raw(self, frames: list[Frame]) -> bool:
         """Return whether a light has one frame of grey pixels, which are independent."""
@@ -132,31 +238,78 @@ class Developer:
         self, frame: Frame, pixels: Pixels, intensity: Array, part: tuple[Index, Index]
     ) -> FloatImage:
         """Return the linear values of a part of a frame that `keeps_raw`, as in its image."""
-        signal, saturated = self._linear.part(frame, pixels, part)
-        return self._divided(self._exposed(frame, signal, saturated), intensity)
+        return self._divided(self._alone(frame, pixels, part), intensity)
 
-    def _mean(self, repeats: list[Frame]) -> FloatImage:
-        image = self._radiance(repeats[0])
-        for frame in repeats[1:]:
-            image += self._radiance(frame)
-        image /= np.float32(len(repeats))
-        return image
-
-    def _radiance(self, frame: Frame) -> FloatImage:
-        return self._exposed(frame, *self._linear.signal_and_saturation(frame))
-
-    def _exposed(
-        self, frame: Frame, radiance: FloatImage, saturated: npt.NDArray[np.bool_]
+    def _merged(
+        self, brackets: list[list[Frame]], used: npt.NDArray[np.uint8] | None
     ) -> FloatImage:
-        share = np.float32((frame.exposure_us or self._longest) / self._longest)
-        if share != 1:
-            radiance /= share
-        radiance[saturated] = np.nan
-        return radiance
+        """Return the radiance of a light from all its frames, NaN where none is usable."""
+        if len(brackets) > 1 and brackets[0][0].exposure_us is None:
+            raise DataError(
+                f"{brackets[1][0].path}: brackets can be merged only if the exposure times are "
+                "known: add them"
+            )
+        samples = [[self._linear.pixels(frame) for frame in repeats] for repeats in brackets]
+        usable = [
+            self._usable(repeats, samples[b], last=b == len(brackets) - 1)
+            for b, repeats in enumerate(brackets)
+        ]
+        if used is not None:
+            used[...] = bits(usable)
+        exposure = [sum(map(self._share, repeats)) for repeats in brackets]
+        laws = None if self._noise is None else [self._law(repeats) for repeats in brackets]
+        out = np.zeros(brackets[0][0].shape, np.float32)
+        compared: list[list[tuple[float, float, int]]] = [[] for _ in brackets[1:]]
+        for rows in row_bands(len(out)):
+            radiance = [
+                self._mean(repeats, of_one, rows)
+                for repeats, of_one in zip(brackets, samples, strict=True)
+            ]
+            count = [mask[rows] for mask in usable]
+            out[rows] = merge(radiance, count, exposure, laws)
+            for b, sums in enumerate(compared):
+                share = self._share(brackets[b][0])
+                low, high = (limit / share for limit in _COMPARED)
+                both = count[b] & count[b + 1] & (out[rows] > low) & (out[rows] < high)
+                sums.append(
+                    (
+                        float(radiance[b + 1][both].sum()),
+                        float(radiance[b][both].sum()),
+                        int(both.sum()),
+                    )
+                )
+        for (longer, shorter), sums in zip(pairwise(brackets), compared, strict=True):
+            of_shorter, of_longer, pixels = (sum(column) for column in zip(*sums, strict=True))
+            if pixels >= _LEAST_COMPARED_PX:
+                ratio = of_shorter / of_longer
+                times = shorter[0].exposure_us or 0.0, longer[0].exposure_us or 0.0
+                self._ratios.append((ratio, *times))
+        return out
 
-    def _colour(
-        self, image: FloatImage, intensity: npt.NDArray[np.float64], frame: Frame
-    ) -> FloatImage:
+    def _usable(self, repeats: list[Frame], samples: list[Pixels], last: bool) -> Bools:
+        """Return the samples that count: in the shortest bracket all that are not saturated."""
+        black, white = self._source.black_level, self._source.white_level
+        limit = white
+        if not last and np.isfinite(white):
+            limit = min(black + (white - black) * self._clear_of_white, white)
+        near: Bools = np.zeros(samples[0].shape, np.bool_)
+        for of_one in samples:
+            near |= of_one >= np.float64(limit)
+        usable: Bools = ~(near if last else grown(near))
+        hot = self._hot_at(repeats[0].exposure_us)
+        if hot is not None:
+            usable &= ~hot
+        return usable
+
+    def _mean(self, repeats: list[Frame], samples: list[Pixels], rows: slice) -> FloatImage:
+        """Return the radiance of some rows, the mean of repeats."""
+        total = self._linear.part(repeats[0], samples[0], (rows, _ALL))[0]
+        for frame, of_one in zip(repeats[1:], samples[1:], strict=True):
+            total += self._linear.part(frame, of_one, (rows, _ALL))[0]
+        total /= np.float32(sum(self._share(frame) for frame in repeats))
+        return total
+
+    def _colour(self, image: FloatImage, intensity: Array, frame: Frame) -> FloatImage:
         if image.ndim == 2 and self._source.cfa is not None:
             image = demosaic(image, self._source.cfa)
         if self._source.reduction is not None:
@@ -176,53 +329,12 @@ class Developer:
         return image
 
 
-def luma(colour: FloatImage) -> FloatImage:
-    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``.
+def _brackets(frames: list[Frame]) -> list[list[Frame]]:
+    """Return the frames of a light by bracket, the longest exposure first.
 
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from calibration import luma
-    >>> luma(np.array([[1, 0, 0], [1, 1, 1]], np.float32)).round(4)
-    array([0.2989, 0.9999], dtype=float32)
+    Exposure times that a camera reports may differ slightly between repeats.
     """
-    return np.asarray(colour @ _LUMA, np.float32)
-
-
-def frames_of_lights(source: Source, lit: list[Frame]) -> list[tuple[list[Frame], Array]]:
-    """Return the frames of each light and its intensity in each colour."""
-    lights = source.lights
-    return [
-        (
-            [frame for frame in lit if frame.light_id == name],
-            np.ones(3) if lights is None or lights.intensities is None else lights.intensities[i],
-        )
-        for i, name in enumerate(source.light_ids)
-    ]
-
-
-def brightest_sample(image: FloatImage) -> np.float32:
-    """Return the largest sample that is not NaN; NaN without any."""
-    return np.float32(np.fmax.reduce(image, axis=None))
-
-
-def check_usable(images: list[np.float32], ids: tuple[str, ...], source: Source) -> None:
-    # fmax skips images without any sample; max could return their NaN.
-    brightest = np.fmax.reduce(images)
-    if np.isnan(brightest):
-        raise EstimateError(
-            f"{source.path}: every sample of {_all(len(ids))} is saturated: "
-            "record with a shorter exposure time"
-        )
-    # Rounding and an inaccurate black level leave up to two grey values in a dark image.
-    span = source.white_level - source.black_level
-    least = float(source.transfer.light(2 / span)) if span >= _LEAST_GREY_VALUES else 0.0
-    if not brightest > least:
-        raise EstimateError(
-            f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black: check the "
-            "lights and the exposure"
-        )
-
-
-def _all(images: int) -> str:
-    return "the image" if images == 1 else f"all {images} images"
+    brackets: dict[int, list[Frame]] = {}
+    for frame in sorted(frames, key=lambda frame: frame.exposure_us or 0.0, reverse=True):
+        brackets.setdefault(frame.bracket, []).append(frame)
+    return list(brackets.values())

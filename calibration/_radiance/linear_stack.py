@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, Lights, Source
-from calibration._radiance.developer import (
-    Developer,
-    FloatImage,
+from calibration._radiance.developer import Developer, FloatImage
+from calibration._radiance.stack_noise import StackNoise
+from calibration._radiance.stack_tasks import (
     brightest_sample,
     check_usable,
     frames_of_lights,
@@ -42,7 +42,11 @@ class Stack:
     camera
         The camera model; None if unknown.
     warnings
-        Dark or ambient frames that could not be used, or are missing.
+        Dark or ambient frames that could not be used, or are missing; hot pixels; brackets that
+        contradict their exposure times.
+    noise
+        Law of the temporal variance of the values; None if neither the recording nor its repeats
+        determine it.
     """
 
     values: FloatImage
@@ -51,6 +55,7 @@ class Stack:
     mask: npt.NDArray[np.bool_] | None = None
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
+    noise: StackNoise | None = None
 
     def __repr__(self) -> str:
         parts = [f"{self.values.dtype}{list(self.values.shape)}"]
@@ -65,6 +70,7 @@ class Stack:
             values=self.values[pick],
             ids=tuple(self.ids[i] for i in pick),
             lights=None if self.lights is None else self.lights.take(pick),
+            noise=None if self.noise is None else self.noise.take(pick),
         )
 
 
@@ -80,9 +86,11 @@ def linear_stack(
     curve of the source. The mean of the ambient frames of the same exposure, or else of the dark
     frames, made linear in the same way, is subtracted, and the difference is divided by the
     relative exposure of the frame. Samples at the white level are saturated and left out; float
-    images have no white level and keep their scale. With several
-    brackets, each sample is taken from the longest exposure in which it is not saturated; repeats
-    within a bracket are averaged. Bayer frames are demosaiced bilinearly. Each channel is divided
+    images have no white level and keep their scale. Repeats are averaged. Brackets are merged with
+    weights that are inversely proportional to their variances, or proportional to their exposure
+    times if the noise is unknown; a bracket counts where neither the sample nor its surroundings
+    are close to white. Pixels that are hot in the dark frame of an exposure are left out of it.
+    Bayer frames are demosaiced bilinearly. Each channel is divided
     by the light's intensity, an image of one channel by the mean of the three intensities; gray is
     then ``.2989 R + .587 G + .114 B``. Flat frames are not used. Images of a source with a
     `Source.reduction` are cropped and averaged last; a block with a saturated sample is left out.
@@ -126,7 +134,12 @@ def linear_stack(
     ids, lights = source.light_ids, source.lights
     develop = Developer(source, lit, channel)
     tasks = frames_of_lights(source, lit)
-    first = develop(*tasks[0])
+    used = develop.used(tasks)
+
+    def used_at(i: int) -> npt.NDArray[np.uint8] | None:
+        return None if used is None else used[i]
+
+    first = develop(*tasks[0], used=used_at(0))
     values = np.zeros((len(ids), *first.shape), np.float32)
     values[0] = first
     brightest = [brightest_sample(first)]
@@ -135,7 +148,7 @@ def linear_stack(
     on_progress("reading", 1, len(ids))
 
     def fill(i: int) -> np.float32:
-        develop(*tasks[i], out=values[i])
+        develop(*tasks[i], out=values[i], used=used_at(i))
         return brightest_sample(values[i])
 
     with ThreadPoolExecutor(threads) as pool:
@@ -143,7 +156,9 @@ def linear_stack(
             brightest.append(found)
             on_progress("reading", i + 1, len(ids))
     check_usable(brightest, ids, source)
-    return Stack(values, ids, lights, source.mask, source.camera, tuple(develop.warnings))
+    return Stack(
+        values, ids, lights, source.mask, source.camera, develop.notices, develop.noise(tasks, used)
+    )
 
 
 def linear_images(

@@ -12,12 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, Frame, Source
-from calibration._radiance.developer import (
-    Array,
-    Developer,
-    FloatImage,
-    Index,
-    Pixels,
+from calibration._radiance.developer import Array, Developer, FloatImage, Index, Pixels
+from calibration._radiance.stack_tasks import (
     brightest_sample,
     check_usable,
     frames_of_lights,
@@ -186,4 +182,4 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
     check_usable(samples, ids, source)
     np.nan_to_num(brightest, copy=False, nan=1.0)
     shape = (len(ids), *size)
-    return RawStack(tuple(images), shape, ids, brightest, source.camera, tuple(develop.warnings))
+    return RawStack(tuple(images), shape, ids, brightest, source.camera, develop.notices)

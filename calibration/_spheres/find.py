@@ -186,7 +186,7 @@ def round_edges(values: Images) -> list[Ellipse]:
 def _has_highlights(values: Images, circle: Ellipse) -> bool:
     """Return whether a circle shows a highlight under half of a few lights."""
     few = values[:: max(len(values) // 8, 1)]
-    return 2 * np.count_nonzero(find_highlights(few, circle).found) >= len(few)
+    return bool(2 * np.count_nonzero(find_highlights(few, circle).found) >= len(few))
 
 
 def _refined(pictures: OutlineImages, circle: Ellipse) -> tuple[Ellipse, Array, float] | None:

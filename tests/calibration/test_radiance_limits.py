@@ -84,23 +84,30 @@ def test_the_longest_exposure_of_all_frames_is_the_unit():
     )
 
 
-def test_of_three_brackets_the_longest_that_is_not_saturated_counts():
-    """The samples of the brackets differ, so the value identifies the bracket."""
-    pixels = {
-        4000.0: [[4095, 4095, 4095, 2000]],
-        400.0: [[4095, 4095, 1800, 1800]],
-        40.0: [[4095, 1600, 1600, 1600]],
+def test_of_three_brackets_those_clear_of_white_count():
+    """Five pixels apart, samples do not disturb each other; their weights are the times."""
+    times = {
+        4000.0: [4095, 4095, 4095, 2000],
+        400.0: [4095, 4095, 1800, 1800],
+        40.0: [4095, 1600, 1600, 1600],
     }
     frames = [
-        frame(f"b{b}", np.array(p, np.uint16), exposure_us=t, bracket=b, light_id="L00")
-        for b, (t, p) in enumerate(pixels.items())
+        frame(f"b{b}", _apart(grey), exposure_us=time, bracket=b, light_id="L00")
+        for b, (time, grey) in enumerate(times.items())
     ]
     for order in (frames, frames[::-1]):
-        values = linear_stack(source(order)).values[0, 0] * (WHITE - BLACK)
+        values = linear_stack(source(order)).values[0, 2, 2::5] * (WHITE - BLACK)
         assert np.isnan(values[0])
-        np.testing.assert_allclose(
-            values[1:], [100 * (1600 - BLACK), 10 * (1800 - BLACK), 2000 - BLACK], rtol=1e-6
-        )
+        short, middle, long = 1600 - BLACK, 1800 - BLACK, 2000 - BLACK
+        expected = [100 * short, 100 * (short + middle) / 11, 100 * (short + middle + long) / 111]
+        np.testing.assert_allclose(values[1:], expected, rtol=1e-6)
+
+
+def _apart(grey):
+    """Return an image with these samples in row 2, each surrounded by dark ones."""
+    image = np.full((5, 5 * len(grey)), 100, np.uint16)
+    image[2, 2::5] = grey
+    return image
 
 
 def test_rgb_frames_and_mosaics_are_divided_channel_by_channel():

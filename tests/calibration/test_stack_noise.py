@@ -1,0 +1,252 @@
+"""Predicted and actual noise of stacks: simulated series of frames with many seeds."""
+
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import LINEAR, SRGB, DataError, Frame, NoiseModel, Source, crop, downscale
+from calibration import StackNoise, linear_stack
+from calibration._radiance.brackets import clear_of_white, grown
+from simulator._camera.sensor import sensor_image
+
+SENSOR = NoiseModel(2.5, 2.5, 64.0, 12)
+SMALL_WELL = NoiseModel(0.5, 3.0, 64.0, 12)
+WARM = NoiseModel(2.5, 2.5, 64.0, 12, dark_current_e_per_s=5000.0)
+LONGEST_US = 20_000.0
+
+
+@pytest.fixture(autouse=True)
+def paths_exist(monkeypatch):
+    """The frames are arrays without files."""
+    monkeypatch.setattr(Path, "exists", lambda self: True)
+
+
+def frame(pixels, role="light", exposure_us=LONGEST_US, bracket=0, light_id="L00"):
+    path = Path("/nowhere/frame.tif")
+    return Frame(path, light_id, pixels.shape, role, bracket, exposure_us, lambda: pixels)
+
+
+def recording(
+    sensor, radiance, shares=(1.0,), repeats=1, seed=0, dark=True, ambient=0.0, model=True, cfa=None
+):
+    """Record a radiance, 1 at white in the longest exposure, with one dark frame per exposure."""
+    white_e = (sensor.white_level_dn - sensor.black_level_dn) * sensor.electrons_per_dn
+    frames = []
+    for b, share in enumerate(shares):
+        time_us = LONGEST_US * share
+        lit = np.asarray((radiance + ambient) * white_e * share, np.float32)
+        for r in range(repeats):
+            pixels = sensor_image(lit, sensor, exposure_us=time_us, key=(seed, b, r))
+            frames.append(frame(pixels, exposure_us=time_us, bracket=b))
+        if dark:
+            unlit = np.full_like(lit, ambient * white_e * share)
+            pixels = sensor_image(unlit, sensor, exposure_us=time_us, key=(seed, b, 99))
+            frames.append(frame(pixels, "ambient" if ambient else "dark", time_us, b))
+    return source(frames, sensor, noise=sensor if model else None, cfa=cfa)
+
+
+def source(frames, sensor=SENSOR, **options):
+    return Source(
+        Path("/nowhere"),
+        "images",
+        tuple(frames),
+        black_level=sensor.black_level_dn,
+        white_level=sensor.white_level_dn,
+        **options,
+    )
+
+
+THREE = (1.0, 1 / 4, 1 / 16)
+CASES = {
+    "one exposure": (SENSOR, {}),
+    "four repeats": (SENSOR, {"repeats": 4}),
+    "three brackets": (SENSOR, {"shares": THREE}),
+    "three brackets, small well": (SMALL_WELL, {"shares": THREE}),
+    "two brackets of two, dark current": (WARM, {"shares": (1.0, 1 / 32), "repeats": 2}),
+    "light of the room": (SENSOR, {"shares": (1.0, 1 / 4), "ambient": 0.05}),
+    "sensor estimated from repeats": (SENSOR, {"repeats": 2, "model": False}),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_predicted_noise_is_the_actual_one_in_every_decile(name):
+    """Ten deciles of a ramp up to nearly white in the shortest bracket."""
+    sensor, options = CASES[name]
+    top = (0.85 - options.get("ambient", 0.0)) / min(options.get("shares", (1.0,)))
+    radiance = np.tile(np.geomspace(0.005, top, 160), (64, 1))
+    stacks = [linear_stack(recording(sensor, radiance, seed=seed, **options)) for seed in range(16)]
+    values = np.stack([stack.values[0] for stack in stacks]).astype(float)
+    assert np.isfinite(values).all()
+    actual = values.var(axis=0, ddof=1)
+    predicted = np.mean([stack.noise.variance(0, radiance) for stack in stacks], axis=0)
+    deciles = [slice(start, start + 16) for start in range(0, 160, 16)]
+    ratio = [(predicted[:, s].mean() / actual[:, s].mean()) ** 0.5 for s in deciles]
+    assert min(ratio) > 0.95
+    assert max(ratio) < 1.05
+    bias = [(values[..., s] - radiance[:, s]).mean() for s in deciles]
+    scatter = [(actual[:, s].mean() / values[..., s].size) ** 0.5 for s in deciles]
+    # A dark frame is common to the pixels of one stack only, so its noise averages out.
+    assert np.all(np.abs(bias) < 5 * np.array(scatter) + 3e-5)
+
+
+@pytest.mark.parametrize("sensor", [SENSOR, SMALL_WELL], ids=["12,000 e", "2,000 e"])
+def test_the_mean_near_white_of_a_longer_bracket_is_right(sensor):
+    """Even patches around the white level of the longest bracket, where samples are clipped."""
+    sigma = 1 / ((sensor.white_level_dn - 64) * sensor.electrons_per_dn) ** 0.5
+    for at in (-6, -5, -4, -3, -2, -1, 0, 1, 2):
+        radiance = np.full((96, 96), 1 + at * sigma)
+        values = [
+            linear_stack(recording(sensor, radiance, THREE, seed=seed)).values for seed in range(8)
+        ]
+        assert np.isfinite(values).all()
+        assert np.mean(values) / radiance[0, 0] == pytest.approx(1, abs=1e-3)
+
+
+def test_no_clipped_sample_survives():
+    radiance = np.random.default_rng(3).gamma(1.0, 8.0, (60, 80))
+    made = recording(SMALL_WELL, radiance, THREE, repeats=2)
+    stack = linear_stack(made)
+    for b in range(3):
+        frames = [one for one in made.frames if one.role == "light" and one.bracket == b]
+        clipped = np.any([one.read() >= SMALL_WELL.white_level_dn for one in frames], axis=0)
+        counts = stack.noise.used[0] & (1 << b) > 0
+        assert clipped.any()
+        assert not (clipped & counts).any()
+    np.testing.assert_array_equal(np.isnan(stack.values[0]), stack.noise.used[0] == 0)
+
+
+def test_samples_next_to_saturated_ones_are_from_a_shorter_bracket():
+    radiance = np.full((15, 15), 0.4)
+    radiance[7, 7] = 3.0
+    used = linear_stack(recording(SENSOR, radiance, (1.0, 1 / 4))).noise.used[0]
+    expected = np.full((15, 15), 3)
+    expected[5:10, 5:10] = 2
+    np.testing.assert_array_equal(used, expected)
+
+
+def test_brackets_of_an_unknown_sensor_are_weighted_by_their_times():
+    radiance = np.full((40, 40), 0.5)
+    made = recording(SENSOR, radiance, (1.0, 1 / 4), model=False, dark=False)
+    stack = linear_stack(made)
+    long, short = ((one.read().astype(float) - 64) / (4095 - 64) for one in made.frames)
+    assert stack.noise is None
+    assert stack.values[0] == pytest.approx((long + short) / 1.25, abs=1e-6)
+
+
+@pytest.mark.parametrize(("factor", "codes"), [(1.0, []), (0.95, ["brackets-contradict"])])
+def test_brackets_that_contradict_their_exposures_are_reported(factor, codes):
+    made = recording(SENSOR, np.full((40, 40), 0.5), (1.0, 1 / 4))
+    frames = [
+        replace(one, exposure_us=one.exposure_us * (1 / factor if one.bracket else 1))
+        for one in made.frames
+    ]
+    warnings = linear_stack(replace(made, frames=tuple(frames))).warnings
+    assert [notice.code for notice in warnings] == codes
+    if codes:
+        assert str(warnings[0]).startswith("images of 5263.16 us are 0.95 times as bright as those")
+
+
+def test_hot_pixels_are_left_out_of_the_exposure_in_which_they_are_hot():
+    dark = np.full((30, 30), 64, np.uint16)
+    hot = dark.copy()
+    hot[4, 5] = 64 + 400
+    lit = np.full((30, 30), 1064, np.uint16)
+    short = np.full((30, 30), 314, np.uint16)
+    frames = [
+        frame(lit + hot - dark),
+        frame(hot, "dark"),
+        frame(short, exposure_us=5000.0, bracket=1),
+        frame(dark, "dark", 5000.0, bracket=1),
+    ]
+    stack = linear_stack(source(frames, noise=SENSOR))
+    used = np.full((30, 30), 3)
+    used[4, 5] = 2
+    np.testing.assert_array_equal(stack.noise.used[0], used)
+    assert [str(notice) for notice in stack.warnings] == ["1 hot pixel in the dark frames left out"]
+    alone = linear_stack(source(frames[:2], noise=SENSOR))
+    assert np.argwhere(np.isnan(alone.values[0])).tolist() == [[4, 5]]
+
+
+def test_a_sensor_with_offsets_has_no_hot_pixels():
+    """Offsets of 5 electrons per pixel and a glow of the amplifier in a corner."""
+    sensor = replace(SENSOR, dsnu_e=5.0)
+    glow = 0.1 * np.exp(-np.hypot(*np.indices((80, 80))) / 30)
+    dark = np.random.default_rng(1).normal(64, 2, (80, 80)) + glow * 4031
+    frames = [frame(np.full((80, 80), 2000, np.uint16)), frame(dark.astype(np.uint16), "dark")]
+    assert linear_stack(source(frames, sensor)).warnings == ()
+
+
+def test_nothing_is_assumed_about_an_unknown_sensor():
+    flat = np.full((40, 40), 0.5)
+    assert linear_stack(recording(SENSOR, flat, model=False)).noise is None
+    # Repeats of an even card do not separate shot noise from read noise.
+    assert linear_stack(recording(SENSOR, flat, repeats=2, model=False)).noise is None
+    ramp = np.tile(np.linspace(0.01, 0.9, 60), (60, 1))
+    curved = replace(recording(SENSOR, ramp), transfer=SRGB)
+    assert linear_stack(curved).noise is None
+    assert linear_stack(replace(curved, transfer=LINEAR)).noise is not None
+
+
+def test_brackets_without_exposure_times_are_refused():
+    frames = [
+        replace(one, exposure_us=None)
+        for one in recording(SENSOR, np.full((9, 9), 0.5), THREE).frames
+    ]
+    with pytest.raises(
+        DataError, match="brackets can be merged only if the exposure times are known"
+    ):
+        linear_stack(source(frames))
+
+
+@pytest.mark.parametrize("channel", ["gray", "rgb"])
+@pytest.mark.parametrize(("factor", "at"), [(1, (0, 0)), (1, (1, 2)), (2, (1, 0)), (3, (0, 1))])
+def test_a_mosaic_of_a_neutral_surface(channel, factor, at):
+    side = 36 * factor
+    radiance = np.full((side + 4, side + 4), 0.4)
+    stacks = []
+    for seed in range(24):
+        made = recording(SENSOR, radiance, seed=seed, cfa="RGGB", dark=False)
+        made = downscale(crop(made, at[1], at[0], side, side), factor)
+        stacks.append(linear_stack(made, channel=channel))
+    values = np.stack([stack.values[0] for stack in stacks]).astype(float)[:, 3:-3, 3:-3]
+    predicted = stacks[0].noise.variance(0, np.full(stacks[0].values[0].shape, 0.4))[3:-3, 3:-3]
+    actual = values.var(axis=0, ddof=1)
+    for row in range(2):
+        for column in range(2):
+            ratio = predicted[row::2, column::2].mean(axis=(0, 1)) / actual[row::2, column::2].mean(
+                axis=(0, 1)
+            )
+            assert np.all(np.abs(ratio**0.5 - 1) < 0.05)
+
+
+def test_rows_of_an_image_have_the_variance_of_the_whole():
+    radiance = np.random.default_rng(3).gamma(1.0, 0.6, (40, 60))
+    stack = linear_stack(recording(SENSOR, radiance, THREE))
+    whole = stack.noise.variance(0, stack.values[0])
+    rows = stack.noise.variance(0, stack.values[0][13:20], first_row=13)
+    np.testing.assert_array_equal(rows, whole[13:20])
+    again = pickle.loads(pickle.dumps(stack.take([0])))
+    np.testing.assert_array_equal(again.noise.variance(0, stack.values[0]), whole)
+
+
+def test_gain_multiplies_electrons_into_more_grey_values():
+    assert SENSOR.at_gain(20).electrons_per_dn == pytest.approx(0.25)
+    assert SENSOR.at_gain(0) is SENSOR
+
+
+def test_how_far_white_is():
+    assert clear_of_white(None) == 0.95
+    near = np.zeros((7, 7), bool)
+    assert grown(near) is near
+    near[3, 3] = True
+    assert grown(near).sum() == 25
+
+
+def test_the_law_of_one_exposure():
+    noise = StackNoise.of_one_exposure(1e-4, 1e-6, 2)
+    assert noise.variance(1, [[0.5, -0.1, np.nan]])[0] == pytest.approx(
+        [5.1e-5, 1e-6, np.nan], nan_ok=True
+    )
