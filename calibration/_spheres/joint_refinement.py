@@ -194,9 +194,10 @@ class System:
         inverse = np.linalg.inv(schur)
         shared = np.einsum("nap,pq,nbq->nab", gain, inverse, gain)
         outlines = inverse @ self.of_outlines @ inverse
-        of_outlines = np.einsum("nap,pq,nbq->nab", gain, outlines, gain)
-        covariance: Array = np.linalg.inv(self.of_light) + shared
-        return share * covariance + (1 - share) * of_outlines
+        of_outlines: Array = np.einsum("nap,pq,nbq->nab", gain, outlines, gain)
+        inside: Array = np.linalg.inv(self.of_light) + shared
+        covariance: Array = share * inside + (1 - share) * of_outlines
+        return covariance
 
 
 def linearise(
