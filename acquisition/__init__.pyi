@@ -7,6 +7,7 @@ from ._errors import DataError as DataError
 from ._errors import MissingPathError as MissingPathError
 from ._errors import SessionInUseError as SessionInUseError
 from ._errors import StorageError as StorageError
+from ._errors import missing_path as missing_path
 from ._export.export import Export as Export
 from ._export.export import prepare_export as prepare_export
 from ._import.frames import import_frames as import_frames

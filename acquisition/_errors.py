@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +26,27 @@ class DataError(SgpError, ValueError):
     """An input or session is damaged, incomplete, inconsistent or unknown (exit code 4)."""
 
 
+def missing_path(path: Path, kind: str = "file or folder") -> MissingPathError:
+    """Return the error for a path that does not exist; a link that leads nowhere is named as one.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import missing_path
+    >>> str(missing_path(Path("owl.png"), "file"))
+    'owl.png: no such file'
+    >>> Path("owl.png").symlink_to("lost.png")
+    >>> str(missing_path(Path("owl.png")))
+    'owl.png: a link to lost.png, which is not there: restore it, or correct the link'
+    """
+    if not path.is_symlink():
+        return MissingPathError(f"{path}: no such {kind}")
+    return MissingPathError(
+        f"{path}: a link to {os.readlink(path)}, which is not there: restore it, or correct the "
+        "link"
+    )
+
+
 @contextmanager
 def convert_read_errors(path: Path) -> Iterator[None]:
     """Turn the errors of the bounded readers into those that file readers declare.
@@ -43,4 +65,4 @@ def convert_read_errors(path: Path) -> Iterator[None]:
     except SgpError:
         raise
     except FileNotFoundError as error:
-        raise MissingPathError(f"{path}: no such file") from error
+        raise missing_path(path, "file") from error

@@ -21,7 +21,7 @@ def read_text(path: Path) -> str:
     with convert_read_errors(path):
         data = read_bounded(path)
     if b"\0" in data:
-        raise DataError(f"{path}: not a text file")
+        raise DataError(f"{path}: not a text file: save it as text in UTF-8")
     return text_of(data)
 
 

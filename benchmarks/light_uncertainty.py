@@ -124,8 +124,11 @@ def outline_points(
     return off
 
 
-def observe(layout: Layout, seed: int) -> tuple[LocatedLights, Array]:
-    """Return lights located from simulated observations, and their true positions."""
+def observe(layout: Layout, seed: int, stated: float = 1.0) -> tuple[LocatedLights, Array]:
+    """Return lights located from simulated observations, and their true positions.
+
+    The standard deviations of highlights are stated as so many times those of their errors.
+    """
     rng = np.random.default_rng(seed)
     model, truth = camera(), dome()
     centres, radii = spheres(layout, rng)
@@ -138,7 +141,8 @@ def observe(layout: Layout, seed: int) -> tuple[LocatedLights, Array]:
     sigma_px = np.exp(rng.uniform(*np.log(HIGHLIGHT_PX), highlights.shape[:2]))
     highlights = highlights + rng.normal(0, 1, highlights.shape) * sigma_px[..., None]
     ids = tuple(f"L{i:02d}" for i in range(len(truth)))
-    return locate_lights(model, place(cones, radii, model), highlights, sigma_px, ids), truth
+    placed = place(cones, radii, model)
+    return locate_lights(model, placed, highlights, stated * sigma_px, ids, peaks=True), truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,8 +155,8 @@ class Figures:
     beyond: int
 
 
-def simulated(layout: Layout, seed: int) -> tuple[Array, Array]:
-    located, truth = observe(layout, seed)
+def simulated(layout: Layout, seed: int, stated: float = 1.0) -> tuple[Array, Array]:
+    located, truth = observe(layout, seed, stated)
     return located.refined.positions_mm - truth, located.refined.covariance_mm2
 
 
@@ -177,12 +181,16 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--seeds", type=int, default=200)
     parser.add_argument("--first", type=int, default=1000)
+    parser.add_argument(
+        "--stated", type=float, default=1.0, help="stated errors of highlights, relative to theirs"
+    )
     options = parser.parse_args()
     print("spheres         error mm   chi2 X     Y     Z   all   worst beyond   CPU s")
     for layout in LAYOUTS:
         start = time.process_time()
         result = figures(
-            partial(simulated, layout), range(options.first, options.first + options.seeds)
+            partial(simulated, layout, stated=options.stated),
+            range(options.first, options.first + options.seeds),
         )
         x, y, z = result.by_axis
         print(

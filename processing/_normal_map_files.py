@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from acquisition import (
     DataError,
-    MissingPathError,
     make_folder,
+    missing_path,
     read_image_with_alpha,
     read_mask,
     write_exr,
@@ -221,7 +221,7 @@ def _encoded(normal_map: NormalMap, green: Green) -> npt.NDArray[np.uint16]:
 
 def _find_image(path: Path) -> Path:
     if not path.exists():
-        raise MissingPathError(f"{path}: no such file or folder")
+        raise missing_path(path)
     if not path.is_dir():
         return path
     for stem in _STEMS:

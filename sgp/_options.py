@@ -212,7 +212,7 @@ def require_inputs(command: Callable[..., object], arguments: Mapping[str, objec
         elif _INPUT in getattr(hints.get(name), "__metadata__", ()):
             for path in value if isinstance(value, tuple) else (value,):
                 if path is not None and not path.exists():
-                    raise acquisition.MissingPathError(f"{path}: no such file or folder")
+                    raise acquisition.missing_path(path)
 
 
 def transfer_of(gamma: str) -> acquisition.TransferCurve | None:

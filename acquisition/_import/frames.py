@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -31,7 +32,7 @@ from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._source.recording_json import RecordingNotes, read_recording_notes
 from acquisition._source.source import Frame, Source
-from acquisition._storage import make_folder
+from acquisition._storage import disk, make_folder
 from acquisition._suffixes import is_raw
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights, led_id
@@ -123,8 +124,8 @@ def import_frames(
 
     Notes
     -----
-    After an error midway an incomplete session remains, as a note of the error states; the images
-    are unchanged.
+    If an image is refused midway, nothing remains of the session. After another error an incomplete
+    session remains, as a note of the error states. The images are unchanged.
 
     Examples
     --------
@@ -163,8 +164,10 @@ def import_frames(
         transfer=TransferRecord.of(source.transfer),
         **others,
     )
-    with SessionWriter.create(folder, manifest) as writer:
-        try:
+    there = Path(folder).exists()
+    writer = SessionWriter.create(folder, manifest)
+    try:
+        with writer:
             _write_maps(source, writer.folder)
             writer.write_event(_IMPORTED, **camera_metadata(first), source=source.path.name)
             for done, (frame, shot) in enumerate(zip(source.frames, shots, strict=True), 1):
@@ -173,10 +176,25 @@ def import_frames(
                 write_imported(writer, shot, image, exposure_us=frame.exposure_us)
                 on_progress("importing", done, len(shots))
             writer.complete()
-        except BaseException as error:
-            error.add_note(f"{folder}: an incomplete session remains: delete it, then import again")
-            raise
+    except DataError:
+        _remove_session(Path(folder), there=there)
+        raise
+    except BaseException as error:
+        error.add_note(f"{folder}: an incomplete session remains: delete it, then import again")
+        raise
     return Session.open(folder)
+
+
+def _remove_session(folder: Path, *, there: bool) -> None:
+    """Remove a session that this process has begun in a new or empty folder, which was there."""
+    with disk(folder, "remove"):
+        for path in folder.iterdir():
+            if path.is_dir() and not path.is_symlink():
+                shutil.rmtree(path)
+            else:
+                path.unlink()
+        if not there:
+            folder.rmdir()
 
 
 def write_imported(

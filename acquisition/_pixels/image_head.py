@@ -26,6 +26,15 @@ _SIGNATURES: Final = {
     "pnm": rb"P[1-6Ff]\s",
     "dpx": rb"SDPX|XPDS",
 }
+# What files with the suffix of an image also contain.
+_OTHERS: Final = {
+    "a GIF file": rb"GIF8",
+    "a HEIF image": rb".{4}ftyp(heic|heix|hevc|mif1|msf1|avif|avis)",
+    "a Photoshop file": rb"8BPS",
+    "a PDF file": rb"%PDF",
+    "a web page": rb"\s*<(!doctype|html)",
+    "text": rb"[\t\n\r -~]{64}",
+}
 # Truevision's format has no signature at its beginning.
 _TARGA_SUFFIXES: Final = (".tga", ".tpic")
 
@@ -52,16 +61,24 @@ def check_image_head(path: Path, max_pixels: int) -> int:
     head, file_bytes = read_head(path, _HEAD)
     kind = kind_of(head, path.suffix)
     if kind is None:
-        empty = "" if head else " (it is empty)"
-        raise UnreadableError(
-            f"not a readable image{empty}: its first bytes match no supported format"
-        )
+        raise UnreadableError(f"not a readable image: {_what_else(head)}")
     size = _SIZES[kind](head) if kind in _SIZES else None
     if size is not None:
         check_pixels(*size, 8, file_bytes, max_pixels)
     elif kind in _SIZES:
-        raise UnreadableError(f"not a readable image: its {kind} header is damaged")
+        raise UnreadableError(f"not a readable image: its {kind} header is damaged: copy it again")
     return file_bytes
+
+
+def _what_else(head: bytes) -> str:
+    """Return what a file is that is not an image of a supported kind, and what to do."""
+    if not head:
+        return "it is empty: copy it again"
+    instead = "replace it with the image, saved as PNG, TIFF or JPEG"
+    for name, signature in _OTHERS.items():
+        if re.match(signature, head, re.DOTALL | re.IGNORECASE):
+            return f"it is {name}, whatever its name: {instead}"
+    return f"its first bytes match no supported format: copy it again, or {instead}"
 
 
 def _jpeg_2000(head: bytes) -> tuple[int, int] | None:

@@ -81,7 +81,7 @@ def open_image(path: Path) -> oiio.ImageInput:
         file = oiio.ImageInput.open(name, hints)
         message = "" if file is not None else oiio.geterror()
     if file is None:
-        raise UnreadableError(f"not a readable image ({first_line(message)})")
+        raise UnreadableError(f"not a readable image ({first_line(message)}): copy it again")
     return file
 
 

@@ -7,11 +7,12 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from acquisition._errors import DataError
+from acquisition._errors import DataError, missing_path
 from acquisition._pixels.images import Image, ImageForm, image_form
 from acquisition._pixels.mask_files import read_mask
 from acquisition._pixels.raw import read_raw
@@ -25,7 +26,16 @@ from acquisition._values.lights import light_id
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, pluralize
 
-_HEIF_SUFFIXES = (".heic", ".heif", ".hif", ".avif")
+# What else cameras and programs write, with the remedy.
+_UNREAD = {
+    "HEIF image": (
+        (".heic", ".heif", ".hif", ".avif"),
+        "save them as JPEG, or let the camera save RAW",
+    ),
+    "GIF image": ((".gif",), "save them as PNG or TIFF"),
+    "Photoshop file": ((".psd",), "save them as PNG or TIFF"),
+    "video": ((".mp4", ".mov", ".avi", ".mkv"), "save the frames as PNG or TIFF"),
+}
 
 
 def read_images(
@@ -35,7 +45,7 @@ def read_images(
     transfer: TransferCurve | None = None,
 ) -> Source:
     """Read a plain folder: its largest series of numbered images, in natural order."""
-    files, twins = without_twins(_files(folder))
+    files, twins = without_twins(_checked_files(folder))
     masks = [path for path in files if _is_mask(path)]
     images, references = split_references([path for path in files if path not in masks])
     series = numbered_series(images)
@@ -60,15 +70,17 @@ def read_lp_folder(
 ) -> Source:
     """Read the images that an .lp file lists, or the numbered images if it lists none of them."""
     lights = read_lights(lp)
-    files = _files(folder)
+    files = _checked_files(folder)
     masks = [path for path in files if _is_mask(path)]
     images = [path for path in files if _is_image(path) and path not in masks]
+    exact = {path.name: path for path in images}
     by_name = {path.name.casefold(): path for path in images}
     # A name with its suffix may list either of a pair.
     images, twins = without_twins(images)
     by_stem = {light_id(path.name): path for path in images}
     listed = {
-        name: by_name.get(name.casefold()) or by_stem.get(light_id(name)) for name in lights.ids
+        name: exact.get(name) or by_name.get(name.casefold()) or by_stem.get(light_id(name))
+        for name in lights.ids
     }
     present = [path for path in listed.values() if path is not None]
     if present and len(set(present)) < len(listed):
@@ -207,7 +219,7 @@ def numbered_series(files: Sequence[Path]) -> list[Path]:
     Raises
     ------
     DataError
-        If two series are equally long.
+        If two series are equally long, or two images of the series have the same number.
     """
     series: dict[str, list[tuple[int, Path]]] = defaultdict(list)
     for path in files:
@@ -226,24 +238,33 @@ def numbered_series(files: Sequence[Path]) -> list[Path]:
                 f"{first[1][0][1].parent}: {longest} images {first[0]} and {longest} images "
                 f"{other[0]}: put each series into a folder of its own"
             )
-    return [path for _, path in first[1]]
+    series_of = first[1]
+    for (number, path), (next_number, other_path) in pairwise(series_of):
+        if number == next_number:
+            raise DataError(
+                f"{path} and {other_path.name} have the same number: remove one of them, or list "
+                "the right one in an .lp file"
+            )
+    return [path for _, path in series_of]
 
 
 def _why_no_series(files: Sequence[Path]) -> str:
     """Return why the files of a folder contain no series of images, and what to do."""
     if not files:
         return "the folder is empty: choose another folder"
-    unreadable = [path for path in files if path.suffix.lower() in _HEIF_SUFFIXES]
-    if unreadable:
-        images = pluralize(len(unreadable), "HEIF image", "HEIF images")
-        return (
-            f"{images} ({unreadable[0].name}), which cannot be read: save them as JPEG, or let "
-            "the camera save RAW"
-        )
+    for kind, (suffixes, remedy) in _UNREAD.items():
+        if unread := [path for path in files if path.suffix.lower() in suffixes]:
+            count = pluralize(len(unread), kind)
+            return f"{count} ({unread[0].name}), which cannot be read: {remedy}"
     folders = [path for path in files if path.is_dir()]
     inner = next((path for path in folders if any(map(_is_image, _files(path)))), None)
     if inner is not None:
         return f"no images here, but there are some in {inner.name}: choose that folder"
+    if images := [path for path in files if _is_image(path)]:
+        return (
+            f"{pluralize(len(images), 'image')} ({images[0].name}), but none with a number in its "
+            "name: name them name.0.png, name.1.png and so on, or list them in an .lp file"
+        )
     return "no numbered images (name.0.png, name.1.png, ...): choose another folder"
 
 
@@ -283,6 +304,18 @@ def _files(folder: Path) -> list[Path]:
         return sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     except OSError as error:
         raise DataError(f"{folder}: cannot be listed ({error.strerror})") from error
+
+
+def _checked_files(folder: Path) -> list[Path]:
+    """Return the same as `_files`, and refuse what has the name of an image but is no file."""
+    files = _files(folder)
+    for path in files:
+        if (path.suffix.lower() in IMAGE_SUFFIXES or is_raw(path)) and not path.is_file():
+            if not path.exists():
+                raise DataError(str(missing_path(path, "file")))
+            what = "a folder" if path.is_dir() else "not a regular file"
+            raise DataError(f"{path}: has the name of an image, but is {what}: rename or remove it")
+    return files
 
 
 def _is_image(path: Path) -> bool:

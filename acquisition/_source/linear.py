@@ -122,7 +122,10 @@ class Linearizer:
         """Read the pixels of a frame as they are; raises as `signal` does."""
         pixels = frame.read()
         if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
-            raise DataError(f"{frame.path}: contains values that are not finite")
+            raise DataError(
+                f"{frame.path}: contains values that are not finite: replace them, or leave the "
+                "image out"
+            )
         return pixels
 
     def _linear(self, pixels: Image) -> FloatImage:

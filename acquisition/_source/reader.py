@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 
-from acquisition._errors import DataError, MissingPathError
-from acquisition._pixels.high_bits import bits_in_use, high_bits_notice, white_level_of
+from acquisition._errors import DataError, missing_path
+from acquisition._pixels.sample_bits import (
+    high_bits_notice,
+    high_bits_of,
+    low_bits_notice,
+    low_bits_of,
+    white_level_of,
+)
 from acquisition._session.layout import MANIFEST, is_session
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.exported import with_export_notes
@@ -34,6 +41,9 @@ def read_source(
     max_pixels: int = MAX_PIXELS,
 ) -> Source:
     """Detect the kind of a recording and read everything except its pixels.
+
+    The white level may need the pixels of 16-bit images (docs/importing.md): they are read, but not
+    kept.
 
     Parameters
     ----------
@@ -87,7 +97,7 @@ def read_source(
     """
     path = Path(path)
     if not path.exists():
-        raise MissingPathError(f"{path}: no such file or folder")
+        raise missing_path(path)
     check_staging_finished(path if path.is_dir() else path.parent)
     source = with_export_notes(_dispatch(path, mask_path, max_pixels, transfer))
     source = _with_notice(_with_white_level(source))
@@ -133,15 +143,26 @@ def _with_notice(source: Source) -> Source:
 
 
 def _with_white_level(source: Source) -> Source:
-    """Set the white level of images whose samples are in the high bits, and add a notice."""
+    """Set the white level of images whose samples have fewer than 16 bits, and add a notice.
+
+    Low bits need all images. They are read only if the first one is as dark as 14 bits.
+    """
     if source.white_level != _FULL or source.kind == "session" or source.cfa is not None:
         return source
     first = next((frame for frame in source.frames if frame.role == "light"), source.frames[0])
-    bits = None if first.load else bits_in_use(first.path, max_pixels=first.max_pixels)
-    if bits is None:
+    if first.load is not None:
         return source
-    notice = high_bits_notice(bits, str(source.path))
-    return replace(source, white_level=white_level_of(bits), warnings=(*source.warnings, notice))
+    pixels, where = first.read(), str(source.path)
+    bits = high_bits_of(pixels)
+    if bits is not None:
+        level, notice = white_level_of(bits), high_bits_notice(bits, where)
+    else:
+        others = (frame.read() for frame in source.frames if frame is not first)
+        bits = low_bits_of(chain([pixels], others))
+        if bits is None:
+            return source
+        level, notice = float(2**bits - 1), low_bits_notice(bits, where)
+    return replace(source, white_level=level, warnings=(*source.warnings, notice))
 
 
 def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:

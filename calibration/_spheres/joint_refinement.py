@@ -12,6 +12,8 @@ from calibration._spheres.reflection import mirror_points
 from calibration._spheres.robust import Array
 from rig import short_repr
 
+# The variance of highlights is as stated with the weight of so many residuals: few show little.
+_EXPECTED = 10
 _ROUNDS = 8
 _WORST_SHARE = 0.25
 _STEP_MM = 1e-3
@@ -78,6 +80,8 @@ def refine(
     highlights_px: Array,
     sigma_px: Array,
     ids: tuple[str, ...],
+    *,
+    peaks: bool = False,
 ) -> Refined:
     """Refine all lights and sphere centres by Gauss-Newton with a Schur complement.
 
@@ -85,7 +89,8 @@ def refine(
     the squared deviations of the centres from those given by the outlines, relative to their
     covariance, is minimised. The covariance of the positions is the inverse of the information
     matrix, multiplied by the reduced chi-square if that exceeds 1: then the errors are larger than
-    their standard deviations.
+    their standard deviations. If it is below 1, it shows that independent errors of highlights are
+    smaller, and their part of the covariance is multiplied by it; it says little about outlines.
 
     Parameters
     ----------
@@ -102,6 +107,9 @@ def refine(
         that do not count.
     ids
         N names of the lights, for messages.
+    peaks
+        Whether the highlights are unsaturated peaks, whose errors (photon noise) are independent.
+        Glare moves saturated ones alike on all spheres, which the residuals do not show.
 
     Raises
     ------
@@ -123,7 +131,8 @@ def refine(
     freedom = 2 * int(np.isfinite(sigma_px).sum()) - lights.size
     chi_square = system.square / freedom if freedom > 0 else float("nan")
     scale = max(chi_square, 1.0) if freedom > 0 else 1.0
-    return Refined(lights, centres, scale * system.covariance(), chi_square)
+    share = min((system.square + _EXPECTED) / (freedom + _EXPECTED), 1.0) if peaks else 1.0
+    return Refined(lights, centres, scale * system.covariance(share), chi_square)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +140,8 @@ class System:
     """Normal equations of N lights and K centres.
 
     ``of_light (N, 3, 3)``, ``cross (N, 3, 3 K)`` and ``of_centre (3 K, 3 K)`` are the blocks of the
-    information matrix, ``pull_light (N, 3)`` and ``pull_centre (3 K,)`` its right side, ``square``
+    information matrix, ``of_outlines`` is what the outlines contribute to the last one,
+    ``pull_light (N, 3)`` and ``pull_centre (3 K,)`` its right side, ``square``
     is the sum of the squared errors, and ``by_light`` and ``by_centre (N, K, 2, 3)`` are the
     derivatives of the highlights.
     """
@@ -139,6 +149,7 @@ class System:
     of_light: Array
     cross: Array
     of_centre: Array
+    of_outlines: Array
     pull_light: Array
     pull_centre: Array
     square: float
@@ -173,11 +184,19 @@ class System:
         change = np.sum(of_light * self.pull_light) + of_centre @ self.pull_centre
         return self.square - float(change)
 
-    def covariance(self) -> Array:
-        """Return the blocks ``(N, 3, 3)`` of the lights of the inverse of the information."""
+    def covariance(self, share: float = 1.0) -> Array:
+        """Return the covariances ``(N, 3, 3)`` of the lights.
+
+        ``share`` is the variance of the highlights in multiples of that with which they count. If
+        it is 1, these are blocks of the inverse of the information.
+        """
         gain, schur = self._eliminated()
-        shared = np.einsum("nap,pq,nbq->nab", gain, np.linalg.inv(schur), gain)
-        covariance: Array = np.linalg.inv(self.of_light) + shared
+        inverse = np.linalg.inv(schur)
+        shared = np.einsum("nap,pq,nbq->nab", gain, inverse, gain)
+        outlines = inverse @ self.of_outlines @ inverse
+        of_outlines: Array = np.einsum("nap,pq,nbq->nab", gain, outlines, gain)
+        inside: Array = np.linalg.inv(self.of_light) + shared
+        covariance: Array = share * inside + (1 - share) * of_outlines
         return covariance
 
 
@@ -217,6 +236,7 @@ def linearise(
         of_light=np.einsum("nkia,nki,nkib->nab", by_light, weight, by_light),
         cross=np.einsum("nkia,nki,nkib->nakb", by_light, weight, by_centre).reshape(n, 3, 3 * k),
         of_centre=of_centre,
+        of_outlines=information,
         pull_light=np.einsum("nkia,nki->na", by_light, weight * error),
         pull_centre=np.einsum("nkia,nki->ka", by_centre, weight * error).ravel()
         + information @ off,

@@ -79,6 +79,8 @@ def locate_lights(
     highlights_px: Array,
     sigma_px: Array,
     ids: tuple[str, ...],
+    *,
+    peaks: bool = False,
 ) -> LocatedLights:
     """Estimate the positions of lights with highlights on two or more spheres.
 
@@ -100,6 +102,8 @@ def locate_lights(
         ``(N, K)`` standard deviations of each coordinate of the highlights.
     ids
         N names of the lights, for messages.
+    peaks
+        Whether the highlights are unsaturated peaks, as in `refine`.
 
     Raises
     ------
@@ -134,7 +138,7 @@ def locate_lights(
         positions[i] = proposals[best]
         used[i, at] = errors[best] <= np.maximum(limit, _INLIER_SIGMAS * sigma_px[i, at])
     sigma_px = np.where(used, sigma_px, np.inf)
-    refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids)
+    refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids, peaks=peaks)
     predicted = predicted_highlights(
         camera, refined.centres_mm, spheres.radii_mm, refined.positions_mm
     )

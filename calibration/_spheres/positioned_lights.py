@@ -38,7 +38,8 @@ def positioned_lights(
     placed = place(cones, radii, camera)
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
-    located = locate_lights(camera, placed, highlights, sigma_px, names)
+    peaks = not any(image.highlights.saturated.any() for image in images)
+    located = locate_lights(camera, placed, highlights, sigma_px, names, peaks=peaks)
     positions, centres = located.refined.positions_mm, located.refined.centres_mm
     used = located.used
     seen = np.isfinite(highlights[..., 0])

@@ -340,9 +340,9 @@ def _import_watched(
             watched = acquisition.watch_folder(
                 watch, out, lights=chosen, on_message=report, on_progress=progress, labels=labels
             )
-    except BaseException:
+    except BaseException as error:
         if printed:
-            _note_how_to_continue(out)
+            _note_how_to_continue(out, watch.folder, interrupted=not isinstance(error, Exception))
         raise
     result = info(out)
     result.ok = watched.session.complete
@@ -357,10 +357,12 @@ def _import_watched(
     return result
 
 
-def _note_how_to_continue(out: Path) -> None:
+def _note_how_to_continue(out: Path, folder: Path, *, interrupted: bool) -> None:
     try:
         session = acquisition.Session.open(out)
     except (acquisition.DataError, acquisition.MissingPathError):
-        return  # nothing was recorded
+        if interrupted:
+            note(f"{folder}: nothing was recorded yet; run the same command again to continue")
+        return
     intact = rig.pluralize(len(session.frames), "frame is", "frames are")
     note(f"{out}: {intact} intact; run the same command again to continue")

@@ -19,4 +19,5 @@ def bench() -> Bench:
 def rig(bench: Bench) -> Iterator[Rig]:
     rig = rig_on(bench)
     yield rig
+    bench.off_fails = False
     rig.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -12,6 +13,7 @@ import pytest
 
 from acquisition._engine.engine import record
 from acquisition._plan.plan import CapturePlan
+from acquisition._session import writer as _session_writer
 from acquisition._session.journal import EventLine
 from acquisition._session.labels import Labels
 from acquisition._session.session import Session
@@ -138,3 +140,17 @@ def flip(path: Path) -> None:
     """Change the last bit of the last sample."""
     data = path.read_bytes()
     path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+
+
+class Gate:
+    """A disk that blocks all writes until the gate is opened."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.open = threading.Event()
+        real = _session_writer.store_frame
+
+        def slow(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+            assert self.open.wait(30)
+            return real(path, pixels)
+
+        monkeypatch.setattr(_session_writer, "store_frame", slow)

@@ -122,21 +122,46 @@ def fill(folder: Path) -> Path:
     return folder
 
 
-def test_a_damaged_image_leaves_an_incomplete_session(tmp_path: Path) -> None:
+@pytest.mark.parametrize("there", [False, True])
+def test_a_damaged_image_leaves_no_session(tmp_path: Path, there: bool) -> None:
     (tmp_path / "in").mkdir()
     for index in range(3):
         write_png(tmp_path / "in" / f"a.{index}.png", PIXELS[index])
     data = (tmp_path / "in" / "a.2.png").read_bytes()
     (tmp_path / "in" / "a.2.png").write_bytes(data[:-40])
     source = read_source(tmp_path / "in")
-    with pytest.raises(DataError, match=r"a\.2\.png: PNG cut short") as caught:
+    if there:
+        (tmp_path / "out").mkdir()
+    with pytest.raises(DataError, match=r"a\.2\.png: PNG cut short"):
         import_frames(source, tmp_path / "out")
+    assert (tmp_path / "out").exists() == there
+    assert sorted(path.name for path in tmp_path.rglob("*") if path.is_file()) == [
+        "a.0.png",
+        "a.1.png",
+        "a.2.png",
+    ]
+
+
+def test_an_interrupted_import_leaves_an_incomplete_session(tmp_path: Path) -> None:
+    def interrupt(stage: str, done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as caught:
+        import_frames(read_source(fill(tmp_path / "in")), tmp_path / "out", on_progress=interrupt)
     assert caught.value.__notes__ == [
         f"{tmp_path / 'out'}: an incomplete session remains: delete it, then import again"
     ]
     session = Session.open(tmp_path / "out")
     assert not session.complete
-    assert len(session.frames) == 2
+    assert len(session.frames) == 1
+
+
+def test_a_folder_with_files_is_not_touched(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(StorageError):
+        import_frames(read_source(fill(tmp_path / "in")), tmp_path / "out")
+    assert (tmp_path / "out" / "notes.txt").read_text(encoding="utf-8") == "mine"
 
 
 def test_images_that_are_named_after_leds_keep_their_leds(tmp_path: Path) -> None:

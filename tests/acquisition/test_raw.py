@@ -17,7 +17,6 @@ from acquisition._import.watch import watch_folder
 from acquisition._import.watch_shots import Watch, lights_in_order
 from acquisition._pixels.images import read_image, write_png
 from acquisition._pixels.raw import read_raw
-from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._source.reader import read_source
 from acquisition._suffixes import is_raw
@@ -118,7 +117,7 @@ def test_a_raw_file_with_other_camera_settings_is_refused(
     (tmp_path / "in" / "IMG_1.dng").write_bytes(dng(SENSOR, **change))
     with pytest.raises(DataError, match=rf"IMG_1\.dng: {said}"):
         import_frames(read_import(tmp_path / "in"), tmp_path / "out")
-    assert len(Session.open(tmp_path / "out").frames) == 1
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_black_level_that_varies_slightly_between_frames_is_accepted(tmp_path: Path) -> None:

@@ -44,6 +44,21 @@ def test_a_few_seeds_agree_with_their_covariances(benchmark):
     assert result.beyond <= 1
 
 
+def test_residuals_show_that_highlights_are_better_than_stated(benchmark):
+    """With the stated errors, the mean square would be a fifth."""
+    (layout,) = (layout for layout in benchmark.LAYOUTS if layout.name == "4 x R20")
+    trial = partial(benchmark.simulated, layout, stated=2.5)
+    assert 0.6 < benchmark.figures(trial, range(8)).together < 1.6
+
+
+def test_residuals_of_saturated_highlights_do_not_shrink_their_errors(benchmark, monkeypatch):
+    (layout,) = (layout for layout in benchmark.LAYOUTS if layout.name == "4 x R20")
+    locate = benchmark.locate_lights
+    monkeypatch.setattr(benchmark, "locate_lights", lambda *of, peaks: locate(*of, peaks=False))
+    trial = partial(benchmark.simulated, layout, stated=2.5)
+    assert benchmark.figures(trial, range(4)).together < 0.35
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("index", range(4))

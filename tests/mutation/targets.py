@@ -12,6 +12,8 @@ _SESSION = (
     "acquisition/test_session_writer.py",
     "acquisition/test_session_faults.py",
     "acquisition/test_resume.py",
+    "acquisition/test_resume_left_out.py",
+    "acquisition/test_resume_refusals.py",
 )
 _PARTS = "calibration/test_sphere_parts.py"
 _SEARCH = "calibration/test_sphere_search.py"
@@ -33,6 +35,11 @@ TARGETS: dict[str, tuple[str, ...]] = {
     ),
     "acquisition/_engine/carry_out.py": (
         "acquisition/test_engine.py",
+        "acquisition/test_engine_ctrl_c.py",
+        "acquisition/test_engine_lost_shots.py",
+        "acquisition/test_engine_refusals.py",
+        "acquisition/test_engine_sequences.py",
+        "acquisition/test_engine_slow_disk.py",
         "acquisition/test_engine_disk.py",
         "acquisition/test_set_aside.py",
     ),
@@ -41,6 +48,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "acquisition/_session/open_shots.py": (
         "acquisition/test_recorded.py",
         "acquisition/test_resume.py",
+        "acquisition/test_resume_left_out.py",
+        "acquisition/test_resume_refusals.py",
     ),
     "acquisition/_session/verify.py": _SESSION,
     "rig/_shooting/alive.py": (_VALUES,),

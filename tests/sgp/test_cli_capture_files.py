@@ -9,6 +9,7 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.io import savemat
@@ -288,6 +289,40 @@ def test_ctrl_c_ends_a_watch_and_the_same_command_continues(sgp, tmp_path):
     tethered(folder, [0, 2, 4, 6, 8, 10, 12])
     assert sgp("capture", *words, "--timeout-s", 20).code == 0
     assert sgp("capture", "verify", out).code == 0
+
+
+def test_ctrl_c_while_a_raw_file_is_awaited_loses_nothing(sgp, tmp_path):
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+
+    def shoot(number):
+        pixels = np.random.default_rng(number).integers(0, 256, (40, 48), np.uint8)
+        cv2.imwrite(str(folder / f"IMG_{number:04}.JPG"), pixels)
+
+    shoot(0)
+    words = ["import", str(folder), "--watch", "--led-count", "3", "--out", str(out)]
+    process = subprocess.Popen(
+        [*CAPTURE, *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"NUMBA_NUM_THREADS": "1"},
+    )
+    assert "waits 10 s for a camera RAW file" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    _, message = process.communicate(timeout=30)
+    assert process.returncode == 130, message
+    assert "nothing was recorded yet; run the same command again to continue" in message
+    assert "Traceback" not in message
+    assert not out.exists()
+    shoot(1)
+    # Without a RAW file, the JPEGs count when the time is over.
+    assert sgp("capture", *words, "--timeout-s", 0.5).code == 4
+    shoot(2)
+    assert sgp("capture", *words, "--timeout-s", 20).code == 0
+    session = Session.open(out)
+    assert [(frame.led, frame.line.origin) for frame in session.frames] == [
+        (number, f"IMG_{number:04}.JPG") for number in range(3)
+    ]
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,13 @@
-"""Scene files for tests."""
+"""Scene files and a board for tests."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+from tests.simulator.desk import Desk
 
 # The lens of a small scene.
 SMALL = "[lens]\nkind = 'perspective'\nwidth = 48\nheight = 40\n"
@@ -21,3 +23,10 @@ def write(tmp_path: Path) -> Callable[[str], Path]:
         return path
 
     return write
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    desk = Desk(tmp_path / "bench.state")
+    yield desk
+    desk.close()

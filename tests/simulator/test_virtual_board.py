@@ -1,78 +1,14 @@
 """The virtual board: its firmware with a clock set by the tests, and the life of its process."""
 
-import contextlib
 import subprocess
 import sys
 
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
-from rig import Command, LineBuffer, LineError, Reply, decode_reply, encode_command
-from simulator._bench_state import BenchState, BenchWriter, LitPeriod
-from simulator._board.faults import BoardFault, FaultyBoard, PowerCutError
-from simulator._board.firmware import BoardFirmware
-from simulator._board.outputs import ActiveInput, BoardOutputs
-
-MS = 1_000_000
-US = 1000
-
-
-class Desk:
-    """A board without a process, whose time is set by the test."""
-
-    def __init__(self, path):
-        self.writer = BenchWriter(path)
-        self.state = BenchState(path)
-        self.outputs = BoardOutputs(self.writer)
-        self.active = ActiveInput(self.state)
-        self.firmware = BoardFirmware(36, self.outputs, self.active, 0)
-        self.board = FaultyBoard(self.firmware, self.outputs)
-        self.now_ns = 0
-        self.seq = 0
-
-    def at_ms(self, ms):
-        """Advance the time, wake the board whenever it is due, and return its replies."""
-        until_ns = round(ms * MS)
-        sent = b""
-        while self.now_ns < until_ns:
-            self.now_ns = min(until_ns, max(self.now_ns + 1, self.board.next_ns(self.now_ns)))
-            sent += self.board.advance(self.now_ns)
-        return [decode_reply(line) for line in sent.splitlines()]
-
-    def send(self, *words, seq=None):
-        """Send a command now; return the bytes of the immediate reply."""
-        self.seq = self.seq + 1 if seq is None else seq
-        self.board.receive(encode_command(Command(self.seq, words[0], words[1:])), self.now_ns)
-        return self.board.advance(self.now_ns)
-
-    def ask(self, *words, seq=None):
-        """Send a command now; return the words of the reply, or None if there is no reply."""
-        answer = self.send(*words, seq=seq)
-        if not answer:
-            return None
-        reply = decode_reply(answer.rstrip())
-        assert (reply.seq, reply.verb) == (self.seq, words[0])
-        return " ".join(reply.args) if reply.error is None else f"E{reply.error}"
-
-    def lit(self):
-        """The lit periods, in ms, without empty ones."""
-        periods = self.state.periods()
-        return [(p.led, p.start_ns / MS, p.end_ns / MS) for p in periods if p.end_ns > p.start_ns]
-
-    def triggers(self):
-        return [pulse.time_ns / MS for pulse in self.state.triggers()]
-
-    def close(self):
-        self.state.close()
-        self.writer.close()
-
-
-@pytest.fixture
-def desk(tmp_path):
-    desk = Desk(tmp_path / "bench.state")
-    yield desk
-    desk.close()
+from rig import Command, Reply, decode_reply, encode_command
+from simulator._bench_state import LitPeriod
+from simulator._board.faults import BoardFault
+from tests.simulator.desk import MS, load_steps
 
 
 @pytest.mark.parametrize(
@@ -243,97 +179,6 @@ def test_the_watchdog_does_not_end_a_declared_flash(desk):
     assert desk.ask("STATUS").split()[3] == "0"
 
 
-def load(desk, *steps):
-    for index, step in enumerate(steps):
-        assert desk.ask("STEP", str(index), *step.split()) is not None
-
-
-def test_a_sequence_is_recorded_in_advance_and_exact_to_the_microsecond(desk):
-    load(desk, "1 2000 6000 50000", "2 1000 4000 10000", "- 0 500 0")
-    assert desk.ask("RUN", "3", "T") == "3"
-    assert desk.lit() == [(1, 0, 8), (2, 58, 63)]
-    assert desk.triggers() == [2, 59, 73]
-    desk.at_ms(58)
-    assert desk.ask("DID", "0") == "0 1 2000 8000 -"
-    assert desk.ask("DID", "1") == "E7"
-    assert desk.ask("STATUS").split()[5:] == ["RUN", "1"]
-    desk.at_ms(74)
-    assert desk.ask("DID", "1") == "1 2 59000 5000 -"
-    assert desk.ask("DID", "2") == "2 - 73000 500 -"
-    assert desk.ask("STATUS").split()[5:] == ["IDLE", "3"]
-
-
-def test_a_sequence_cut_short_cancels_its_future_steps(desk):
-    load(desk, "1 2000 6000 50000", "2 1000 4000 10000", "3 0 500 0")
-    desk.ask("RUN", "3", "T")
-    desk.at_ms(10)
-    assert desk.ask("OFF") == "-"
-    assert desk.lit() == [(1, 0, 8)]
-    assert desk.triggers() == [2]
-    desk.at_ms(500)
-    assert desk.ask("STATUS").split()[5:] == ["IDLE", "1"]
-
-
-def test_a_sequence_of_a_silent_host_finishes_its_step_and_halts(desk):
-    load(desk, "1 0 400000 0", "2 0 400000 0", "3 0 400000 0", "4 0 400000 0")
-    desk.ask("RUN", "4", "T")
-    desk.at_ms(5000)
-    assert desk.lit() == [(1, 0, 400), (2, 400, 800), (3, 800, 1200)]
-    assert desk.triggers() == [0, 400, 800]
-    assert desk.ask("STATUS").split()[3:] == ["1", "2982", "HALT", "3"]
-    desk.ask("LEVEL", "0", "4095")
-    assert desk.ask("STATUS").split()[5] == "IDLE"
-
-
-def test_the_camera_paces_a_sequence(desk):
-    load(desk, "1 1000 50000 10000", "2 1000 50000 0", "3 0 50000 0")
-    desk.ask("RUN", "3", "A")
-    assert desk.triggers() == [1]
-    # The camera sees the pulse a little later and knows the end of its exposure in advance.
-    desk.at_ms(1.2)
-    desk.state.expose(1 * MS, 6 * MS)
-    desk.at_ms(4)
-    assert desk.lit() == [(1, 0, 6)]
-    desk.at_ms(16)
-    assert desk.ask("DID", "0") == "0 1 1000 6000 5000"
-    assert desk.triggers() == [1, 17]
-    desk.state.expose(17 * MS, 30 * MS)
-    desk.at_ms(31)
-    # There is no last exposure.
-    desk.at_ms(300)
-    assert [row[:2] for row in desk.lit()] == [(1, 0), (2, 16), (3, 30)]
-    assert desk.lit()[2][2] == 80
-    assert desk.ask("DID", "2") == "2 3 30000 50000 -"
-    assert desk.ask("STATUS").split()[5:] == ["HALT", "3"]
-
-
-@pytest.mark.parametrize(
-    ("exposure_ms", "active"),
-    [
-        pytest.param((2, 7), "5000", id="whole"),
-        pytest.param((2, 20), "6000+", id="cut off"),
-        pytest.param((-5, 1), "1000", id="began before the light"),
-        pytest.param((8, 9), "-", id="after the light"),
-    ],
-)
-def test_a_flash_reports_how_long_the_camera_exposed(desk, exposure_ms, active):
-    desk.at_ms(100)
-    desk.state.expose(*(round((100 + t) * MS) for t in exposure_ms))
-    desk.ask("FLASH", "7", "2000", "6000")
-    (reply,) = desk.at_ms(400)
-    assert reply.args == ("7", "-", "8000", active)
-
-
-def test_the_board_waits_for_an_exposure_that_a_camera_records_late(desk):
-    desk.state.expose(0, 1)
-    desk.at_ms(100)
-    desk.ask("FLASH", "7", "2000", "6000")
-    assert desk.at_ms(150) == []
-    desk.state.expose(102 * MS, 106 * MS)
-    (reply,) = desk.at_ms(152)
-    assert reply.args == ("7", "-", "8000", "4000")
-
-
 def test_a_new_level_takes_effect_the_next_time_the_led_turns_on(desk):
     desk.ask("ON", "7", "100")
     desk.ask("LEVEL", "7", "1365")
@@ -345,7 +190,7 @@ def test_a_new_level_takes_effect_the_next_time_the_led_turns_on(desk):
 
 
 def test_a_restart_turns_everything_off_and_resets_the_state(desk):
-    load(desk, "1 0 400 0")
+    load_steps(desk, "1 0 400 0")
     desk.ask("LEVEL", "7", "5")
     desk.ask("ON", "7", "1000", seq=50)
     desk.board.receive(b"damaged\n", desk.now_ns)
@@ -356,159 +201,6 @@ def test_a_restart_turns_everything_off_and_resets_the_state(desk):
     assert desk.ask("RUN", "1", "T") == "E7"
     assert desk.ask("ON", "7", "1000", seq=50) == "7 1000"
     assert desk.state.periods()[-1].level == 4095
-
-
-def test_the_edges_are_reported_in_order(desk):
-    assert desk.outputs.events(0) == [{"us": 0, "lit": [], "levels": []}]
-    load(desk, "1 1000 6000 1000", "- 0 100 0")
-    desk.ask("RUN", "2", "T")
-    desk.at_ms(20)
-    assert desk.outputs.events(desk.now_ns) == [
-        {"us": 0, "lit": [1], "levels": [4095]},
-        {"us": 1000, "trigger": 1},
-        {"us": 1200, "trigger": 0},
-        {"us": 7000, "lit": [], "levels": []},
-        {"us": 8000, "trigger": 1},
-        {"us": 8100, "trigger": 0},
-    ]
-
-
-# Effect of each fault on FLASH 7, sent to a board whose LED 3 is on.
-FLASHED = ["7 - 8000 -"]
-
-
-@pytest.mark.parametrize(
-    ("fault", "replies", "triggers", "leds"),
-    [
-        pytest.param({"kind": "drop-command"}, [], [], {3}, id="drop-command"),
-        pytest.param({"kind": "corrupt-command", "value": 9}, [], [], {3}, id="corrupt-command"),
-        pytest.param({"kind": "lose-byte-command", "value": 3}, [], [], {3}, id="lost byte"),
-        pytest.param({"kind": "lose-byte-command", "value": -1}, [], [], {3}, id="lost line end"),
-        pytest.param({"kind": "double-byte-command", "value": 8}, [], [], {3}, id="double byte"),
-        pytest.param({"kind": "double-command"}, FLASHED, [12], {3, 7}, id="double-command"),
-        pytest.param({"kind": "drop-reply"}, [], [12], {3, 7}, id="drop-reply"),
-        pytest.param({"kind": "double-reply"}, FLASHED * 2, [12], {3, 7}, id="double-reply"),
-        pytest.param({"kind": "delay-reply", "value": 50}, FLASHED, [12], {3, 7}, id="delay-reply"),
-        pytest.param(
-            {"kind": "wrong-led", "value": 9}, ["9 - 8000 -"], [12], {3, 9}, id="wrong-led"
-        ),
-        pytest.param({"kind": "double-led", "value": 9}, FLASHED, [12], {3, 7, 9}, id="double-led"),
-        pytest.param(
-            {"kind": "goes-dark", "value": 3}, ["7 - 3000 -"], [12], {3, 7}, id="goes-dark"
-        ),
-        pytest.param({"kind": "lose-trigger"}, FLASHED, [], {3, 7}, id="lose-trigger"),
-        pytest.param({"kind": "double-trigger"}, FLASHED, [12, 12.3], {3, 7}, id="double-trigger"),
-    ],
-)
-def test_each_fault_has_its_effect(desk, fault, replies, triggers, leds):
-    desk.ask("ON", "3", "100")
-    desk.at_ms(10)
-    desk.board.set_faults([BoardFault(**fault)])
-    desk.send("FLASH", "7", "2000", "6000")
-    assert [" ".join(reply.args) for reply in desk.at_ms(100)] == replies
-    assert desk.triggers() == triggers
-    assert {led for led, _, _ in desk.lit()} == leds
-    assert [end for led, _, end in desk.lit() if led == 9] == [18] * (9 in leds)
-
-
-@pytest.mark.parametrize("way", ["corrupt", "lose-byte", "double-byte"])
-@pytest.mark.parametrize("at", range(24))
-def test_a_damaged_reply_is_never_read_as_another_reply(desk, way, at):
-    desk.board.set_faults([BoardFault(kind=f"{way}-reply", value=at)])
-    received = (
-        desk.send("ON", "7", "1000", seq=1) + desk.send("STATUS", seq=2) + desk.send("OFF", seq=3)
-    )
-    read = []
-    for line in LineBuffer().feed(received):
-        with contextlib.suppress(LineError):
-            read.append(decode_reply(line))
-    sent = [
-        Reply(1, "ON", ("7", "1000")),
-        Reply(2, "STATUS", ("0", "7", "0", "0", "2982", "ON", "0")),
-        Reply(3, "OFF", ("7",)),
-    ]
-    # A lost line end also loses the next reply; a doubled one loses none.
-    assert read in (sent, sent[1:], sent[2:])
-    assert (read == sent) == (way == "double-byte" and at == 23)
-
-
-def test_a_reset_during_a_command_executes_neither_half(desk):
-    desk.ask("ON", "3", "1000")
-    desk.at_ms(10)
-    desk.board.set_faults([BoardFault(kind="reset")])
-    assert b"boot" in desk.send("ON", "7", "1000")
-    assert desk.lit() == [(3, 0, 10)]
-    assert desk.ask("STATUS") == "0 - 1 0 2982 IDLE 0"
-
-
-def test_a_reset_after_a_command_loses_its_reply(desk):
-    desk.board.set_faults([BoardFault(kind="reset-after", verb="ON")])
-    assert b"OK ON" not in desk.send("ON", "7", "1000")
-    assert desk.lit() == []
-    assert desk.ask("OFF") == "-"
-
-
-@pytest.mark.parametrize(
-    ("fault", "back_ns"),
-    [
-        pytest.param(BoardFault(kind="die"), None, id="for good"),
-        pytest.param(BoardFault(kind="hang-up", value=30), 40 * MS, id="comes back"),
-    ],
-)
-def test_a_board_that_loses_its_power_is_dark(desk, fault, back_ns):
-    desk.ask("ON", "7", "1000")
-    desk.at_ms(10)
-    desk.board.set_faults([fault])
-    with pytest.raises(PowerCutError) as cut:
-        desk.send("STATUS")
-    assert cut.value.back_ns == back_ns
-    assert desk.lit() == [(7, 0, 10)]
-
-
-def test_faults_affect_only_their_commands(desk):
-    desk.board.set_faults([BoardFault(kind="drop-command", verb="ON", skip=1, times=2)])
-    struck = [desk.ask("ON", "7", "100") is None for _ in range(5)]
-    assert struck == [False, True, True, False, False]
-    assert desk.ask("OFF") == "7"
-
-
-@given(st.binary(max_size=90) | st.binary(max_size=55).map(lambda b: b">0001 " + b))
-@settings(max_examples=300, deadline=None)
-def test_damaged_lines_get_no_reply_and_turn_no_led_on(tmp_path_factory, data):
-    desk = Desk(tmp_path_factory.mktemp("desk") / "bench.state")
-    desk.board.receive(data + b"\n", 0)
-    assert desk.board.advance(0) == b""
-    assert desk.state.periods() == ()
-    assert desk.ask("STATUS").split()[:2] == ["0", "-"]
-    desk.close()
-
-
-WORDS = st.text("".join(map(chr, [*range(33, 42), *range(43, 127)])), min_size=1, max_size=12)
-VERBS = st.sampled_from(["ID", "ON", "OFF", "LEVEL", "STEP", "DID", "RUN", "STATUS"]) | WORDS
-ARGUMENTS = st.integers(0, 10**10).map(str) | st.sampled_from(["x", "-", "T", "A", "0", "1"])
-
-
-@given(VERBS, st.lists(ARGUMENTS, max_size=5))
-@settings(max_examples=300, deadline=None)
-def test_every_complete_command_gets_one_reply_that_repeats_it(tmp_path_factory, verb, args):
-    desk = Desk(tmp_path_factory.mktemp("desk") / "bench.state")
-    assume(len(" ".join((verb, *args))) <= 50)
-    assert desk.ask(verb, *args) is not None
-    desk.close()
-
-
-def test_the_next_wake_up_is_never_in_the_past(desk):
-    load(desk, "1 1000 50000 10000", "2 1000 900000 0", "3 0 50000 0")
-    for words in ("ON 3 700", "FLASH 3 10 10", "RUN 3 T", "RUN 3 A"):
-        desk.ask("OFF")
-        desk.ask(*words.split())
-        woken = 0
-        end_ns = desk.now_ns + 2000 * MS
-        while desk.now_ns < end_ns:
-            desk.now_ns = min(end_ns, max(desk.now_ns + 1, desk.board.next_ns(desk.now_ns)))
-            desk.board.advance(desk.now_ns)
-            woken += 1
-        assert woken < 30, words
 
 
 def test_the_process_imports_no_part_of_the_renderer():

@@ -1,0 +1,59 @@
+"""Recordings that the camera interrupts, and their sessions in older formats."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+import tomli_w
+
+from acquisition._engine.engine import record
+from acquisition._session.calibrations import Calibrations
+from acquisition._session.manifest import _ADDED_2
+from acquisition._session.session import Session
+from acquisition._values.noise_model import NoiseModel
+from rig import CameraError, Rig
+from tests.acquisition.fake_bench import LABELS, PLAN, Bench
+from tests.acquisition.mutants import rows_of, seal
+
+
+def interrupted(
+    rig: Rig, bench: Bench, folder: Path, at: int, sensor: NoiseModel | None = None
+) -> Session:
+    """Record until the camera fails at a given frame."""
+
+    def fail(number: int) -> None:
+        if number == at:
+            raise CameraError("the camera was unplugged")
+
+    bench.on_trigger = fail
+    with pytest.raises(CameraError):
+        record(rig, PLAN, folder, LABELS, calibrations=Calibrations(sensor=sensor))
+    bench.on_trigger = lambda number: None
+    bench.shots.clear()
+    return Session.open(folder)
+
+
+def fail_after(number: int, last: int) -> None:
+    if number > last:
+        raise CameraError("the camera was unplugged")
+
+
+def make_older(folder: Path, version: int) -> None:
+    """Rewrite ``session.toml`` and every line in an older format version."""
+    path = folder / "session.toml"
+    manifest = tomllib.loads(path.read_text(encoding="utf-8"))
+    manifest["format_version"] = version
+    if version == 1:
+        for table, keys in _ADDED_2.items():
+            for key in keys:
+                manifest.get(table, {}).pop(key, None)
+    path.write_text(tomli_w.dumps(manifest), encoding="utf-8")
+    rows = rows_of(folder)
+    for row in rows:
+        if version == 1 and row["kind"] == "frame":
+            del row["mean_dn"], row["above_dark"]
+            if row["echo"]:
+                del row["echo"]["lit_us"], row["echo"]["active_us"]
+    seal(folder, rows)
