@@ -8,6 +8,7 @@ from ._intensities.calibrate import IntensityCalibration as IntensityCalibration
 from ._intensities.calibrate import calibrate_intensities as calibrate_intensities
 from ._intensities.surface import MatteSurface as MatteSurface
 from ._intensities.vignetting import Vignetting as Vignetting
+from ._radiance.demosaic import demosaic as demosaic
 from ._radiance.linear_stack import Stack as Stack
 from ._radiance.linear_stack import check_linear as check_linear
 from ._radiance.linear_stack import linear_images as linear_images
@@ -16,6 +17,7 @@ from ._radiance.luma import luma as luma
 from ._radiance.raw_stack import RawStack as RawStack
 from ._radiance.raw_stack import raw_stack as raw_stack
 from ._radiance.stack_noise import StackNoise as StackNoise
+from ._radiance.stack_tasks import Channel as Channel
 from ._spheres.apply import apply_spheres as apply_spheres
 from ._spheres.calibrate import calibrate_moved_spheres as calibrate_moved_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres

@@ -153,7 +153,9 @@ def _normals(
     true_lights: acquisition.Lights | None,
 ) -> _Normals:
     """Compute, write and draw the normals, and keep what the other stages need."""
-    stage = compute_normals(source, options.method, distant=options.distant)
+    stage = compute_normals(
+        source, options.method, distant=options.distant, channel=options.channel
+    )
     normal_map = stage.stereo.normal_map
     picture = processing.albedo_picture(stage.albedo, normal_map.mask)
     write("normals", lambda folder: write_normals_stage(folder, stage, maps, picture))

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import acquisition
 import processing
@@ -129,7 +130,11 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
 
 
 def compute_normals(
-    source: acquisition.Source, method: processing.Method, *, distant: bool
+    source: acquisition.Source,
+    method: processing.Method,
+    *,
+    distant: bool,
+    channel: Literal["gray", "mosaic"] = "gray",
 ) -> processing.Reconstruction:
     """Run `processing.reconstruct` up to the normals and show its progress.
 
@@ -137,7 +142,12 @@ def compute_normals(
     """
     with Stages() as progress:
         stage = processing.reconstruct(
-            source, method=method, distant=distant, surface=False, on_progress=progress
+            source,
+            method=method,
+            channel=channel,
+            distant=distant,
+            surface=False,
+            on_progress=progress,
         )
     # `reconstruct` compares with sRGB if the images are linear, and with linear otherwise.
     other = "srgb" if source.transfer == acquisition.LINEAR else "linear"

@@ -35,11 +35,16 @@ def demosaic(mosaic: npt.NDArray[np.float32], pattern: str) -> npt.NDArray[np.fl
     ------
     DataError
         If the pattern is not supported.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import demosaic
+    >>> card = np.tile(np.array([[1, 2], [2, 3]], np.float32), (2, 2))
+    >>> demosaic(card, "RGGB")[1, 1]
+    array([1., 2., 3.], dtype=float32)
     """
-    if pattern not in _PATTERNS:
-        raise DataError(
-            f"the colour filter pattern {pattern} is not supported: use {', '.join(_PATTERNS)}"
-        )
+    check_pattern(pattern)
     valid = np.isfinite(mosaic)
     filled = np.where(valid, mosaic, np.float32(0))
     colour = np.zeros((*mosaic.shape, 3), np.float32)
@@ -93,3 +98,11 @@ def site_factors(pattern: str, first: tuple[int, int], factor: int) -> npt.NDArr
                 of_colour = np.isin(site, [i for i in range(4) if pattern[i] == name])
                 factors[row, column, channel] = np.sum((spread * of_colour) ** 2)
     return factors
+
+
+def check_pattern(pattern: str) -> None:
+    """Raise `DataError` if a colour filter pattern is not supported."""
+    if pattern not in _PATTERNS:
+        raise DataError(
+            f"the colour filter pattern {pattern} is not supported: use {', '.join(_PATTERNS)}"
+        )

@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Frame, Linearizer, Source, row_bands, same_exposure
 from calibration._radiance.brackets import Law, bits, clear_of_white, grown, merge
-from calibration._radiance.demosaic import demosaic, site_factors
+from calibration._radiance.demosaic import check_pattern, demosaic, site_factors
 from calibration._radiance.hot_pixels import hot_pixels
 from calibration._radiance.luma import luma
 from calibration._radiance.signal_noise import signal_noise
 from calibration._radiance.stack_noise import StackNoise
-from calibration._radiance.stack_tasks import Task
+from calibration._radiance.stack_tasks import Channel, Task
 from rig import Notice, pluralize
 
 FloatImage = npt.NDArray[np.float32]
@@ -32,6 +31,7 @@ _LEAST_COMPARED_PX = 500
 _EVERY_BAND = 4
 _CONTRADICTION = 0.02
 _ALL = slice(None)
+_SITES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 class Developer:
@@ -43,7 +43,7 @@ class Developer:
         If an image has no valid exposure time although other images have one.
     """
 
-    def __init__(self, source: Source, lit: list[Frame], channel: Literal["gray", "rgb"]) -> None:
+    def __init__(self, source: Source, lit: list[Frame], channel: Channel) -> None:
         self._source = source
         self._channel = channel
         exposures = [frame.exposure_us for frame in lit]
@@ -137,7 +137,17 @@ class Developer:
     @property
     def _independent(self) -> bool:
         """Whether every pixel of an image is from one pixel of the frames."""
-        return self._source.cfa is None and self._source.reduction is None
+        mosaic = self._source.cfa is not None and self._channel != "mosaic"
+        return not mosaic and self._source.reduction is None
+
+    @property
+    def pattern(self) -> str | None:
+        """Colours of the first 2 x 2 pixels of the images of a mosaic, row by row."""
+        cfa, reduction = self._source.cfa, self._source.reduction
+        if cfa is None or self._channel != "mosaic":
+            return None
+        y, x = (0, 0) if reduction is None else (reduction.y % 2, reduction.x % 2)
+        return "".join(cfa[2 * ((row + y) % 2) + (column + x) % 2] for row, column in _SITES)
 
     def used(self, tasks: Sequence[Task]) -> npt.NDArray[np.uint8] | None:
         """Return an array for the brackets in use at each sample, if the noise depends on them."""
@@ -162,18 +172,27 @@ class Developer:
                     level, _ = self._linear.reference_level(repeats[0].exposure_us)
                     limit[i, b] = (self._clear_of_white - level) / self._share(repeats[0])
         first = tasks[0][0][0]
-        colour = len(first.shape) == 3 or self._source.cfa is not None
+        mosaic = self._source.cfa if self.pattern is None else None
+        colour = len(first.shape) == 3 or mosaic is not None
         reduction = self._source.reduction
         step, at = (
             (1, (0, 0)) if reduction is None else (reduction.factor, (reduction.y, reduction.x))
         )
-        if self._source.cfa is None:
+        if mosaic is None:
             factor = np.full((1, 1, 3), 1 / step**2)
         else:
-            factor = site_factors(self._source.cfa, at, step)
+            factor = site_factors(mosaic, at, step)
         intensities = np.array([intensity for _, intensity in tasks])
         return StackNoise(
-            slope, floor, limit, intensities, factor, colour, self._noise.origin, used
+            slope,
+            floor,
+            limit,
+            intensities,
+            factor,
+            colour,
+            self._noise.origin,
+            used,
+            self.pattern,
         )
 
     def _law(self, repeats: list[Frame]) -> Law:
@@ -318,6 +337,8 @@ class Developer:
         return total
 
     def _colour(self, image: FloatImage, intensity: Array, frame: Frame) -> FloatImage:
+        if self._channel == "mosaic":
+            return self._sites(image, intensity, frame)
         if image.ndim == 2 and self._source.cfa is not None:
             image = demosaic(image, self._source.cfa)
         if self._source.reduction is not None:
@@ -328,6 +349,21 @@ class Developer:
             return self._divided(image, intensity)
         image /= intensity.astype(np.float32)
         return image if self._channel == "rgb" else luma(image)
+
+    def _sites(self, image: FloatImage, intensity: Array, frame: Frame) -> FloatImage:
+        """Divide every site of a mosaic by the intensity in its colour."""
+        cfa, reduction = self._source.cfa, self._source.reduction
+        if cfa is None or image.ndim != 2:
+            raise DataError(f"{frame.path}: the image has no colour mosaic: use gray")
+        check_pattern(cfa)
+        if reduction is not None and reduction.factor > 1:
+            raise DataError(
+                f"{frame.path}: averages of pixels have no single colour filter: use gray, or the "
+                "full resolution"
+            )
+        for (row, column), colour in zip(_SITES, cfa, strict=True):
+            image[row::2, column::2] /= np.float32(intensity["RGB".index(colour)])
+        return image if reduction is None else reduction.cut(image).copy()
 
     @staticmethod
     def _divided(image: FloatImage, intensity: Array) -> FloatImage:

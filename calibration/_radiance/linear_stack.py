@@ -14,6 +14,7 @@ from acquisition import CameraModel, Lights, Source
 from calibration._radiance.developer import Developer, FloatImage
 from calibration._radiance.stack_noise import StackNoise
 from calibration._radiance.stack_tasks import (
+    Channel,
     brightest_sample,
     check_usable,
     frames_of_lights,
@@ -54,6 +55,9 @@ class Stack:
     hot_pixels
         ``(M, 2)`` row and column in the frames of pixels that the dark frames of some exposure time
         show as hot; they are left out of this exposure.
+    pattern
+        Colour filters of the first 2 x 2 pixels of a stack of the channel ``mosaic``, row by row;
+        None for other stacks.
     """
 
     values: FloatImage
@@ -64,6 +68,7 @@ class Stack:
     warnings: tuple[Notice, ...] = ()
     noise: StackNoise | None = None
     hot_pixels: npt.NDArray[np.intp] = field(default_factory=_no_pixels)
+    pattern: str | None = None
 
     def __repr__(self) -> str:
         parts = [f"{self.values.dtype}{list(self.values.shape)}"]
@@ -85,7 +90,7 @@ class Stack:
 def linear_stack(
     source: Source,
     *,
-    channel: Literal["gray", "rgb"] = "gray",
+    channel: Channel = "gray",
     on_progress: Progress = no_progress,
 ) -> Stack:
     """Read a source and return its linear stack.
@@ -108,7 +113,9 @@ def linear_stack(
     source
         Source, as returned by `acquisition.read_source`.
     channel
-        ``gray`` for one value per pixel, ``rgb`` for three.
+        ``gray`` for one value per pixel, ``rgb`` for three, ``mosaic`` for the sites of a Bayer
+        mosaic as they are, each divided by the intensity in its colour: a pixel has the same filter
+        under all lights, so photometric stereo needs no demosaicing.
     on_progress
         Receives the stage ``reading``, one step per light.
 
@@ -173,6 +180,7 @@ def linear_stack(
         develop.notices,
         develop.noise(tasks, used),
         develop.hot_pixels,
+        develop.pattern,
     )
 
 

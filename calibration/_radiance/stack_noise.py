@@ -39,7 +39,10 @@ class StackNoise:
         Whether the sensor sees colours; images of one channel are then their luma.
     used
         ``(N, H, W)`` or ``(N, H, W, 3)`` uint8, the shape of the frames: bit b is set where bracket
-        b counts; None for a single bracket, a mosaic or averaged blocks.
+        b counts; None for a single bracket, demosaiced images or averaged blocks.
+    pattern
+        Colours of the first 2 x 2 pixels if each pixel was divided by the intensity in the colour
+        of its filter; None for other images.
     origin
         ``sensor`` if the recording states the sensor, ``repeats`` if repeats were compared.
 
@@ -60,6 +63,7 @@ class StackNoise:
     colour: bool
     origin: str
     used: npt.NDArray[np.uint8] | None = None
+    pattern: str | None = None
 
     __repr__ = short_repr
 
@@ -100,7 +104,7 @@ class StackNoise:
         if self.used is not None:
             used = self.used[image, first_row : first_row + len(values)]
         if not self.colour:
-            strength = self.intensities[image].mean()
+            strength = self._strength(image, values.shape, first_row)
             variance = self._of_radiance(image, values * strength, used)
             return np.asarray(variance * self.site_factor[0, 0, 0] / strength**2)
         # Gray values are the luma of a neutral surface: all channels have the gray value.
@@ -110,6 +114,15 @@ class StackNoise:
         variance = self._of_radiance(image, colours, used) / strength**2
         variance *= self._sites(variance.shape, first_row)
         return np.asarray(variance @ LUMA.astype(np.float64) ** 2 if gray else variance)
+
+    def _strength(self, image: int, shape: tuple[int, ...], first_row: int) -> Array:
+        """Return the intensity by which an image of one channel was divided at each pixel."""
+        if self.pattern is None:
+            return np.asarray(self.intensities[image].mean())
+        colours = ["RGB".index(name) for name in self.pattern]
+        of_site = self.intensities[image][colours].reshape(2, 2)
+        rows, columns = (np.arange(shape[0]) + first_row) % 2, np.arange(shape[1]) % 2
+        return of_site[rows][:, columns]
 
     def _of_radiance(
         self, image: int, radiance: Array, used: npt.NDArray[np.uint8] | None

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,6 +12,8 @@ from calibration._errors import EstimateError
 
 FloatImage = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
+# What the images of a stack show: gray values, colours, or the colour of each site of a mosaic.
+Channel = Literal["gray", "rgb", "mosaic"]
 # The frames of a light and its intensity in each colour.
 Task = tuple[list[Frame], Array]
 

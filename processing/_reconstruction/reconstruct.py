@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, setup_notices
-from calibration import EstimateError, linear_stack
+from calibration import EstimateError, linear_stack, luma
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.lit_images import lit_images
+from processing._reconstruction.mosaic import (
+    albedo_of_sites,
+    blocks_of_sites,
+    gray_picture,
+)
 from processing._reconstruction.quality import ImageQuality, image_quality
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
@@ -62,7 +68,7 @@ class Reconstruction:
     surface: HeightMap | None
     quality: ImageQuality
     error: AngularError | None
-    previews: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
+    previews: tuple[npt.NDArray[np.float32], ...]
     warnings: tuple[Notice, ...]
 
     def __repr__(self) -> str:
@@ -78,6 +84,7 @@ def reconstruct(
     source: Source,
     *,
     method: Method = "cauchy",
+    channel: Literal["gray", "mosaic"] = "gray",
     distant: bool = False,
     surface: bool = True,
     on_progress: Progress = no_progress,
@@ -97,6 +104,10 @@ def reconstruct(
         computed from its images, see `object_mask`.
     method
         Method of `photometric_stereo`.
+    channel
+        ``gray``: normals from gray images, for which a mosaic is demosaiced. ``mosaic``: normals of
+        every site of a Bayer mosaic from its own samples, without interpolation, so that edges of
+        colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
         Treat lights with positions as distant lights.
     surface
@@ -134,12 +145,15 @@ def reconstruct(
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lights, points_mm = _light_geometry(source, distant=distant)
-    stack = linear_stack(source, on_progress=on_progress)
+    stack = linear_stack(source, channel=channel, on_progress=on_progress)
+    pattern = stack.pattern
     warnings = [*source.warnings, *setup_notices(source), *stack.warnings]
     mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
     if mask is None:
-        computed = object_mask(stack.values, outside=elsewhere)
+        seen = stack.values if pattern is None else blocks_of_sites(stack.values)
+        computed = object_mask(seen, outside=elsewhere)
+        del seen
         mask = computed.mask
         text = (
             "the images have no mask: one was computed; the object is "
@@ -166,7 +180,10 @@ def reconstruct(
         points_mm=points_mm,
         on_progress=on_progress,
     )
-    previews = stack.values[0].copy(), stack.values[-1].copy()
+    previews = tuple(
+        image.copy() if pattern is None else gray_picture(image, pattern)
+        for image in (stack.values[0], stack.values[-1])
+    )
     used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
@@ -176,7 +193,11 @@ def reconstruct(
             "directions point from the object toward the lights, with z toward the camera"
         )
     warnings += stereo.warnings
-    albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
+    if pattern is None:
+        albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
+    else:
+        albedo = albedo_of_sites(stereo.albedo, normal_map.mask, pattern)
+        stereo = replace(stereo, albedo=luma(albedo))
     height = None
     if surface:
         height = integrate(normal_map, camera=source.camera)
