@@ -120,9 +120,9 @@ class StackNoise:
         if self.pattern is None:
             return np.asarray(self.intensities[image].mean())
         colours = ["RGB".index(name) for name in self.pattern]
-        of_site = self.intensities[image][colours].reshape(2, 2)
+        of_site: Array = self.intensities[image][colours].reshape(2, 2)
         rows, columns = (np.arange(shape[0]) + first_row) % 2, np.arange(shape[1]) % 2
-        return of_site[rows][:, columns]
+        return np.asarray(of_site[rows][:, columns])
 
     def _of_radiance(
         self, image: int, radiance: Array, used: npt.NDArray[np.uint8] | None
