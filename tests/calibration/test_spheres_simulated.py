@@ -12,6 +12,7 @@ from calibration._spheres import search
 from calibration._spheres.marked import masked_spheres
 from simulator import render, scene_named
 from simulator._camera.sensor import sensor_image
+from tests.quick_sample import quick
 
 EXPOSURES_US = (20000.0, 40.0)
 
@@ -339,7 +340,7 @@ def test_radii_must_fit_the_spheres(one):
             calibrate_spheres(values, camera=truth.camera, radius_mm=radius_mm)
 
 
-@pytest.mark.parametrize("distortion", [0.0, 1e-9], ids=["pinhole", "distorted"])
+@pytest.mark.parametrize("distortion", quick([1e-9, 0.0], every=2), ids=["distorted", "pinhole"])
 def test_a_marked_sphere_without_highlights_is_reported_and_harmless(one, distortion):
     values, truth = one
     values = values.copy()

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from acquisition import write_exr, write_png
+from tests.quick_sample import quick
 from tests.sgp.conftest import SIZE, ring_lights
 
 HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(500)
@@ -123,63 +124,84 @@ def lp_without_an_image(folder):
 
 @pytest.mark.parametrize(
     ("change", "code", "parts"),
-    [
-        pytest.param(only(), 4, ["empty", "choose"], id="empty folder"),
-        pytest.param(only(("clip.mp4", b"x")), 4, ["1 video (clip.mp4)"], id="video"),
-        pytest.param(only(*((f"a.{i}.gif", GIF) for i in range(8))), 4, ["8 GIF images"], id="GIF"),
-        pytest.param(
-            only(*((f"a.{i}.heic", HEIC) for i in range(8))), 4, ["8 HEIF images"], id="HEIF"
-        ),
-        pytest.param(only(("notes.txt", b"x")), 4, ["no numbered images"], id="no images"),
-        pytest.param(subfolder, 4, ["some in images"], id="folder of folders"),
-        pytest.param(unnumbered, 4, ["8 images (a.png)", "number"], id="names without numbers"),
-        pytest.param(series, 4, ["ball.#.png", "cube.#.png"], id="two series"),
-        pytest.param(instead(b""), 4, ["ball.3.png", "empty: copy"], id="empty file"),
-        pytest.param(instead(b"hello world\n" * 20), 4, ["ball.3.png", "is text"], id="text"),
-        pytest.param(instead(b"<html>404</html>"), 4, ["ball.3.png", "web page"], id="web page"),
-        pytest.param(instead(GIF), 4, ["ball.3.png", "a GIF file"], id="GIF renamed"),
-        pytest.param(instead(HEIC), 4, ["ball.3.png", "a HEIF image"], id="HEIF renamed"),
-        pytest.param(instead(bytes(900)), 4, ["ball.3.png", "no supported"], id="zeros"),
-        pytest.param(huge, 4, ["ball.3.png", "copy it again"], id="huge header"),
-        pytest.param(cut_jpeg, 4, ["ball.3.jpg", "cut short"], id="truncated JPEG"),
-        pytest.param(floats, 4, ["ball.0.exr"], id="NaN in EXR"),
-        pytest.param(transparent, 4, ["alpha", "no pixel"], id="transparent"),
-        pytest.param(link("ball.3.png", "gone.png"), 4, ["link to gone.png"], id="dangling link"),
-        pytest.param(link("ball.3.png", "ball.3.png"), 4, ["ball.3.png: a link"], id="link loop"),
-        pytest.param(link("mask.png", "gone.png"), 4, ["link to gone.png"], id="mask link"),
-        pytest.param(link("lights.lp", "gone.lp"), 2, ["link to gone.lp"], id="lights link"),
-        pytest.param(folder_of_that_name, 4, ["ball.3.png", "is a folder"], id="folder as image"),
-        pytest.param(
-            pipe,
-            4,
-            ["ball.3.png", "not a regular file"],
-            id="pipe",
-            marks=pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such files"),
-        ),
-        pytest.param(
-            image("BALL.3.PNG", np.zeros(SIZE, np.uint16)),
-            4,
-            ["BALL.3.PNG and ball.3.png", "remove"],
-            id="names that differ in case",
-        ),
-        pytest.param(
-            image("ball.3.png", np.zeros((40, 47), np.uint16)), 4, ["47 x 40"], id="another size"
-        ),
-        pytest.param(
-            image("ball.3.png", np.zeros(SIZE, np.uint8)),
-            4,
-            ["uint8", "uint16"],
-            id="8 and 16 bits",
-        ),
-        pytest.param(
-            image("ball.3.png", np.zeros((*SIZE, 3), np.uint16)), 4, ["RGB"], id="grey and colour"
-        ),
-        pytest.param(lp(LP.replace("8", "12", 1)), 4, ["count is 12"], id="count of lights"),
-        pytest.param(lp(LP.replace("0.0000", "nan", 1)), 4, ["lights.lp line"], id="NaN light"),
-        pytest.param(lp(""), 4, ["lights.lp", "empty"], id="empty lights"),
-        pytest.param(lp(LP, "utf-16"), 4, ["lights.lp", "UTF-8"], id="lights in UTF-16"),
-        pytest.param(lp_without_an_image, 4, ["ball.3.png is not"], id="listed, not there"),
-    ],
+    quick(
+        [
+            pytest.param(only(), 4, ["empty", "choose"], id="empty folder"),
+            pytest.param(only(("clip.mp4", b"x")), 4, ["1 video (clip.mp4)"], id="video"),
+            pytest.param(
+                only(*((f"a.{i}.gif", GIF) for i in range(8))), 4, ["8 GIF images"], id="GIF"
+            ),
+            pytest.param(
+                only(*((f"a.{i}.heic", HEIC) for i in range(8))), 4, ["8 HEIF images"], id="HEIF"
+            ),
+            pytest.param(only(("notes.txt", b"x")), 4, ["no numbered images"], id="no images"),
+            pytest.param(subfolder, 4, ["some in images"], id="folder of folders"),
+            pytest.param(unnumbered, 4, ["8 images (a.png)", "number"], id="names without numbers"),
+            pytest.param(series, 4, ["ball.#.png", "cube.#.png"], id="two series"),
+            pytest.param(instead(b""), 4, ["ball.3.png", "empty: copy"], id="empty file"),
+            pytest.param(instead(b"hello world\n" * 20), 4, ["ball.3.png", "is text"], id="text"),
+            pytest.param(
+                instead(b"<html>404</html>"), 4, ["ball.3.png", "web page"], id="web page"
+            ),
+            pytest.param(instead(GIF), 4, ["ball.3.png", "a GIF file"], id="GIF renamed"),
+            pytest.param(instead(HEIC), 4, ["ball.3.png", "a HEIF image"], id="HEIF renamed"),
+            pytest.param(instead(bytes(900)), 4, ["ball.3.png", "no supported"], id="zeros"),
+            pytest.param(huge, 4, ["ball.3.png", "copy it again"], id="huge header"),
+            pytest.param(cut_jpeg, 4, ["ball.3.jpg", "cut short"], id="truncated JPEG"),
+            pytest.param(floats, 4, ["ball.0.exr"], id="NaN in EXR"),
+            pytest.param(transparent, 4, ["alpha", "no pixel"], id="transparent"),
+            pytest.param(
+                link("ball.3.png", "gone.png"), 4, ["link to gone.png"], id="dangling link"
+            ),
+            pytest.param(
+                link("ball.3.png", "ball.3.png"), 4, ["ball.3.png: a link"], id="link loop"
+            ),
+            pytest.param(link("mask.png", "gone.png"), 4, ["link to gone.png"], id="mask link"),
+            pytest.param(link("lights.lp", "gone.lp"), 2, ["link to gone.lp"], id="lights link"),
+            pytest.param(
+                folder_of_that_name, 4, ["ball.3.png", "is a folder"], id="folder as image"
+            ),
+            pytest.param(
+                pipe,
+                4,
+                ["ball.3.png", "not a regular file"],
+                id="pipe",
+                marks=pytest.mark.skipif(
+                    sys.platform == "win32", reason="Windows has no such files"
+                ),
+            ),
+            pytest.param(
+                image("BALL.3.PNG", np.zeros(SIZE, np.uint16)),
+                4,
+                ["BALL.3.PNG and ball.3.png", "remove"],
+                id="names that differ in case",
+            ),
+            pytest.param(
+                image("ball.3.png", np.zeros((40, 47), np.uint16)),
+                4,
+                ["47 x 40"],
+                id="another size",
+            ),
+            pytest.param(
+                image("ball.3.png", np.zeros(SIZE, np.uint8)),
+                4,
+                ["uint8", "uint16"],
+                id="8 and 16 bits",
+            ),
+            pytest.param(
+                image("ball.3.png", np.zeros((*SIZE, 3), np.uint16)),
+                4,
+                ["RGB"],
+                id="grey and colour",
+            ),
+            pytest.param(lp(LP.replace("8", "12", 1)), 4, ["count is 12"], id="count of lights"),
+            pytest.param(lp(LP.replace("0.0000", "nan", 1)), 4, ["lights.lp line"], id="NaN light"),
+            pytest.param(lp(""), 4, ["lights.lp", "empty"], id="empty lights"),
+            pytest.param(lp(LP, "utf-16"), 4, ["lights.lp", "UTF-8"], id="lights in UTF-16"),
+            pytest.param(lp_without_an_image, 4, ["ball.3.png is not"], id="listed, not there"),
+        ],
+        every=2,
+    ),
 )
 def test_a_bad_folder_gets_one_line(sgp, recording, change, code, parts):
     change(recording)

@@ -60,7 +60,7 @@ CURVE = "sample,light\n" + "".join(
         pytest.param(["--gamma", "curve.csv"], "table", 1.0, id="file"),
     ],
 )
-@pytest.mark.parametrize("command", ["normals", "run"])
+@pytest.mark.parametrize("command", quick(["normals", "run"], every=2))
 def test_photographs_give_the_normals_of_the_ball(
     sgp, photographs, tmp_path, monkeypatch, command, option, kind, error_deg
 ) -> None:
