@@ -189,6 +189,7 @@ def strike(root, words, number, after_s, left, keep):
     if kind not in ("clean", "done", "killed"):
         code = trial.process.returncode
         print(f"{words[0]}, {number.name} after {after_s:.2f} s: {kind}, exit code {code}")
+        print("\n".join(f"    {line}" for line in trial.text().splitlines()[-12:]))
         sys.stdout.flush()
         if keep is not None:
             keep.mkdir(parents=True, exist_ok=True)
