@@ -30,6 +30,8 @@ _COMPARED = (0.1, 0.8)
 _LEAST_COMPARED_PX = 500
 _EVERY_BAND = 4
 _CONTRADICTION = 0.02
+# A bracket of at least this share of the exposure time replaces samples close to white.
+_REPLACES = 1 / 16
 _ALL = slice(None)
 _SITES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
@@ -112,7 +114,10 @@ class Developer:
         """What was noted about references, hot pixels and brackets so far."""
         notices = list(self._notices)
         if self._hot:
-            text = f"{pluralize(len(self.hot_pixels), 'hot pixel')} in the dark frames left out"
+            text = (
+                f"{pluralize(len(self.hot_pixels), 'hot pixel')} in the dark frames: replaced by "
+                "shorter brackets if there are any, else only corrected"
+            )
             notices.append(Notice("hot-pixels", text, severity="info"))
         return (*notices, *self._contradictions())
 
@@ -170,7 +175,9 @@ class Developer:
                 slope[i, b], floor[i, b] = law.slope, law.floor
                 if b < len(brackets) - 1:
                     level, _ = self._linear.reference_level(repeats[0].exposure_us)
-                    limit[i, b] = (self._clear_of_white - level) / self._share(repeats[0])
+                    clear = self._replaced(repeats, brackets[b + 1 :])
+                    highest = self._clear_of_white if clear else 1.0
+                    limit[i, b] = (highest - level) / self._share(repeats[0])
         first = tasks[0][0][0]
         mosaic = self._source.cfa if self.pattern is None else None
         colour = len(first.shape) == 3 or mosaic is not None
@@ -246,9 +253,6 @@ class Developer:
         if share != 1:
             radiance /= share
         radiance[unusable] = np.nan
-        hot = self._hot_at(frame.exposure_us)
-        if hot is not None:
-            radiance[hot[part]] = np.nan
         return radiance
 
     def keeps_raw(self, frames: list[Frame]) -> bool:
@@ -277,7 +281,7 @@ class Developer:
             )
         samples = [[self._linear.pixels(frame) for frame in repeats] for repeats in brackets]
         usable = [
-            self._usable(repeats, samples[b], last=b == len(brackets) - 1)
+            self._usable(repeats, samples[b], brackets[b + 1 :])
             for b, repeats in enumerate(brackets)
         ]
         if used is not None:
@@ -312,21 +316,34 @@ class Developer:
                 self._ratios.append((ratio, *times))
         return out
 
-    def _usable(self, repeats: list[Frame], samples: list[Pixels], last: bool) -> Bools:
-        """Return the samples that count: in the shortest bracket all that are not saturated."""
+    def _usable(
+        self, repeats: list[Frame], samples: list[Pixels], shorter: list[list[Frame]]
+    ) -> Bools:
+        """Return the samples that count.
+
+        If a shorter bracket replaces this one, these are neither close to white, nor near samples
+        that are, nor hot. Otherwise they are those that are not saturated: a much shorter exposure
+        shows less than a sample next to white, or a hot pixel less its dark signal.
+        """
         black, white = self._source.black_level, self._source.white_level
+        hot = self._hot_at(repeats[0].exposure_us)
+        replaced = self._replaced(repeats, shorter)
         limit = white
-        if not last and np.isfinite(white):
+        if replaced and np.isfinite(white):
             limit = min(black + (white - black) * self._clear_of_white, white)
         near: Bools = np.zeros(samples[0].shape, np.bool_)
         for of_one in samples:
             # Integers are compared with integers, without a copy in double precision.
             near |= of_one >= (limit if of_one.dtype.kind == "f" else math.ceil(limit))
-        usable: Bools = ~(near if last else grown(near))
-        hot = self._hot_at(repeats[0].exposure_us)
-        if hot is not None:
-            usable &= ~hot
-        return usable
+        if not replaced:
+            return ~near
+        # A hot pixel says nothing about the light around it.
+        return ~(grown(near) if hot is None else grown(near & ~hot) | near | hot)
+
+    def _replaced(self, repeats: list[Frame], shorter: list[list[Frame]]) -> bool:
+        """Return whether one of the shorter brackets is long enough to replace a bracket."""
+        least = _REPLACES * self._share(repeats[0])
+        return any(self._share(other[0]) >= least for other in shorter)
 
     def _mean(self, repeats: list[Frame], samples: list[Pixels], rows: slice) -> FloatImage:
         """Return the radiance of some rows, the mean of repeats."""

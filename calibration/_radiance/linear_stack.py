@@ -54,7 +54,8 @@ class Stack:
         determine it.
     hot_pixels
         ``(M, 2)`` row and column in the frames of pixels that the dark frames of some exposure time
-        show as hot; they are left out of this exposure.
+        show as hot. Of brackets, a shorter one replaces them there; else their dark signal is
+        subtracted, and their noise is larger than the law says.
     pattern
         Colour filters of the first 2 x 2 pixels of a stack of the channel ``mosaic``, row by row;
         None for other stacks.
@@ -101,8 +102,9 @@ def linear_stack(
     relative exposure of the frame. Samples at the white level are saturated and left out; float
     images have no white level and keep their scale. Repeats are averaged. Brackets are merged with
     weights that are inversely proportional to their variances, or proportional to their exposure
-    times if the noise is unknown; a bracket counts where neither the sample nor its surroundings
-    are close to white. Pixels that are hot in the dark frame of an exposure are left out of it.
+    times if the noise is unknown; a bracket that one of at
+    least 1/16 of its time can replace counts where the pixel is not hot in its dark frame, and
+    neither the sample nor its surroundings are close to white.
     Bayer frames are demosaiced bilinearly. Each channel is divided
     by the light's intensity, an image of one channel by the mean of the three intensities; gray is
     then ``.2989 R + .587 G + .114 B``. Flat frames are not used. Images of a source with a

@@ -149,7 +149,7 @@ def test_brackets_that_contradict_their_exposures_are_reported(factor, codes):
         assert str(warnings[0]).startswith("images of 5263.16 us are 0.95 times as bright as those")
 
 
-def test_hot_pixels_are_left_out_of_the_exposure_in_which_they_are_hot():
+def test_hot_pixels_are_replaced_by_a_shorter_exposure():
     dark = np.full((30, 30), 64, np.uint16)
     hot = dark.copy()
     hot[4, 5] = 64 + 400
@@ -165,10 +165,33 @@ def test_hot_pixels_are_left_out_of_the_exposure_in_which_they_are_hot():
     used = np.full((30, 30), 3)
     used[4, 5] = 2
     np.testing.assert_array_equal(stack.noise.used[0], used)
-    assert [str(notice) for notice in stack.warnings] == ["1 hot pixel in the dark frames left out"]
+    assert [notice.code for notice in stack.warnings] == ["hot-pixels"]
     assert stack.hot_pixels.tolist() == [[4, 5]]
     alone = linear_stack(source(frames[:2], noise=SENSOR))
-    assert np.argwhere(np.isnan(alone.values[0])).tolist() == [[4, 5]]
+    np.testing.assert_allclose(alone.values[0], 1000 / 4031, rtol=1e-6)
+    assert alone.hot_pixels.tolist() == [[4, 5]]
+
+
+def test_a_saturated_hot_pixel_does_not_disturb_its_neighbours():
+    dark = np.full((20, 20), 64, np.uint16)
+    dark[9, 9] = 4095
+    lit = np.full((20, 20), 1064, np.uint16)
+    lit[9, 9] = 4095
+    short = np.full((20, 20), 314, np.uint16)
+    frames = [frame(lit), frame(dark, "dark"), frame(short, exposure_us=5000.0, bracket=1)]
+    used = np.full((20, 20), 3)
+    used[9, 9] = 2
+    np.testing.assert_array_equal(linear_stack(source(frames, noise=SENSOR)).noise.used[0], used)
+
+
+def test_a_bracket_for_mirrored_lamps_replaces_only_what_is_saturated():
+    """Of 1/500 of the time: next to the lamp, its noise would be that of a few electrons."""
+    radiance = np.full((15, 15), 0.4)
+    radiance[7, 7] = 300.0
+    used = linear_stack(recording(SENSOR, radiance, (1.0, 1 / 500))).noise.used[0]
+    expected = np.full((15, 15), 3)
+    expected[7, 7] = 2
+    np.testing.assert_array_equal(used, expected)
 
 
 def test_a_sensor_with_offsets_has_no_hot_pixels():
