@@ -151,7 +151,7 @@ class BandedStack:
             band = self.rows(first, last)
             brightest.append(brightest_sample(band.values))
             yield slice(first, last), band
-        check_usable(brightest, self.ids, self._source)
+        check_usable(brightest, self.ids, self._source, self._develop.reference_level)
 
     def close(self) -> None:
         """Remove the decoded frames from the disk."""

@@ -78,6 +78,11 @@ class Developer:
         return self._references.hot_pixels
 
     @property
+    def reference_level(self) -> float:
+        """Largest median signal of the references that are subtracted."""
+        return self._references.level
+
+    @property
     def notices(self) -> tuple[Notice, ...]:
         """What was noted about references, hot pixels and brackets so far."""
         return (*self._references.notices, *self._ratios.notices)

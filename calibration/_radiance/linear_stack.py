@@ -196,7 +196,7 @@ def linear_stack(
         for i, found in enumerate(pool.map(fill, range(1, len(ids))), start=1):
             brightest.append(found)
             on_progress("reading", i + 1, len(ids))
-    check_usable(brightest, ids, source)
+    check_usable(brightest, ids, source, develop.reference_level)
     return Stack(
         values,
         ids,

@@ -33,6 +33,7 @@ class References:
         self._notices: list[Notice] = []
         # For each exposure time in use, the hot pixels of its dark frames.
         self._hot: list[tuple[float | None, Bools]] = []
+        self._levels = [linear.reference_level(time)[0] for time in exposures_us or (None,)]
         if any(frame.role in ("dark", "ambient") for frame in source.frames):
             self._read(exposures_us)
 
@@ -76,6 +77,11 @@ class References:
         """Row and column ``(M, 2)`` of the pixels of a frame that are hot in some exposure."""
         hot = [np.argwhere(mask.any(axis=2) if mask.ndim == 3 else mask) for _, mask in self._hot]
         return np.unique(np.concatenate([np.zeros((0, 2), np.intp), *hot]), axis=0)
+
+    @property
+    def level(self) -> float:
+        """Largest median signal of the references of an exposure time; 0 without any."""
+        return max(self._levels, default=0.0)
 
     @property
     def notices(self) -> list[Notice]:

@@ -290,3 +290,22 @@ def test_every_frame_is_checked_once(tmp_path, monkeypatch):
             pass
         stack.rows(0, 70)
     assert sorted(opened) == sorted(f.path for f in source.frames if f.role == "light")
+
+
+@pytest.mark.parametrize("read", [linear_stack, lambda source: [*open_stack(source).bands()]])
+@pytest.mark.parametrize("light", [5, 700])
+def test_dark_frames_that_are_brighter_than_the_images_are_named(tmp_path, read, light):
+    content = Manifest(
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        operator="Ada",
+        object="coin",
+        plan=CapturePlan(**ONE),
+        camera=CameraRecord(width=WIDTH, height=HEIGHT, bit_depth=12, black_level_dn=100),
+    )
+    with SessionWriter.create(tmp_path / "s", content) as writer:
+        for shot in writer.missing:
+            level = 100 + (light if shot.role == "light" else 900)
+            writer.write_frame(shot, np.full((HEIGHT, WIDTH), level, np.uint16))
+        writer.complete()
+    with pytest.raises(EstimateError, match=r"frames are as bright as all 3 images: check which"):
+        read(read_source(tmp_path / "s"))
