@@ -92,6 +92,25 @@ class NormalsMetrics(QualityMetrics):
         ]
     ]
     median_deg: NotRequired[Annotated[float, "deg", "median of the same angles"]]
+    mean_height_mm: NotRequired[
+        Annotated[float, "mm", "lights with positions: mean height of the object above the plane"]
+    ]
+    mean_height_sigma_mm: NotRequired[
+        Annotated[
+            float,
+            "mm",
+            "standard deviation of this height from the residuals of the images, without errors of "
+            "the lights; absent if the height was stated",
+        ]
+    ]
+    height_changes_mm: NotRequired[
+        Annotated[
+            list[float],
+            "mm",
+            "rms change of the heights in each step in which normals and heights were computed in "
+            "turn",
+        ]
+    ]
 
 
 class SeparationMetrics(TypedDict):

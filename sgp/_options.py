@@ -126,6 +126,7 @@ Names = Annotated[tuple[str, ...], Parameter(converter=_names, n_tokens=1, metav
 Region = Annotated[
     tuple[int, int, int, int], Parameter(converter=_region, n_tokens=1, metavar="X,Y,W,H")
 ]
+Millimetres = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1e6, lte=1e6))]
 Degrees = Annotated[float, Parameter(converter=_real, validator=Number(gte=-3600, lte=3600))]
 Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000, lte=1000))]
 
@@ -196,10 +197,17 @@ class SourceOptions(RecordingOptions):
     channel
         gray, rgb (one solution per channel, averaged), or mosaic (the normal of every site of a
         colour mosaic from its own samples, without interpolation between pixels).
+    height_mm
+        Mean height of the object above the working plane, for lights with positions; default: the
+        one that explains the images best.
+    rests_on_plane
+        The lowest points of the object are in the working plane, for lights with positions.
     """
 
     method: processing.Method = "cauchy"
     channel: calibration.Channel = "gray"
+    height_mm: Millimetres | None = None
+    rests_on_plane: bool = False
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import acquisition
-import calibration
 import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import RecordingOptions, transfer_files, transfer_of
+from sgp._options import RecordingOptions, SourceOptions, transfer_files, transfer_of
 from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._spheres import SphereLights, light_by_spheres
 
@@ -130,11 +129,7 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
 
 
 def compute_normals(
-    source: acquisition.Source,
-    method: processing.Method,
-    *,
-    distant: bool,
-    channel: calibration.Channel = "gray",
+    source: acquisition.Source, options: SourceOptions
 ) -> processing.Reconstruction:
     """Run `processing.reconstruct` up to the normals and show its progress.
 
@@ -143,17 +138,23 @@ def compute_normals(
     with Stages() as progress:
         stage = processing.reconstruct(
             source,
-            method=method,
-            channel=channel,
-            distant=distant,
+            method=options.method,
+            channel=options.channel,
+            distant=options.distant,
+            height_mm=options.height_mm,
+            rests_on_plane=options.rests_on_plane,
             surface=False,
             on_progress=progress,
         )
     # `reconstruct` compares with sRGB if the images are linear, and with linear otherwise.
     other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
+    answers = {
+        "transfer-curve-doubtful": f"--gamma {other}",
+        "height-not-determined": "--height-mm, --rests-on-plane",
+    }
     warnings = tuple(
-        replace(notice, text=f"{notice.text} (--gamma {other})")
-        if notice.code == "transfer-curve-doubtful"
+        replace(notice, text=f"{notice.text} ({answers[notice.code]})")
+        if notice.code in answers
         else notice
         for notice in stage.warnings
     )

@@ -163,8 +163,13 @@ class CameraModel:
 
     def points_on_plane(self, z_mm: float = 0.0) -> Array:
         """Return the points ``(height, width, 3)`` at which rays meet the plane z = ``z_mm``."""
-        centre = self.centre_mm
-        points: Array = centre + (centre[2] - z_mm) * self.pixel_rays()
+        return self.points_at(np.asarray(self.centre_mm[2] - z_mm))
+
+    def points_at(self, depth_mm: npt.ArrayLike) -> Array:
+        """Return the points ``(height, width, 3)`` of all pixels at depths ``(height, width)``."""
+        points: Array = self.pixel_rays()
+        points *= np.asarray(depth_mm)[..., None]
+        points += self.centre_mm
         return points
 
     def project(self, points_mm: npt.ArrayLike) -> Array:
