@@ -48,6 +48,8 @@ class Frame:
         Function that reads the pixels of files that `read_image` does not read.
     max_pixels
         Largest allowed number of pixels of the file.
+    gain_db
+        Analogue gain, decibels; None if not known.
     """
 
     path: Path
@@ -58,6 +60,7 @@ class Frame:
     exposure_us: float | None = None
     load: Callable[[], Image] | None = field(default=None, repr=False)
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
+    gain_db: float | None = None
 
     __repr__ = short_repr
 
