@@ -77,6 +77,8 @@ from ._source.source import Source as Source
 from ._source.source_setup import setup_differences as setup_differences
 from ._source.source_setup import setup_notices as setup_notices
 from ._source.source_setup import source_setup as source_setup
+from ._source.with_sensor import sensor_notices as sensor_notices
+from ._source.with_sensor import with_sensor as with_sensor
 from ._staging import staged as staged
 from ._storage import is_part_file as is_part_file
 from ._storage import make_folder as make_folder

@@ -8,21 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Measured, MeasuredSensor, Source
-from calibration._errors import EstimateError
-from calibration._sensor.dark_frames import DarkFrames, dark_frames
-from calibration._sensor.photon_transfer import (
-    Gain,
-    Linearity,
-    Points,
-    all_points,
-    fit_gain,
-    full_well,
-    linearity,
-    read_noise,
-    saturation,
-)
-from calibration._sensor.recorded_series import SensorRecording, sensor_recording
+from acquisition import MeasuredSensor, Source
+from calibration._sensor.dark_frames import dark_frames
+from calibration._sensor.figures import sensor_figures
+from calibration._sensor.photon_transfer import all_points, fit_gain, linearity, saturation
+from calibration._sensor.recorded_series import sensor_recording
 from calibration._sensor.series_points import SeriesPoints, series_points
 from rig import Notice, Progress, no_progress, short_repr
 
@@ -121,7 +111,8 @@ def calibrate_sensor(
     >>> view = render(scene_named("white-plane", width=160, height=128, leds=1))
     >>> with open_rig_seeing(view, realtime=False, camera="inside") as rig:
     ...     _ = record(rig, plan, "card", Labels(operator="Ada", object_name="card"))
-    >>> sensor = calibrate_sensor([read_source("card")]).sensor
+    >>> f"{calibrate_sensor([read_source('card')]).sensor.electrons_per_dn.value:.1f} e/DN"
+    '2.5 e/DN'
     """
     recording = sensor_recording(sources)
     dark = dark_frames(recording.darks, on_progress)
@@ -136,7 +127,7 @@ def calibrate_sensor(
     below = [one.signal.max(axis=1) < top for one in series]
     flicker, warnings = _flicker(series, below)
     line = linearity(points, top, flicker)
-    sensor = _figures(recording, dark, series, points, gain, line, sources[0])
+    sensor = sensor_figures(recording, dark, series, points, gain, full, line)
     where = str(sources[0].path)
     if full is None:
         text = (
@@ -190,116 +181,3 @@ def _flicker(
         "for it, but the linearity error contains it"
     )
     return excess, [Notice("lamp-flickers", text)]
-
-
-def _figures(
-    recording: SensorRecording,
-    dark: DarkFrames,
-    series: Sequence[SeriesPoints],
-    points: Points,
-    gain: Gain,
-    line: Linearity,
-    first: Source,
-) -> MeasuredSensor:
-    """Return the figures in electrons, with standard deviations."""
-    e_per_dn = 1 / gain.dn_per_e
-    relative = gain.sigma * e_per_dn
-    noise = read_noise(gain)
-    pixels = int(dark.good.sum())
-    full = saturation(points)
-    well = None if full is None else full_well(points, full.signal)
-    capacity = snr_max = dynamic_range = None
-    if full is not None:
-        value = full.signal * e_per_dn
-        capacity = Measured(value, float(np.hypot(relative, full.sigma / full.signal)) * value)
-        share = capacity.sigma / value
-        snr_max = Measured(value**0.5, value**0.5 * share / 2)
-        least = gain.dark_variance**0.5 * e_per_dn + 0.5  # signal-to-noise ratio of 1
-        dynamic_range = Measured(
-            value / least, value / least * float(np.hypot(share, noise.sigma / least))
-        )
-    return MeasuredSensor(
-        bit_depth=recording.bit_depth,
-        gain_db=recording.gain_db,
-        electrons_per_dn=Measured(e_per_dn, relative * e_per_dn),
-        read_noise_e=noise,
-        black_level_dn=_black_level(dark, gain),
-        dsnu_e=_dsnu(dark, gain, relative),
-        prnu=_prnu(series, first),
-        linearity_error=line.error,
-        dark_current_e_per_s=_dark_current(dark, gain),
-        full_well_e=None
-        if well is None
-        else Measured(
-            well.signal * e_per_dn,
-            float(np.hypot(relative * well.signal, well.sigma)) * e_per_dn,
-        ),
-        full_well_limit=None if well is None else ("converter" if well.converter else "pixel"),
-        saturation_capacity_e=capacity,
-        snr_max=snr_max,
-        dynamic_range=dynamic_range,
-        **_hot_pixels(dark, e_per_dn, pixels),
-        setup=first.setup,
-        time_utc=first.recorded_utc,
-    )
-
-
-def _drift(dark: DarkFrames, gain: Gain) -> float:
-    """Return the standard deviation of the mean of a dark frame: noise, or drift if it is more."""
-    noise = gain.dark_variance / int(dark.good.sum())
-    free = len(dark.time_s) - 1 - dark.sloped
-    line = np.polyfit(dark.time_s, dark.mean_dn, 1) if dark.sloped else [dark.mean_dn.mean()]
-    residual = dark.mean_dn - np.polyval(line, dark.time_s)
-    return max(noise, float(residual @ residual) / free) ** 0.5
-
-
-def _black_level(dark: DarkFrames, gain: Gain) -> Measured:
-    return Measured(dark.black_dn, _drift(dark, gain) * dark.leverage(0.0) ** 0.5)
-
-
-def _dark_current(dark: DarkFrames, gain: Gain) -> Measured | None:
-    if not dark.sloped:
-        return None
-    value = dark.current_dn_per_s / gain.dn_per_e
-    sigma = _drift(dark, gain) / dark.spread_s2**0.5 / gain.dn_per_e
-    return Measured(value, float(np.hypot(sigma, value * gain.sigma / gain.dn_per_e)))
-
-
-def _dsnu(dark: DarkFrames, gain: Gain, relative: float) -> Measured:
-    """Return the spatial deviation of the mean dark frame, less that of its temporal noise."""
-    level = dark.level[dark.good].astype(np.float64)
-    total = float(level.var())
-    free = len(dark.time_s) - 1 - dark.sloped
-    squared = max(total - dark.residual / free / len(dark.time_s), 0.0)
-    sigma = (2 / level.size) ** 0.5 * total
-    value = squared**0.5 / gain.dn_per_e
-    of_variance = sigma / (2 * max(squared, sigma) ** 0.5) / gain.dn_per_e
-    return Measured(value, float(np.hypot(of_variance, value * relative)))
-
-
-def _prnu(series: Sequence[SeriesPoints], first: Source) -> Measured:
-    weight = np.array([one.prnu_weight for one in series])
-    if not weight.any():
-        raise EstimateError(
-            f"{first.path}: no exposure is between 20 % and 75 % of the brightest one, which the "
-            "response of the pixels needs: record more brackets"
-        )
-    squared = float(weight @ [one.prnu_squared for one in series]) / float(weight.sum())
-    sigma = float(weight.sum()) ** -0.5
-    value = max(squared, 0.0) ** 0.5
-    return Measured(value, sigma / (2 * max(squared, sigma) ** 0.5))
-
-
-def _hot_pixels(dark: DarkFrames, e_per_dn: float, pixels: int) -> dict[str, float]:
-    """Return share and mean dark current of the pixels with far more dark current."""
-    if not dark.sloped:
-        return {}
-    hot = ~dark.good & (dark.slope > dark.current_dn_per_s)
-    count = int(hot.sum())
-    if not count:
-        return {}
-    excess = float(dark.slope[hot].mean(dtype=np.float64)) - dark.current_dn_per_s
-    return {
-        "hot_pixel_fraction": count / dark.good.size,
-        "hot_pixel_e_per_s": excess * e_per_dn,
-    }

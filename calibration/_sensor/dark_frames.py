@@ -53,6 +53,11 @@ class DarkFrames:
         return bool(np.ptp(self.time_s) > 0)
 
     @property
+    def free(self) -> int:
+        """Degrees of freedom of the residuals of a pixel."""
+        return len(self.time_s) - 1 - int(self.sloped)
+
+    @property
     def middle_s(self) -> float:
         """Mean exposure time."""
         return float(self.time_s.mean())
@@ -112,10 +117,10 @@ def dark_frames(frames: Sequence[Frame], on_progress: Progress = no_progress) ->
     # Exposure times that the camera rounds differently are equal.
     if np.ptp(time_s) < 1e-3 * time_s.mean():
         time_s = np.full_like(time_s, time_s.mean())
-    away = time_s - time_s.mean()
+    sloped = np.ptp(time_s) > 0
+    away = time_s - time_s.mean() if sloped else np.zeros_like(time_s)
     first = frames[0].read().astype(np.float32)
     total, product, squares = (np.zeros(first.shape) for _ in range(3))
-    means = []
     for done, (frame, shift) in enumerate(zip(frames, away, strict=True), 1):
         pixels = frame.read()
         if np.mean(pixels == 0) > _CLIPPED:
@@ -131,22 +136,22 @@ def dark_frames(frames: Sequence[Frame], on_progress: Progress = no_progress) ->
         on_progress("dark frames", done, len(frames))
     spread = float(away @ away)
     level = (first + total / len(frames)).astype(np.float32)
-    slope = (product / spread if spread else np.zeros_like(product)).astype(np.float32)
+    slope = (product / spread if sloped else product).astype(np.float32)
     residual = squares - total**2 / len(frames)
-    if spread:
+    if sloped:
         residual -= product**2 / spread
-    free = len(frames) - 1 - bool(spread)
+    free = len(frames) - 1 - int(sloped)
     noise = max(float(np.median(residual)) / free, 1 / 12)
     good = _inliers(level, (noise / len(frames)) ** 0.5)
-    if spread:
+    if sloped:
         good &= _inliers(slope, (noise / spread) ** 0.5)
-    for frame in frames:
-        means.append(float(np.mean(frame.read()[good], dtype=np.float64)))
-    return DarkFrames(time_s, np.array(means), level, slope, good, float(residual[good].mean()))
+    means = np.array([np.mean(frame.read()[good], dtype=np.float64) for frame in frames])
+    return DarkFrames(time_s, means, level, slope, good, float(residual[good].mean()))
 
 
 def _inliers(values: Image, least_sigma: float) -> npt.NDArray[np.bool_]:
     sample = values[:: max(1, len(values) // 400)]
     middle = float(np.median(sample))
     sigma = max(1.4826 * float(np.median(np.abs(sample - middle))), least_sigma)
-    return np.abs(values - np.float32(middle)) <= _DEVIATIONS * sigma
+    inside: npt.NDArray[np.bool_] = np.abs(values - np.float32(middle)) <= _DEVIATIONS * sigma
+    return inside

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -57,11 +58,12 @@ def all_points(series: Sequence[SeriesPoints]) -> Points:
         np.tile(start + np.arange(one.signal.shape[1]), len(one.time_s))
         for start, one in zip(first, series, strict=False)
     ]
-    columns = [
+    signal, variance, white, freedom = (
         np.concatenate([getattr(one, name).ravel() for one in series])
         for name in ("signal", "variance", "white", "freedom")
-    ]
-    return Points(np.concatenate(times), *columns, np.concatenate(zones))
+    )
+    zone = np.concatenate(zones)
+    return Points(np.concatenate(times), signal, variance, white, freedom, zone)
 
 
 @dataclass(frozen=True)
@@ -137,42 +139,44 @@ def fit_gain(points: Points, dark: DarkFrames, top: float) -> Gain:
                 "the noise does not grow with the light: the frames were processed, or are copies"
             )
     excess = float(weight @ (variance - model) ** 2) / max(1, len(signal) - 1)
-    free = (len(dark.time_s) - 1 - dark.sloped) * int(dark.good.sum())
-    dark_variance = dark.variance(gain)
+    samples = dark.free * int(dark.good.sum())
     return Gain(
         gain,
         (max(1.0, excess) / information) ** 0.5,
-        dark_variance,
-        (2 / free) ** 0.5 * dark.residual / max(1, len(dark.time_s) - 1 - dark.sloped),
+        dark.variance(gain),
+        (2 / samples) ** 0.5 * dark.residual / dark.free,
     )
 
 
 @dataclass(frozen=True)
 class FullWell:
-    """Signal of saturated samples, and whether the converter is at its end there."""
+    """Signal of saturated samples above black, DN, and what saturates."""
 
     signal: float
     sigma: float
-    converter: bool
+    limit: Literal["converter", "pixel"]
 
 
-def full_well(points: Points, top: float) -> FullWell | None:
+def full_well(points: Points, dark: DarkFrames, top: float) -> FullWell | None:
     """Return the signal of zones that are certainly saturated; None if there are none."""
     largest = float(points.signal.max())
     low = points.signal < _GAIN_TO * top
-    slope = np.bincount(points.zone[low], (points.signal * points.time_s)[low])
-    slope /= np.maximum(np.bincount(points.zone[low], points.time_s[low] ** 2), 1e-30)
+    squares = np.bincount(points.zone[low], points.time_s[low] ** 2)
+    product = np.bincount(points.zone[low], (points.signal * points.time_s)[low])
+    slope = product / np.maximum(squares, 1e-30)
     expected = np.zeros_like(points.signal)
     known = points.zone < len(slope)
     expected[known] = slope[points.zone[known]] * points.time_s[known]
     full = expected > _FULL * largest
     if not full.any():
         return None
-    signal = points.signal[full]
+    # Dark current fills the pixels, too.
+    signal = points.signal[full] + dark.current_dn_per_s * points.time_s[full]
     weight = points.freedom[full] / points.freedom[full].sum()
     mean = float(weight @ signal)
     sigma = float(weight @ (signal - mean) ** 2) ** 0.5 / len(signal) ** 0.5
-    return FullWell(mean, sigma, float(weight @ points.white[full]) > 0.5)
+    white = float(weight @ points.white[full])
+    return FullWell(mean, sigma, "converter" if white > 0.5 else "pixel")
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,16 +247,11 @@ def linearity(points: Points, top: float, flicker: float) -> Linearity:
     return Linearity(level, means, Measured(float(np.mean(np.abs(means))), sigma))
 
 
-def snr(signal_e: Array, dark_variance_e2: float) -> Array:
-    """Return the signal-to-noise ratio of single samples; the dark noise includes quantisation."""
-    ratio: Array = signal_e / np.sqrt(signal_e + dark_variance_e2)
-    return ratio
-
-
 def read_noise(gain: Gain) -> Measured:
     """Return the temporal noise in the dark without quantisation, electrons."""
     squared = max(gain.dark_variance - _QUANTISATION, 0.0)
     value = squared**0.5 / gain.dn_per_e
     # Close to 0, the square root has no derivative: the noise of the noise is the limit.
     of_variance = gain.dark_variance_sigma / (2 * max(squared, gain.dark_variance_sigma) ** 0.5)
-    return Measured(value, float(np.hypot(of_variance, squared**0.5 * gain.sigma / gain.dn_per_e) / gain.dn_per_e))
+    of_gain = squared**0.5 * gain.sigma / gain.dn_per_e
+    return Measured(value, float(np.hypot(of_variance, of_gain)) / gain.dn_per_e)

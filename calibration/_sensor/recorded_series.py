@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from math import ceil, log2
 
 import numpy as np
 
-from acquisition import LINEAR, DataError, Frame, Source, same_exposure
+from acquisition import LINEAR, DataError, Frame, Setup, Source, same_exposure
 from calibration._errors import EstimateError
 from rig import pluralize
 
 _FEWEST_EXPOSURES = 5
+_LEAST_SIDE = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +51,8 @@ class SensorRecording:
         Analogue gain, decibels; 0 if it is not known.
     cfa
         Colours of the first 2 x 2 pixels; None without a mosaic.
+    setup, time_utc
+        Camera, and start of the first recording.
     """
 
     series: tuple[Series, ...]
@@ -57,6 +61,8 @@ class SensorRecording:
     bit_depth: int
     gain_db: float
     cfa: str | None
+    setup: Setup
+    time_utc: datetime | None
 
 
 def sensor_recording(sources: Sequence[Source]) -> SensorRecording:
@@ -74,19 +80,32 @@ def sensor_recording(sources: Sequence[Source]) -> SensorRecording:
     for source in sources:
         _check_raw(source)
         _check_like(source, sources[0])
-    gains = sorted({f.gain_db for source in sources for f in source.frames if f.gain_db is not None})
+    frames = [frame for source in sources for frame in source.frames]
+    gains = sorted({frame.gain_db for frame in frames if frame.gain_db is not None})
     if len(gains) > 1:
         raise DataError(
             f"{sources[-1].path}: gains of {gains[0]:g} and {gains[-1]:g} dB are mixed: calibrate "
             "each gain by itself"
         )
     series = tuple(one for source in sources for one in _series(source))
-    darks = tuple(f for source in sources for f in source.frames if f.role == "dark")
+    darks = tuple(frame for frame in frames if frame.role == "dark")
     _check_counts(sources[0], series, darks)
     first = sources[0]
     height, width = first.size
+    if min(height, width) < _LEAST_SIDE:
+        raise EstimateError(
+            f"{first.path}: images of {width} x {height} pixels are too small for statistics: use "
+            f"at least {_LEAST_SIDE} x {_LEAST_SIDE}"
+        )
     return SensorRecording(
-        series, darks, (height, width), _bit_depth(first), gains[0] if gains else 0.0, first.cfa
+        series,
+        darks,
+        (height, width),
+        _bit_depth(first),
+        gains[0] if gains else 0.0,
+        first.cfa,
+        first.setup,
+        first.recorded_utc,
     )
 
 
@@ -168,9 +187,7 @@ def _time(group: tuple[float, list[Frame]]) -> float:
     return group[0]
 
 
-def _check_counts(
-    first: Source, series: Sequence[Series], darks: Sequence[Frame]
-) -> None:
+def _check_counts(first: Source, series: Sequence[Series], darks: Sequence[Frame]) -> None:
     if not series:
         raise EstimateError(f"{first.path}: no frames with light: record an evenly lit field")
     most = max(series, key=lambda one: len(one.exposures))
@@ -179,9 +196,7 @@ def _check_counts(
             f"{most.name}: {pluralize(len(most.exposures), 'exposure')}, at least "
             f"{_FEWEST_EXPOSURES} are necessary: record more brackets"
         )
-    single = next(
-        (one for one in series for group in one.exposures if len(group.frames) < 2), None
-    )
+    single = next((one for one in series for group in one.exposures if len(group.frames) < 2), None)
     if single is not None:
         raise EstimateError(
             f"{single.name}: a single frame per exposure does not show the noise: record with "

@@ -60,9 +60,7 @@ class SeriesPoints:
     prnu_weight: float
 
 
-def series_points(
-    series: Series, dark: DarkFrames, cfa: str | None, end_dn: int
-) -> SeriesPoints:
+def series_points(series: Series, dark: DarkFrames, cfa: str | None, end_dn: int) -> SeriesPoints:
     """Read a series.
 
     Raises
@@ -102,8 +100,8 @@ def series_points(
     worst = int(np.argmax(flicker - 5 * flicker_noise))
     if flicker[worst] > _MOST_FLICKER + 5 * flicker_noise[worst]:
         raise EstimateError(
-            f"{series.name}: the means of the frames at {series.exposures[worst].time_s * 1e6:g} us "
-            f"vary by {flicker[worst]:.0%}: use a lamp that does not flicker"
+            f"{series.name}: the frames at {series.exposures[worst].time_s * 1e6:g} us vary by "
+            f"{flicker[worst]:.0%} in brightness: use a lamp that does not flicker"
         )
     times = np.array([one.time_s for one in series.exposures])
     return SeriesPoints(
@@ -188,8 +186,8 @@ class _Pattern:
         signal = np.bincount(where, weights=self._signal[inside], minlength=count) / pixels
         pattern = relative_pattern(self._signal, self._dark.good, self._cfa)[inside]
         # The box leaves this share of the variance of single pixels.
-        total = np.bincount(where, weights=pattern.astype(np.float64) ** 2, minlength=count)
-        total /= pixels * (1 - 1 / BOX**2)
+        squares = np.bincount(where, weights=pattern.astype(np.float64) ** 2, minlength=count)
+        total = squares / (pixels * (1 - 1 / BOX**2))
         # All exposures have the same errors of the dark frame in common.
         middle = float(np.mean(self._times))
         common = len(self._times) ** 2 * self._dark.leverage(middle) * self._dark.variance(0.0)

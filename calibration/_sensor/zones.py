@@ -23,9 +23,7 @@ def site_slices(cfa: str | None) -> list[tuple[slice, slice]]:
     return [(slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1)]
 
 
-def zone_labels(
-    signal: Image, good: npt.NDArray[np.bool_], cfa: str | None
-) -> tuple[Labels, int]:
+def zone_labels(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None) -> tuple[Labels, int]:
     """Divide the pixels into zones by the light that they get.
 
     Parameters
@@ -54,7 +52,7 @@ def zone_labels(
         inner &= good[site]
         values = light[inner]
         zones = max(1, min(_MOST_ZONES, values.size // _FEWEST_PIXELS))
-        edges = np.quantile(values, np.arange(1, zones) / zones) if values.size else []
+        edges = np.quantile(values, np.arange(1, zones) / zones)
         of_site = labels[site]
         of_site[inner] = count + np.searchsorted(edges, values).astype(np.int16)
         count += zones
@@ -63,10 +61,9 @@ def zone_labels(
 
 def smooth(image: Image) -> Image:
     """Return the mean of a box around each pixel."""
-    smoothed: Image = cv2.blur(
-        np.ascontiguousarray(image), (BOX, BOX), borderType=cv2.BORDER_REFLECT
-    )
-    return smoothed
+    compact = np.ascontiguousarray(image)
+    smoothed = cv2.blur(compact, (BOX, BOX), borderType=cv2.BORDER_REFLECT)
+    return np.asarray(smoothed, np.float32)
 
 
 def relative_pattern(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None) -> Image:
@@ -78,8 +75,8 @@ def relative_pattern(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None
     """
     pattern = np.zeros_like(signal)
     for site in site_slices(cfa):
-        values = np.ascontiguousarray(signal[site])
-        values = np.where(good[site], values, cv2.medianBlur(values, 5))
+        raw = np.ascontiguousarray(signal[site])
+        values: Image = np.where(good[site], raw, cv2.medianBlur(raw, 5)).astype(np.float32)
         light = smooth(values)
         pattern[site] = values / np.maximum(light, np.float32(1e-6)) - 1
     return pattern

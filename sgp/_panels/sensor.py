@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-_DOT: Final = {"ls": "none", "marker": ".", "ms": 3, "color": "tab:blue"}
-_MODEL: Final = {"color": "tab:red", "lw": 1}
+_DOT: Final[dict[str, Any]] = {"ls": "none", "marker": ".", "ms": 3, "color": "tab:blue"}
+_MODEL: Final[dict[str, Any]] = {"color": "tab:red", "lw": 1}
 
 
 def sensor_panels(estimate: SensorCalibration) -> list[Panel]:
@@ -53,6 +53,9 @@ def _snr(estimate: SensorCalibration) -> Panel:
     sensor = estimate.sensor
     gain = 1 / sensor.electrons_per_dn.value
     signal, variance = _lit(estimate)
+    full = sensor.saturation_capacity_e
+    if full is not None:  # saturated samples have no noise
+        signal, variance = (x[signal <= full.value * gain] for x in (signal, variance))
     steps = np.geomspace(signal.min(), signal.max(), 200)
     total = (estimate.dark_variance_dn2 + gain * steps) ** 0.5
 
@@ -81,9 +84,10 @@ def _line(estimate: SensorCalibration) -> Panel:
         most = max(0.1, 1.2 * float(np.abs(percent).max()))
         axes.set_ylim(-most, most)
         axes.set_xlim(left=0)
-        _axis_names(axes, "signal above dark, DN", "deviation from a straight line, %", key=False)
+        _axis_names(axes, "signal above dark, DN", "deviation, %", key=False)
 
-    return Panel(f"linearity error {100 * error.value:.2g} ± {100 * error.sigma:.2g} %", draw, 1.2)
+    title = f"deviation from a straight line: {100 * error.value:.2g} ± {100 * error.sigma:.2g} %"
+    return Panel(title, draw, 1.2)
 
 
 def _dark(estimate: SensorCalibration) -> Panel:

@@ -11,7 +11,7 @@ import rig
 from sgp._console import Stages
 from sgp._options import Inputs, Pixels
 from sgp._output import claim_folder, provenance, writes_folder
-from sgp._result import Result, plain
+from sgp._result import Result
 from sgp._stages import open_source
 
 _RECORD = "calibrate-sensor.json"
@@ -81,15 +81,13 @@ def _metrics(estimate: calibration.SensorCalibration) -> dict[str, Any]:
         figures |= {name: figure.value, f"{name}_sigma": figure.sigma}
     if measured.full_well_limit is not None:
         figures["full_well_limit"] = measured.full_well_limit
-    return figures | plain(
-        {
-            "hot_pixel_fraction": measured.hot_pixel_fraction,
-            "hot_pixel_e_per_s": measured.hot_pixel_e_per_s,
-            "gain_db": measured.gain_db,
-            "exposures": estimate.exposures,
-            "frames": estimate.frames,
-        }
-    )
+    return figures | {
+        "hot_pixel_fraction": measured.hot_pixel_fraction,
+        "hot_pixel_e_per_s": measured.hot_pixel_e_per_s,
+        "gain_db": measured.gain_db,
+        "exposures": estimate.exposures,
+        "frames": estimate.frames,
+    }
 
 
 def _lines(estimate: calibration.SensorCalibration) -> list[str]:
@@ -127,9 +125,7 @@ def _lines(estimate: calibration.SensorCalibration) -> list[str]:
     return lines
 
 
-def _draw(
-    path: Path, source: acquisition.Source, estimate: calibration.SensorCalibration
-) -> None:
+def _draw(path: Path, source: acquisition.Source, estimate: calibration.SensorCalibration) -> None:
     from sgp._overview import source_title, write_overview
     from sgp._panels.sensor import sensor_panels
 
