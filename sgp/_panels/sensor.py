@@ -77,6 +77,8 @@ def _line(estimate: SensorCalibration) -> Panel:
     error = estimate.sensor.linearity_error
 
     def draw(axes: Axes) -> None:
+        from matplotlib.ticker import MaxNLocator
+
         set_plot_area(axes)
         percent = 100 * estimate.line_deviation
         axes.axhline(0, color="0.6", lw=1)
@@ -84,6 +86,8 @@ def _line(estimate: SensorCalibration) -> Panel:
         most = max(0.1, 1.2 * float(np.abs(percent).max()))
         axes.set_ylim(-most, most)
         axes.set_xlim(left=0)
+        axes.yaxis.set_major_locator(MaxNLocator(5))
+        axes.yaxis.set_major_formatter("{x:g}")
         _axis_names(axes, "signal above dark, DN", "deviation, %", key=False)
 
     title = f"deviation from a straight line: {100 * error.value:.2g} ± {100 * error.sigma:.2g} %"
@@ -120,7 +124,7 @@ def _lit(estimate: SensorCalibration) -> tuple[Array, Array]:
 def _axis_names(axes: Axes, x: str, y: str, *, key: bool = True) -> None:
     axes.set_xlabel(x, fontsize=8, labelpad=1)
     axes.set_ylabel(y, fontsize=8, labelpad=1)
-    axes.tick_params(labelsize=8)
+    axes.tick_params(which="both", labelsize=8)
     axes.grid(color="0.9", lw=0.5)
     axes.set_axisbelow(True)
     if key:
