@@ -81,7 +81,7 @@ def _drift(dark: DarkFrames, gain: Gain) -> float:
     noise = gain.dark_variance / int(dark.good.sum())
     line = np.polyfit(dark.time_s, dark.mean_dn, int(dark.sloped))
     residual = dark.mean_dn - np.polyval(line, dark.time_s)
-    return float(max(noise, residual @ residual / dark.free) ** 0.5)
+    return max(noise, float(np.sum(residual**2)) / dark.free) ** 0.5
 
 
 def _dark_current(dark: DarkFrames, gain: Gain) -> Measured | None:

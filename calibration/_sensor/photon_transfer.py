@@ -158,7 +158,7 @@ class FullWell:
 
 
 def full_well(points: Points, dark: DarkFrames, top: float) -> FullWell | None:
-    """Return the signal of zones that are certainly saturated; None if there are none."""
+    """Return the signal of zones that are certainly saturated; None without one."""
     largest = float(points.signal.max())
     low = points.signal < _GAIN_TO * top
     squares = np.bincount(points.zone[low], points.time_s[low] ** 2)

@@ -36,9 +36,8 @@ def sensor(
 
     For example:
 
-        capture run card --rig bench.toml --plan sensor-plan.toml --skip-check
-        sgp calibrate sensor card --out sensor
-        sgp run owl --sensor sensor/sensor.json --out result
+        sgp calibrate sensor card/ --out sensor
+        sgp calibrate sensor first/ second/ --out sensor
 
     Parameters
     ----------
