@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -81,7 +82,7 @@ def _drift(dark: DarkFrames, gain: Gain) -> float:
     noise = gain.dark_variance / int(dark.good.sum())
     line = np.polyfit(dark.time_s, dark.mean_dn, int(dark.sloped))
     residual = dark.mean_dn - np.polyval(line, dark.time_s)
-    return max(noise, float(np.sum(residual**2)) / dark.free) ** 0.5
+    return math.sqrt(max(noise, float(np.sum(residual**2)) / dark.free))
 
 
 def _dark_current(dark: DarkFrames, gain: Gain) -> Measured | None:
