@@ -78,6 +78,8 @@ from ._source.source import Source as Source
 from ._source.source_setup import setup_differences as setup_differences
 from ._source.source_setup import setup_notices as setup_notices
 from ._source.source_setup import source_setup as source_setup
+from ._source.with_sensor import sensor_notices as sensor_notices
+from ._source.with_sensor import with_sensor as with_sensor
 from ._staging import staged as staged
 from ._storage import is_part_file as is_part_file
 from ._storage import make_folder as make_folder
@@ -93,6 +95,8 @@ from ._value_files.near_lights import LightAxes as LightAxes
 from ._value_files.near_lights import NearLights as NearLights
 from ._value_files.near_lights import is_near_lights as is_near_lights
 from ._value_files.near_lights import read_near_lights as read_near_lights
+from ._value_files.sensor_json import read_sensor as read_sensor
+from ._value_files.sensor_json import write_sensor as write_sensor
 from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
@@ -102,6 +106,8 @@ from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
 from ._values.lights import led_of as led_of
 from ._values.lights import light_id as light_id
+from ._values.measured_sensor import Measured as Measured
+from ._values.measured_sensor import MeasuredSensor as MeasuredSensor
 from ._values.noise_model import NoiseModel as NoiseModel
 from ._values.setup import Calibrated as Calibrated
 from ._values.setup import Setup as Setup

@@ -20,6 +20,8 @@ from ._radiance.raw_stack import RawStack as RawStack
 from ._radiance.raw_stack import raw_stack as raw_stack
 from ._radiance.stack_noise import StackNoise as StackNoise
 from ._radiance.stack_tasks import Channel as Channel
+from ._sensor.calibrate import SensorCalibration as SensorCalibration
+from ._sensor.calibrate import calibrate_sensor as calibrate_sensor
 from ._spheres.apply import apply_spheres as apply_spheres
 from ._spheres.calibrate import calibrate_moved_spheres as calibrate_moved_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres

@@ -303,6 +303,49 @@ class IntensitiesMetrics(TypedDict):
     vignetting_corner_std: NotRequired[Annotated[float, "1", "`--even`: its standard deviation"]]
 
 
+class SensorMetrics(TypedDict):
+    """Figures of a calibration of a sensor, with standard deviations."""
+
+    electrons_per_dn: Annotated[float, "e/DN", "electrons per grey value, the inverse of the gain"]
+    electrons_per_dn_sigma: Annotated[float, "e/DN", "its standard deviation"]
+    read_noise_e: Annotated[float, "e", "temporal noise in the dark, without quantisation"]
+    read_noise_e_sigma: Annotated[float, "e", "its standard deviation"]
+    black_level_dn: Annotated[float, "DN", "mean without light at an exposure time of 0"]
+    black_level_dn_sigma: Annotated[float, "DN", "its standard deviation"]
+    dsnu_e: Annotated[float, "e", "standard deviation of the pixels in the dark"]
+    dsnu_e_sigma: Annotated[float, "e", "its standard deviation"]
+    prnu: Annotated[float, "1", "relative standard deviation of the pixels' response"]
+    prnu_sigma: Annotated[float, "1", "its standard deviation"]
+    linearity_error: Annotated[float, "1", "mean relative deviation from a straight line"]
+    linearity_error_sigma: Annotated[float, "1", "its standard deviation"]
+    dark_current_e_per_s: NotRequired[
+        Annotated[float, "e/s", "dark current, if dark frames have several exposure times"]
+    ]
+    dark_current_e_per_s_sigma: NotRequired[Annotated[float, "e/s", "its standard deviation"]]
+    full_well_e: NotRequired[
+        Annotated[float, "e", "electrons of saturated samples, if exposures saturate"]
+    ]
+    full_well_e_sigma: NotRequired[Annotated[float, "e", "its standard deviation"]]
+    full_well_limit: NotRequired[
+        Annotated[Literal["converter", "pixel"], "", "what saturates, if exposures do"]
+    ]
+    saturation_capacity_e: NotRequired[
+        Annotated[float, "e", "electrons where the temporal variance is largest, if it falls"]
+    ]
+    saturation_capacity_e_sigma: NotRequired[Annotated[float, "e", "its standard deviation"]]
+    snr_max: NotRequired[Annotated[float, "1", "signal-to-noise ratio at that signal"]]
+    snr_max_sigma: NotRequired[Annotated[float, "1", "its standard deviation"]]
+    dynamic_range: NotRequired[
+        Annotated[float, "1", "that signal over the one with a signal-to-noise ratio of 1"]
+    ]
+    dynamic_range_sigma: NotRequired[Annotated[float, "1", "its standard deviation"]]
+    hot_pixel_fraction: Annotated[float, "0..1", "share of pixels with far more dark current"]
+    hot_pixel_e_per_s: Annotated[float, "e/s", "their mean additional dark current"]
+    gain_db: Annotated[float, "dB", "analogue gain of the recordings"]
+    exposures: Annotated[int, "", "different exposure times"]
+    frames: Annotated[int, "", "frames that were read, with dark frames"]
+
+
 class SimulateMetrics(TypedDict):
     """Figures of a simulated recording."""
 
@@ -333,5 +376,6 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp calibrate spheres": (SpheresMetrics,),
     "sgp calibrate intensities": (IntensitiesMetrics,),
     "sgp calibrate check": (CheckMetrics,),
+    "sgp calibrate sensor": (SensorMetrics,),
     "sgp simulate": (SimulateMetrics,),
 }

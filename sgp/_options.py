@@ -167,6 +167,9 @@ class RecordingOptions:
     downscale
         Average blocks of this many pixels per axis, after cropping. A size of a pixel in mm is
         still that of the recording.
+    sensor
+        sensor.json of `sgp calibrate sensor`, which gives noise, black and white level; default:
+        the sensor that the session states.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
@@ -182,6 +185,7 @@ class RecordingOptions:
     exclude: Names = ()
     crop: Region | None = None
     downscale: Count = 1
+    sensor: OptionalInput = None
     max_pixels: Pixels = MAX_PIXELS
 
 

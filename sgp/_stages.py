@@ -106,8 +106,11 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
         camera=options.camera,
         mask=options.mask,
         gamma=options.gamma,
+        others=[] if options.sensor is None else [options.sensor],
         max_pixels=options.max_pixels,
     )
+    if options.sensor is not None:
+        source = acquisition.with_sensor(source, acquisition.read_sensor(options.sensor))
     lit_by = None
     if options.spheres:
         places_mm = led_positions(options.rig, source.setup.rig)

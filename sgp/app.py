@@ -62,14 +62,16 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "calibrate": (
         page(
-            "Estimate the positions and intensities of the lights, and compare calibrations.",
+            "Calibrate the lights and the sensor, and compare calibrations of lights.",
             "sgp calibrate spheres chrome/ --out lights.json",
+            "sgp calibrate sensor card/ --out sensor",
             "sgp calibrate check before.json after.json --limit-mm 3",
         ),
         {
             "calibrate": ("spheres",),
             "calibrate_intensities": ("intensities",),
             "calibrate_check": ("check",),
+            "calibrate_sensor": ("sensor",),
         },
     ),
     "detail": (

@@ -52,6 +52,8 @@ class Frame:
     check_rows
         Function that checks a file whose rows can be read one by one and returns them, or None;
         None for files that must be read as a whole.
+    gain_db
+        Analogue gain, decibels; None if not known.
     """
 
     path: Path
@@ -63,6 +65,7 @@ class Frame:
     load: Callable[[], Image] | None = field(default=None, repr=False)
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
     check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
+    gain_db: float | None = None
 
     __repr__ = short_repr
 
