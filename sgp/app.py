@@ -62,13 +62,15 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "calibrate": (
         page(
-            "Estimate the positions and intensities of the lights, and compare calibrations.",
+            "Estimate positions and intensities of the lights and the flat field of the camera; "
+            "compare calibrations.",
             "sgp calibrate spheres chrome/ --out lights.json",
             "sgp calibrate check before.json after.json --limit-mm 3",
         ),
         {
             "calibrate": ("spheres",),
             "calibrate_intensities": ("intensities",),
+            "calibrate_flat": ("flat",),
             "calibrate_check": ("check",),
         },
     ),

@@ -143,6 +143,7 @@ def calibrate_flat(
         [one.response / np.exp(log) for one, log in zip(fields, logarithms, strict=True)],
         [one.variance for one in fields],
         measured,
+        sites,
     )
     covered = float(measured.any(axis=0).mean())
     flat = Flat(

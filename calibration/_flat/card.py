@@ -78,19 +78,19 @@ def measure_card(
     points = camera.points_on_plane(z_mm)
     area = card_area(stack, lights, points, place) if mask is None else mask
     fitted = _fit(stack, sites, camera, lights, z_mm, area)
-    check_card(fitted, camera, place)
+    sheen = check_card(fitted, camera, place)
     response, variance = _divided(stack, sites, fitted.lights, points)
     measured = (response > 0) & (area if len(shape) == 2 else area[..., None])
     warnings = [*source.warnings, *stack.warnings]
     if not by_name:
         text = "the lights were matched to the images by order, not by name"
         warnings.append(Notice("lights-matched-by-order", text, place))
-    warnings += [replace(notice, where=place) for notice in fitted.warnings]
+    warnings += [replace(notice, where=place) for notice in (*fitted.warnings, *sheen)]
     return CardField(
         np.where(measured, response, np.float32(0)),
         variance,
         measured,
-        _gradient_std(fitted),
+        _gradient_std(fitted, lights),
         fitted.fit.scale,
         fitted.lights,
         tuple(warnings),
@@ -158,10 +158,11 @@ def _divided(
     return response, variance
 
 
-def _gradient_std(fitted: FittedSurfaces) -> float:
+def _gradient_std(fitted: FittedSurfaces, given: Lights) -> float:
     """Return the standard deviation of a gradient that errors of the lights cause.
 
     The gradient is the relative change over the distance from the middle to the farthest block.
+    Positions without standard deviations count as exact.
     """
     fit, blocks = fitted.fit, fitted.blocks
     _, weights, _, columns = fit.residuals()
@@ -172,4 +173,13 @@ def _gradient_std(fitted: FittedSurfaces) -> float:
     gain = np.linalg.pinv(design)[:2]
     shift = shift_by_lights(fit, weights, columns, gain)
     covariance = shift @ fitted.covariance @ shift.T
+    known = None if given.errors is None else given.errors.covariances
+    if known is not None:
+        # Positions act through the unknowns, which the covariance contains, and directly.
+        share = weights.sum(axis=0) / np.maximum(weights.sum(axis=(0, 1)), 1e-300)
+        directly = -np.einsum("gp,kp,jkp->gjk", gain, share, np.nan_to_num(fitted.slopes))
+        through = np.einsum("gn,njk->gjk", shift, fitted.by_positions)
+        for k in np.flatnonzero(np.isfinite(known).all(axis=(1, 2))):
+            total, indirect = directly[:, :, k] + through[:, :, k], through[:, :, k]
+            covariance += total @ known[k] @ total.T - indirect @ known[k] @ indirect.T
     return float(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))

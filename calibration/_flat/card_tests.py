@@ -8,6 +8,7 @@ from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._flat.sites import Array, Bools
 from calibration._intensities.calibrate import FittedSurfaces
+from rig import Notice
 
 # A sample this far from the model, and so many standard deviations, is not noise or grain.
 _FAR, _DEVIATIONS = 0.08, 8.0
@@ -16,12 +17,17 @@ _PART = 0.002
 _FEWEST = 4
 # Exponents of highlights, from a broad sheen to a sharp reflection.
 _LOBES = (8.0, 32.0, 128.0, 512.0)
-_GLOSS = 0.01
+# Gloss moves with the lights by this much; a sheen makes the middle too bright by about three times
+# its size.
+_GLOSS, _SHEEN = 0.01, 0.0015
+_SIGNIFICANT = 10.0
 _LIMIT = 0.5
 
 
-def check_card(fitted: FittedSurfaces, camera: CameraModel, place: str) -> None:
+def check_card(fitted: FittedSurfaces, camera: CameraModel, place: str) -> tuple[Notice, ...]:
     """Refuse a card that is shaded, reflects something, or has gloss that moves with the lights.
+
+    A slight sheen is a notice.
 
     Raises
     ------
@@ -29,7 +35,7 @@ def check_card(fitted: FittedSurfaces, camera: CameraModel, place: str) -> None:
         The message names the light and the pixel.
     """
     residuals, weights, _, _ = fitted.fit.residuals()
-    known = (weights > 0).all(axis=0)
+    known: Bools = np.asarray((weights > 0).all(axis=0), np.bool_)
     gray = np.where(known, residuals.mean(axis=0), 0.0)
     far = max(_FAR, _DEVIATIONS * fitted.fit.scale)
     fewest = max(_FEWEST, int(_PART * gray.shape[1]))
@@ -49,14 +55,17 @@ def check_card(fitted: FittedSurfaces, camera: CameraModel, place: str) -> None:
                 f"{remedy} and record again"
             )
     size, k, p = _gloss(fitted, gray, known, camera)
+    if size <= _SHEEN:
+        return ()
+    one = np.zeros(gray.shape[1], np.bool_)
+    one[p] = True
+    text = (
+        f"it is up to {size:.1%} brighter where it mirrors a light, most under light "
+        f"{fitted.lights.ids[k]} near pixel {_pixel(fitted, camera, one)}"
+    )
     if size > _GLOSS:
-        one = np.zeros(gray.shape[1], np.bool_)
-        one[p] = True
-        raise EstimateError(
-            f"{place}: the card is glossy: it is up to {size:.1%} brighter where it mirrors a "
-            f"light, most under light {fitted.lights.ids[k]} near pixel "
-            f"{_pixel(fitted, camera, one)}; use a matte card"
-        )
+        raise EstimateError(f"{place}: the card is glossy: {text}; use a matte card")
+    return (Notice("flat-card-sheen", f"the card has a sheen: {text}; use a more matte card"),)
 
 
 def _pixel(fitted: FittedSurfaces, camera: CameraModel, blocks: Bools) -> str:
@@ -80,7 +89,8 @@ def _gloss(
     cosine = np.sum(half * fitted.blocks.normals, axis=2) / np.linalg.norm(half, axis=2)
     facing = np.sum(light * fitted.blocks.normals, axis=2)
     clipped = np.clip(residuals, -_LIMIT, _LIMIT)
-    best, answer = 0.0, (0.0, 0, 0)
+    spread = 1.4826 * float(np.median(np.abs(clipped[known])))
+    best, answer = _SIGNIFICANT, (0.0, 0, 0)
     for exponent in _LOBES:
         # Relative to the matte light, which decreases with the cosine.
         lobe = np.where(known, cosine**exponent / np.maximum(facing, 0.05), 0.0)
@@ -93,11 +103,8 @@ def _gloss(
         if power < 1e-12:
             continue
         strength = float(np.sum(seen * clipped)) / power
-        explained = strength * abs(strength) * power
-        if explained > best:
+        certainty = strength * power**0.5 / max(spread, 1e-9)
+        if certainty > best:
             k, p = np.unravel_index(int(lobe.argmax()), lobe.shape)
-            best = explained
-            answer = (strength * float(np.ptp(lobe)), int(k), int(p))
-    # What an arbitrary pattern would explain by chance, and by slight errors of positions.
-    total = float(np.sum(clipped[known] ** 2))
-    return answer if best > 0.2 * total else (0.0, 0, 0)
+            best, answer = certainty, (strength * float(np.ptp(lobe)), int(k), int(p))
+    return answer

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from calibration._flat.sites import Array, Bools
+from calibration._flat.sites import Array, Bools, Sites
 
 # Values of two recordings that differ by more standard deviations show a stain of the card.
 _STAIN = 5.0
@@ -44,7 +44,10 @@ class PixelPart:
 
 
 def combine(
-    parts: Sequence[Array], variances: Sequence[npt.NDArray[np.float32]], measured: Bools
+    parts: Sequence[Array],
+    variances: Sequence[npt.NDArray[np.float32]],
+    measured: Bools,
+    sites: Sites,
 ) -> PixelPart:
     """Average recordings of a card that was moved between them.
 
@@ -56,10 +59,11 @@ def combine(
         Their relative variances.
     measured
         ``(S, ...)`` bool, where they were measured.
+    sites
+        Colours of the pixels; the mean of each is 1.
     """
     where = measured
-    levels = [float(np.mean(part[on])) for part, on in zip(parts, where, strict=True)]
-    values = np.stack([part / level for part, level in zip(parts, levels, strict=True)])
+    values = np.stack([_levelled(part, on, sites) for part, on in zip(parts, where, strict=True)])
     precision = np.where(where, 1 / np.maximum(np.stack(variances), 1e-12), 0.0)
     total = precision.sum(axis=0)
     known = total > 0
@@ -90,6 +94,16 @@ def combine(
         stains,
         int(dead.sum()),
     )
+
+
+def _levelled(part: Array, where: Bools, sites: Sites) -> Array:
+    """Divide each colour by its mean: neither exposure nor colours are part of a flat."""
+    means = np.ones(sites.colours)
+    for c in range(sites.colours):
+        plane, on = sites.colour(part, c), sites.colour(where, c)
+        on = on & sites.has(c)
+        means[c] = float(np.mean(plane[on])) if on.any() else 1.0
+    return part / np.broadcast_to(sites.of_pixels(means), part.shape)
 
 
 def _robust_std(values: Array) -> float:

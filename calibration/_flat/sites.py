@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Sample = TypeVar("Sample", bound=np.generic)
 Bools = npt.NDArray[np.bool_]
 
 
@@ -52,7 +54,7 @@ class Sites:
         spread: Array = tile[..., at, :][..., np.arange(width) % 2]
         return spread
 
-    def colour(self, image: npt.NDArray[np.generic], colour: int) -> npt.NDArray[np.generic]:
+    def colour(self, image: npt.NDArray[Sample], colour: int) -> npt.NDArray[Sample]:
         """Return the plane of a colour of a frame; of a mosaic, all sites."""
         return image[..., colour] if len(self.shape) == 3 else image
 

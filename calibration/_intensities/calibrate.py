@@ -76,7 +76,11 @@ class FittedSurfaces:
     lights
         The lights with the fitted strengths and patterns, without errors.
     covariance
-        Of the unknowns of the fit, see `NormalEquations`.
+        Of the n unknowns of the fit, see `NormalEquations`.
+    slopes
+        ``(3, K, P)`` derivatives of the logarithm of the values by the positions, per mm.
+    by_positions
+        ``(n, 3, K)`` derivatives of the unknowns by the positions, per mm.
     warnings
         Doubts about the fit.
     """
@@ -85,6 +89,8 @@ class FittedSurfaces:
     blocks: Blocks
     lights: Lights
     covariance: Array
+    slopes: Array
+    by_positions: Array
     warnings: tuple[Notice, ...]
 
 
@@ -105,8 +111,9 @@ def fit_surfaces(surfaces: Sequence[MatteSurface], lights: Lights) -> FittedSurf
     calibrated = _lights(lights, fit)
     slopes = position_slopes(calibrated, blocks.points_mm, blocks.normals)
     known = None if lights.errors is None else lights.errors.covariances
-    covariance = covariance_of(fit, slopes, known)
-    return FittedSurfaces(fit, blocks, calibrated, covariance, doubts(fit, blocks, lights))
+    covariance, by_positions = covariance_of(fit, slopes, known)
+    warnings = doubts(fit, blocks, lights)
+    return FittedSurfaces(fit, blocks, calibrated, covariance, slopes, by_positions, warnings)
 
 
 def calibrate_intensities(
