@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from acquisition import Flat, Frame, Lights, NoiseModel, Source, apply_flat, crop, downscale
-from calibration import linear_images, linear_stack, raw_stack
+from calibration import linear_images, linear_stack, open_stack, raw_stack
 from simulator._camera.sensor import sensor_image
 
 SENSOR = NoiseModel(2.5, 2.5, 64.0, 12)
@@ -131,6 +131,22 @@ def test_all_ways_to_read_a_source_use_its_flat():
     np.testing.assert_array_equal(next(iter(linear_images(source))), values[0])
     two = apply_flat(recording(np.full(SHAPE, 0.5), made.response, repeats=2), made)
     np.testing.assert_array_equal(raw_stack(two)[0], linear_stack(two).values[0])
+
+
+@pytest.mark.parametrize("shares", [(1.0,), THREE], ids=["one exposure", "three brackets"])
+@pytest.mark.parametrize("cfa", [None, "RGGB"], ids=["mono", "mosaic"])
+def test_bands_of_rows_have_their_part_of_the_flat(shares, cfa):
+    made = flat(cfa=cfa)
+    ramp = np.tile(np.linspace(0.1, 2, SHAPE[1]), (SHAPE[0], 1))
+    whole = crop(
+        apply_flat(recording(ramp, made.response, shares=shares, cfa=cfa), made), 4, 3, 90, 50
+    )
+    stack = linear_stack(whole)
+    with open_stack(whole) as banded:
+        for rows, band in banded.bands(17):
+            np.testing.assert_array_equal(band.values, stack.values[:, rows])
+            expected = stack.noise.variance(0, stack.values[0])[rows]
+            np.testing.assert_allclose(band.noise.variance(0, band.values[0]), expected)
 
 
 def test_colour_frames_have_a_flat_in_colour():
