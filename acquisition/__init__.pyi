@@ -65,6 +65,7 @@ from ._session.writer import SessionWriter as SessionWriter
 from ._software import SOFTWARE as SOFTWARE
 from ._software import software_version as software_version
 from ._source.exclude import exclude as exclude
+from ._source.flat import apply_flat as apply_flat
 from ._source.linear import Linearizer as Linearizer
 from ._source.linear import row_bands as row_bands
 from ._source.linear import same_exposure as same_exposure
@@ -89,6 +90,9 @@ from ._storage import write_durably as write_durably
 from ._storage import write_pieces as write_pieces
 from ._value_files.camera import read_camera as read_camera
 from ._value_files.camera import write_camera as write_camera
+from ._value_files.flat_json import flat_files as flat_files
+from ._value_files.flat_json import read_flat as read_flat
+from ._value_files.flat_json import write_flat as write_flat
 from ._value_files.lights import read_lights as read_lights
 from ._value_files.lights import write_lights as write_lights
 from ._value_files.near_lights import LightAxes as LightAxes
@@ -100,6 +104,7 @@ from ._value_files.sensor_json import write_sensor as write_sensor
 from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
+from ._values.flat import Flat as Flat
 from ._values.light_errors import LightErrors as LightErrors
 from ._values.light_errors import tangent_basis as tangent_basis
 from ._values.lights import Lights as Lights

@@ -4,6 +4,8 @@ from ._comparison.motion import Motion as Motion
 from ._comparison.rig_positions import compare_with_rig as compare_with_rig
 from ._errors import DataError as DataError
 from ._errors import EstimateError as EstimateError
+from ._flat.calibrate import FlatCalibration as FlatCalibration
+from ._flat.calibrate import calibrate_flat as calibrate_flat
 from ._intensities.calibrate import IntensityCalibration as IntensityCalibration
 from ._intensities.calibrate import calibrate_intensities as calibrate_intensities
 from ._intensities.surface import MatteSurface as MatteSurface

@@ -346,6 +346,45 @@ class SensorMetrics(TypedDict):
     frames: Annotated[int, "", "frames that were read, with dark frames"]
 
 
+class FlatMetrics(TypedDict):
+    """Figures of a flat field from a matte card."""
+
+    corners: Annotated[
+        list[float],
+        "1",
+        "smooth part in the corners, from the upper left by rows; 1 is the middle of the image",
+    ]
+    gradient_std: Annotated[
+        float,
+        "1",
+        "standard deviation of a linear gradient of the flat from the middle to a corner, because "
+        "the lights may have the same",
+    ]
+    prnu: Annotated[
+        float,
+        "1",
+        "standard deviation among the pixels of the pixel part, without its noise; with one "
+        "recording, the texture of the card is in it",
+    ]
+    pixel_std: Annotated[float, "1", "standard deviation of the pixel part by temporal noise"]
+    card_std: Annotated[
+        float | None,
+        "1",
+        "standard deviation of the texture of the card that is left; null with one recording",
+    ]
+    uneven: Annotated[
+        float | None,
+        "1",
+        "rms difference between the smooth parts of the recordings, without a gradient; null with "
+        "one recording",
+    ]
+    stains: Annotated[int, "px", "pixels at which the recordings contradict each other"]
+    covered: Annotated[float, "0..1", "share of the image that the card covers"]
+    residual: Annotated[float, "1", "relative deviation of the card from the model of its lights"]
+    lights: Annotated[int, "", "lights"]
+    frames: Annotated[int, "", "frames of lit cards"]
+
+
 class SimulateMetrics(TypedDict):
     """Figures of a simulated recording."""
 
@@ -375,6 +414,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp capture export": (ExportMetrics,),
     "sgp calibrate spheres": (SpheresMetrics,),
     "sgp calibrate intensities": (IntensitiesMetrics,),
+    "sgp calibrate flat": (FlatMetrics,),
     "sgp calibrate check": (CheckMetrics,),
     "sgp calibrate sensor": (SensorMetrics,),
     "sgp simulate": (SimulateMetrics,),

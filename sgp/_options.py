@@ -160,6 +160,8 @@ class RecordingOptions:
         Transfer curve of the images: auto (their metadata; without metadata, 8-bit JPEGs are sRGB
         and other files linear), srgb, linear, an exponent such as 2.2, or a file with a table of
         samples and light.
+    flat
+        Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
     exclude
         Images to leave out, by name or number: L07,L12 or 0-5,8. The number is the one in the name.
     crop
@@ -182,6 +184,7 @@ class RecordingOptions:
     rig: RigOption = None
     distant: bool = False
     gamma: Gamma = "auto"
+    flat: OptionalInput = None
     exclude: Names = ()
     crop: Region | None = None
     downscale: Count = 1

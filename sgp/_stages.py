@@ -27,6 +27,7 @@ def open_source(
     camera: Path | None = None,
     mask: Path | None = None,
     gamma: str = "auto",
+    flat: Path | None = None,
     others: Sequence[Path] = (),
     max_pixels: int = rig.MAX_PIXELS,
 ) -> tuple[acquisition.Source, list[Path]]:
@@ -48,13 +49,25 @@ def open_source(
     )
     if camera is not None:
         source = replace(source, camera=acquisition.read_camera(camera, source.size))
-    given = (lights, camera, mask, *transfer_files(gamma), *others)
+    parts = [] if flat is None else acquisition.flat_files(flat)
+    if flat is not None:
+        source = _flattened(source, flat, max_pixels)
+    given = (lights, camera, mask, *transfer_files(gamma), *parts, *others)
     options = [option for option in given if option is not None]
     used = {option.resolve() for option in options}
     unused = [name for name in source.ignored if (source.path / name).resolve() not in used]
     if unused:
         source = replace(source, warnings=(*source.warnings, not_used(path, unused)))
     return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
+
+
+def _flattened(source: acquisition.Source, flat: Path, max_pixels: int) -> acquisition.Source:
+    read = acquisition.read_flat(flat, max_pixels=max_pixels)
+    try:
+        return acquisition.apply_flat(source, read)
+    except acquisition.DataError as error:
+        error.add_note(f"the flat is {flat}")
+        raise
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +120,7 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
         mask=options.mask,
         gamma=options.gamma,
         others=[] if options.sensor is None else [options.sensor],
+        flat=options.flat,
         max_pixels=options.max_pixels,
     )
     if options.sensor is not None:

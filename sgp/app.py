@@ -62,7 +62,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "calibrate": (
         page(
-            "Calibrate the lights and the sensor, and compare calibrations of lights.",
+            "Calibrate lights, sensor and flat field; compare calibrations of lights.",
             "sgp calibrate spheres chrome/ --out lights.json",
             "sgp calibrate sensor card/ --out sensor",
             "sgp calibrate check before.json after.json --limit-mm 3",
@@ -70,6 +70,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
         {
             "calibrate": ("spheres",),
             "calibrate_intensities": ("intensities",),
+            "calibrate_flat": ("flat",),
             "calibrate_check": ("check",),
             "calibrate_sensor": ("sensor",),
         },
