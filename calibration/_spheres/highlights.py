@@ -20,7 +20,7 @@ _RIVAL_FLUX = 0.5
 # A spot at one place under several lights is a lamp, unless most lights share their places.
 _SAME_PX, _SAME_SHARE = 0.5, 0.01
 _LEAST_SHARED, _MORE_SHARED = 3, 2
-_LAMPS = 3
+_LAMPS, _AS_BRIGHT = 3, 0.6
 # Pixels from which the median brightness of a large sphere is taken.
 _SAMPLED = 40000
 _BAND_ROWS = 16
@@ -170,9 +170,10 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     typical = float(np.median([of_one[0].flux for of_one in blobs if of_one] or [0.0]))
     found = search.located(blobs, typical)
     for _ in range(_LAMPS):
-        lit = _lit_by_lamp(found.candidates.pixels, outline.radius_px)
-        if not len(lit):
+        lamp = _lamp(found.candidates.pixels, outline.radius_px)
+        if lamp is None:
             break
+        lit = search.lit(*lamp)
         search.subtract(lit)
         for k in lit:
             blobs[k] = search.blobs(k)
@@ -197,6 +198,15 @@ class _Search:
         sample = sample[:: max(len(sample) // _SAMPLED, 1)]
         image, clipped = self.images[k], self.saturated[k] & self.within
         return bright_blobs(image, clipped, self.within, sample, self.outline.radius_px)
+
+    def lit(self, lights: npt.NDArray[np.intp], place: Array) -> npt.NDArray[np.intp]:
+        """Return the lights under which a place is as bright as under some of them.
+
+        A highlight next to a lamp may hide the spot of the lamp, but not its brightness.
+        """
+        column, row = np.rint(place - self.corner).astype(int)
+        brightness = self.images[:, row, column]
+        return np.flatnonzero(brightness > _AS_BRIGHT * np.median(brightness[lights]))
 
     def subtract(self, lit: npt.NDArray[np.intp]) -> None:
         """Subtract what the images under some lights share."""
@@ -230,22 +240,22 @@ class _Search:
         return result
 
 
-def _lit_by_lamp(pixels: Array, radius_px: float) -> npt.NDArray[np.intp]:
-    """Return the lights under which a sphere shows a spot at the same place, or none.
+def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array] | None:
+    """Return lights under which a sphere shows a spot at the same place, and the place, or None.
 
     Lights that were recorded several times share their places, too, but all of them do.
     """
     light, rank = np.nonzero(np.isfinite(pixels[..., 0]))
     spots = pixels[light, rank]
+    if not len(spots):
+        return None
     near = np.linalg.norm(spots[:, None] - spots, axis=-1) < min(_SAME_PX, _SAME_SHARE * radius_px)
     count = near.sum(axis=1)
-    if not len(spots):
-        return light
     usual = float(np.percentile(count, 25, method="lower"))
     most = int(np.argmax(count))
     if count[most] < _LEAST_SHARED or count[most] <= _MORE_SHARED * usual:
-        return light[:0]
-    return np.unique(light[near[most]])
+        return None
+    return np.unique(light[near[most]]), np.median(spots[near[most]], axis=0)
 
 
 def _subtract_shared(stack: npt.NDArray[np.float32]) -> None:

@@ -99,7 +99,7 @@ def locate_lights(
         if len(proposals) == 0:
             raise EstimateError(
                 f"the reflected rays of light {name} do not meet in front of the spheres: "
-                "check the radius, the camera and the outlines"
+                "check the radius, the camera and the outlines, and cover other lamps"
             )
         predicted = predicted_highlights(
             camera, spheres.centres_mm[at], spheres.radii_mm[at], proposals
