@@ -21,7 +21,7 @@ _PIXELS_PX3 = (0.01, 0.004)
 # Error by glare, from the shift between the levels: at most twice the shift (weak glare moves both)
 # and at most a quarter of it plus a fiftieth of the radius (strong glare moves the lower one far).
 _WEAK_GLARE, _STRONG_GLARE, _GLARE_RADII = 2.0, 0.25, 0.02
-# The centre goes on by this share of the motion from the lower level to the upper one.
+# The centre moves further by this share of the motion from the lower level to the upper one.
 _BEYOND, _LONGEST_RADII = 0.3, 0.1
 _STEP_PX = 0.25
 # Protruding distances are rays. The start ignores the upper part of the distances.
@@ -80,7 +80,7 @@ def saturated_spot(image: Image, region: Region, white: float) -> Spot:
     noise = variance + wider
     wider += shift**2
     share = variance / (variance + wider)
-    # Beyond its noise, the motion between the levels is that of glare, which goes on above white.
+    # Beyond its noise, the motion between the levels is that of glare, which also acts above it.
     beyond = _BEYOND * max(1 - noise / max(shift**2, 1e-12), 0.0)
     beyond *= min(1.0, _LONGEST_RADII * radius / max(beyond * float(np.linalg.norm(moved)), 1e-12))
     # The errors of the two contours are alike: their mean is not better than the better one.
