@@ -62,7 +62,8 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "calibrate": (
         page(
-            "Estimate the positions and intensities of the lights, and compare calibrations.",
+            "Estimate the positions and intensities of the lights and the camera, and compare "
+            "calibrations.",
             "sgp calibrate spheres chrome/ --out lights.json",
             "sgp calibrate check before.json after.json --limit-mm 3",
         ),
@@ -70,6 +71,8 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "calibrate": ("spheres",),
             "calibrate_intensities": ("intensities",),
             "calibrate_check": ("check",),
+            "calibrate_board": ("board",),
+            "calibrate_camera": ("camera",),
         },
     ),
     "detail": (
