@@ -16,6 +16,7 @@ from calibration._camera.coverage import bare_corners, covered_field
 from calibration._camera.find_board import FEWEST_CORNERS
 from calibration._camera.fit import PARAMETERS, Fit, fit
 from calibration._camera.pose import pose_of
+from calibration._camera.residual_pattern import residual_pattern
 from calibration._camera.same_place import merge_same_places
 from calibration._camera.view import BoardView
 from calibration._errors import DataError, EstimateError
@@ -26,8 +27,8 @@ Mask = npt.NDArray[np.bool_]
 
 _FEWEST_VIEWS: Final = 3
 # Coefficients of the distortion in the order in which they are left out, if they are within this
-# many standard deviations of 0.
-_DOUBTFUL: Final = (("k3",), ("p1", "p2"), ("k2",), ("k1",))
+# many standard deviations of 0. Without k2 alone, k1 would be biased by many of its own.
+_DOUBTFUL: Final = (("k3",), ("p1", "p2"), ("k1", "k2"))
 _DETERMINED: Final = 3.0
 # A view whose residuals are larger than those of all views by this factor contradicts them.
 _INCONSISTENT: Final = 3.0
@@ -38,6 +39,10 @@ _MOST_LEFT_OUT: Final = 1 / 3
 _UNCERTAIN: Final = 0.002
 _UNDETERMINED: Final = 0.01
 _NOT_SQUARE: Final = 0.001
+# Standard deviation of the corners, relative to the larger side of the image.
+_UNEXPLAINED: Final = 0.001
+# Variance of residuals that vary smoothly over a view, relative to that of the others.
+_PATTERN: Final = 4.0
 _GAUSSIAN_MAD: Final = 1.4826
 
 
@@ -49,7 +54,7 @@ def calibrate_camera(
     Minimises the distances between seen and predicted corners over the intrinsics and the pose of
     each view (Zhang, A flexible new technique for camera calibration, 2000). A coefficient of the
     distortion is kept if it differs from 0 by more than 3 standard deviations: k3 is tested first,
-    then p1 and p2 together, k2 and k1. Views that contradict the others, and outliers among the
+    then p1 and p2 together, then k1 and k2 together. Views that contradict the others, and outliers among the
     corners, are left out and reported. Views that show the board at the same place are one view.
 
     Parameters
@@ -95,6 +100,7 @@ def calibrate_camera(
     kept = _consistent(views, on_progress)
     parts = _parts(views, kept)
     best, free = _chosen(parts, on_progress)
+    _check_explained(best, views[0].size)
     _check_determined(best)
     height, width = views[0].size
     camera = CameraModel(best.K, width, height, None, best.distortion)
@@ -109,7 +115,7 @@ def calibrate_camera(
         done,
         covered,
         bare,
-        (*notices, *_view_notices(done), *_doubts(best, bare)),
+        (*notices, *_view_notices(done), *_doubts(best, bare), *_model_notices(parts, best)),
     )
 
 
@@ -195,6 +201,15 @@ def _differs_from_zero(now: Fit, names: Sequence[str]) -> bool:
     return square > _DETERMINED**2 * len(names)
 
 
+def _check_explained(now: Fit, size: tuple[int, int]) -> None:
+    if now.sigma_px > _UNEXPLAINED * max(size):
+        raise EstimateError(
+            f"no camera explains the views of the calibration board: its corners are "
+            f"{now.sigma_px:.1f} px off; are camera, zoom and focus the same in all views, and is "
+            "the board flat?"
+        )
+
+
 def _check_determined(now: Fit) -> None:
     share = max(now.sigma("fx") / now.K[0, 0], now.sigma("fy") / now.K[1, 1])
     if share <= _UNDETERMINED:
@@ -248,11 +263,24 @@ def _view_notices(views: Sequence[CalibratedView]) -> list[Notice]:
     return notices
 
 
+def _model_notices(parts: Sequence[BoardView], best: Fit) -> list[Notice]:
+    ratio = residual_pattern(parts, best.residuals_px)
+    if ratio <= _PATTERN:
+        return []
+    text = (
+        f"the residuals vary smoothly over the views, with {ratio:.0f} times the variance of "
+        "independent errors, so the standard deviations are too small: did zoom or focus change, "
+        "is the board not flat, or is the lens a fisheye?"
+    )
+    return [Notice("camera-model-doubtful", text)]
+
+
 def _doubts(best: Fit, bare: Sequence[str]) -> list[Notice]:
     notices = []
     if bare:
+        listed = " and ".join(filter(None, [", ".join(bare[:-1]), bare[-1]]))
         text = (
-            f"no view covers the {' and '.join(bare)} of the image: the distortion is extrapolated "
+            f"no view covers the {listed} of the image: the distortion is extrapolated "
             "there; add views with the board there"
         )
         notices.append(Notice("field-not-covered", text))

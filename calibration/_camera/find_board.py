@@ -20,6 +20,7 @@ Bytes = npt.NDArray[np.uint8]
 
 # A view with fewer corners hardly constrains its pose and the lens together.
 FEWEST_CORNERS: Final = 8
+_FEWEST_MARKERS: Final = 4
 _SMALLEST_PX: Final = 32
 # Corners further than this share of a square from a plane's perspective belong to another board.
 _MISFIT: Final = 0.15
@@ -72,8 +73,8 @@ def find_board(
     gray = _gray(image, name)
     shown = _eight_bits(gray)
     corners, ids = _markers(shown, board.dictionary)
-    if not len(ids):
-        raise EstimateError(f"{name}: {_why_no_marker(shown, board)}")
+    if len(ids) < _FEWEST_MARKERS:
+        raise EstimateError(f"{name}: {_why_no_board(shown, board, len(ids))}")
     foreign = ids[ids >= board.markers]
     if len(foreign) > len(ids) // 4:
         raise EstimateError(
@@ -132,24 +133,22 @@ def _markers(shown: Bytes, dictionary: str) -> tuple[list[Any], npt.NDArray[np.i
     return list(corners), np.zeros(0, np.int64) if ids is None else ids.ravel().astype(np.int64)
 
 
-def _why_no_marker(shown: Bytes, board: CharucoBoard) -> str:
-    """Return the reason why an image has no markers of a board, if it shows one."""
+def _why_no_board(shown: Bytes, board: CharucoBoard, count: int) -> str:
+    """Return the reason why an image has few markers of a board: ``count`` of them."""
     _, ids = _markers(np.ascontiguousarray(shown[:, ::-1]), board.dictionary)
-    if len(ids) >= FEWEST_CORNERS // 2:
+    if len(ids) > count + _FEWEST_MARKERS:
         return "the calibration board is mirrored: print it again, or do not mirror the images"
-    best, most = "", FEWEST_CORNERS // 2 - 1
     for other in DICTIONARIES:
-        if other.endswith("_1000") and other[:3] != board.dictionary[:3]:
+        if other.endswith("_250") and other[:3] != board.dictionary[:3]:
             _, ids = _markers(shown, other)
-            if len(ids) > most:
-                best, most = other, len(ids)
-    if best:
-        return (
-            f"shows markers of {best[:3]} modules instead of {board.dictionary}: give the "
-            "board that was printed"
-        )
+            if len(ids) > count + _FEWEST_MARKERS:
+                return (
+                    f"shows markers of {other[:3]} modules instead of {board.dictionary}: give the "
+                    "board that was printed"
+                )
     return (
-        f"shows no marker of the dictionary {board.dictionary}: show the board sharp and evenly lit"
+        f"shows {pluralize(count, 'marker')} of the dictionary {board.dictionary}: show the board "
+        "sharp and evenly lit"
     )
 
 
@@ -157,8 +156,6 @@ def _check_fit(
     name: str, board: CharucoBoard, corners: list[Any], ids: npt.NDArray[np.int64]
 ) -> None:
     """Refuse markers whose numbers are elsewhere on the board: it has another number of columns."""
-    if len(ids) < FEWEST_CORNERS // 2:
-        return
     places = np.asarray(board.in_opencv().getObjPoints())[ids, :, :2].reshape(-1, 2)
     seen = np.asarray(corners, np.float64).reshape(-1, 2)
     mapped, _ = cv2.findHomography(places, seen, cv2.LMEDS)

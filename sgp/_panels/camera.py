@@ -87,7 +87,7 @@ def views_panel(calibrated: CameraCalibration) -> Panel:
         colours = [_USED if one.used else _LEFT_OUT for one in views]
         axes.barh(rows, [one.rms_px for one in views], color=colours)
         axes.set_ylim(len(views) - 0.5, -0.5)
-        axes.set_yticks(rows, [""] * len(views))
+        axes.set_yticks([])
         axes.set_xlabel("px", fontsize=8)
         axes.tick_params(labelsize=8)
         for row, one in zip(rows, views, strict=True):
