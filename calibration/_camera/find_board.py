@@ -1,4 +1,4 @@
-"""Find the corners of a ChArUco board in an image, and say why there are none."""
+"""Find the corners of a ChArUco board in an image, or say why the image has none."""
 
 from __future__ import annotations
 

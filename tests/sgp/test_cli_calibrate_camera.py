@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, read_camera, read_image, write_camera, write_png
+from acquisition import read_camera, read_image, write_camera, write_png
 from calibration import CharucoBoard, find_board, read_board
 from sgp._record import read_record
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, poses, shot
@@ -90,8 +91,8 @@ def test_images_that_cannot_be_used_are_named(sgp, views, tmp_path) -> None:
         pytest.param(
             ("{views}/shots", "--squares", "11", *SIZE[2:]), 2, "for example 11x8", id="x"
         ),
-        pytest.param(("{views}/shots", "--board", "none.json"), 4, "no such file", id="missing"),
-        pytest.param(("{views}/none", *SIZE), 4, "no such file", id="no source"),
+        pytest.param(("{views}/shots", "--board", "none.json"), 2, "no such file", id="missing"),
+        pytest.param(("{views}/none", *SIZE), 2, "no such file", id="no source"),
         pytest.param(
             ("{views}/shots", *SIZE, "--height-mm", "3"), 2, "give it too", id="height alone"
         ),
@@ -140,11 +141,13 @@ def test_images_of_different_sizes(sgp, views, tmp_path) -> None:
 
 def test_the_lens_of_a_recording(sgp, views, tmp_path) -> None:
     """A session whose camera has another lens than the camera that is given."""
-    model = CameraModel(CAMERA.K, 640, 512, 600.0, lens="25 mm")
-    write_camera(tmp_path / "old.json", model)
-    write_camera(tmp_path / "new.json", CameraModel(CAMERA.K, 640, 512, 600.0, lens="16 mm"))
+    small = CAMERA.downscaled(16)
+    for name, lens in (("old", "25 mm"), ("new", "16 mm")):
+        write_camera(tmp_path / f"{name}.json", replace(small, lens=lens))
+    image = np.zeros(small.size)
+    image[8:24, 10:30] = 1000.0
     for k in range(4):
-        save(tmp_path / "images" / f"L0{k}.png", shot(FLAT, k)[:, :])
+        save(tmp_path / "images" / f"L0{k}.png", image + 10 * k)
     lights = tmp_path / "lights.lp"
     lines = [
         f"L0{k}.png {x} {y} 0.8"
@@ -175,21 +178,29 @@ def content(pdf: bytes) -> str:
 
 def rectangles(pdf: bytes) -> list[tuple[float, float, float, float, bool]]:
     """Return the filled polygons of a page with their bounds in points, and whether white."""
-    found, points, white = [], [], False
-    for line in content(pdf).splitlines():
-        words = line.split()
-        if not words:
+    found: list[tuple[float, float, float, float, bool]] = []
+    points: list[tuple[float, float]] = []
+    numbers: list[float] = []
+    white = False
+    for word in content(pdf).split():
+        if re.fullmatch(r"-?[\d.]+", word):
+            numbers.append(float(word))
             continue
-        if words[-1] in ("rg", "g"):
-            white = float(words[0]) > 0.5
-        elif words[-1] in ("m", "l"):
-            points.append((float(words[-3]), float(words[-2])))
-        elif words[-1] in ("f", "f*", "B"):
-            x, y = zip(*points, strict=True)
-            found.append((min(x), min(y), max(x), max(y), white))
-            points = []
-        elif words[-1] in ("S", "n", "s"):
-            points = []
+        match word:
+            case "rg" | "g":
+                white = numbers[-1] > 0.5
+            case "m" | "l":
+                points.append((numbers[-2], numbers[-1]))
+            case "re":
+                x, y, width, height = numbers[-4:]
+                points += [(x, y), (x + width, y + height)]
+            case "f" | "f*":
+                x, y = zip(*points, strict=True)
+                found.append((min(x), min(y), max(x), max(y), white))
+                points = []
+            case "S" | "n" | "s":
+                points = []
+        numbers = []
     return found
 
 
