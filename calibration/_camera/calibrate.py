@@ -54,8 +54,8 @@ def calibrate_camera(
     Minimises the distances between seen and predicted corners over the intrinsics and the pose of
     each view (Zhang, A flexible new technique for camera calibration, 2000). A coefficient of the
     distortion is kept if it differs from 0 by more than 3 standard deviations: k3 is tested first,
-    then p1 and p2 together, then k1 and k2 together. Views that contradict the others, and outliers among the
-    corners, are left out and reported. Views that show the board at the same place are one view.
+    then p1 and p2 together, then k1 and k2 together. Views that contradict the others, and outliers
+    among the corners, are left out and reported. Views of the same place are one view.
 
     Parameters
     ----------

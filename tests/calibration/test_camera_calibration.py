@@ -239,6 +239,7 @@ def test_views_that_no_camera_explains() -> None:
         calibrate_camera(zoomed(2.0))
 
 
+@pytest.mark.slow
 def test_a_lens_of_the_simulator_that_is_sharp_gives_the_same_corners() -> None:
     """Blur moves no corner: sharp and blurred views agree to a few hundredths of a pixel."""
     pose = poses(12)[0]

@@ -1,4 +1,4 @@
-"""Corners of ChArUco boards in images, and what is said if there are none."""
+"""Corners of ChArUco boards in images, and messages about images without a board."""
 
 from __future__ import annotations
 
