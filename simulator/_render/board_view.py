@@ -61,7 +61,7 @@ def board_view(
     >>> from simulator import ChArUco, Lens, bench_camera, board_view
     >>> lens, board = Lens.of(bench_camera()), ChArUco(7, 5, 30)
     >>> image = board_view(lens, board, np.eye(3), (0, 0, 0), sheet_mm=(230, 170))
-    >>> image.shape, float(image.max().round(2))
+    >>> image.shape, round(float(image.max()), 2)
     ((512, 640), 0.85)
     """
     turn, centre = np.asarray(rotation, np.float64), np.asarray(centre_mm, np.float64)
