@@ -76,6 +76,7 @@ from ._source.reduction import Reduction as Reduction
 from ._source.row_reader import RowReader as RowReader
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
+from ._source.source_setup import lens_notices as lens_notices
 from ._source.source_setup import setup_differences as setup_differences
 from ._source.source_setup import setup_notices as setup_notices
 from ._source.source_setup import source_setup as source_setup

@@ -1,3 +1,13 @@
+from ._camera.board import CharucoBoard as CharucoBoard
+from ._camera.board_file import read_board as read_board
+from ._camera.board_file import write_board as write_board
+from ._camera.calibrate import calibrate_camera as calibrate_camera
+from ._camera.camera_calibration import CalibratedView as CalibratedView
+from ._camera.camera_calibration import CameraCalibration as CameraCalibration
+from ._camera.find_board import find_board as find_board
+from ._camera.view import BoardView as BoardView
+from ._camera.working_plane import WorkingPlane as WorkingPlane
+from ._camera.working_plane import find_working_plane as find_working_plane
 from ._comparison.compare import LightComparison as LightComparison
 from ._comparison.compare import compare_lights as compare_lights
 from ._comparison.motion import Motion as Motion

@@ -385,6 +385,50 @@ class FlatMetrics(TypedDict):
     frames: Annotated[int, "", "frames of lit cards"]
 
 
+class BoardMetrics(TypedDict):
+    """Figures of a calibration board."""
+
+    width_mm: Annotated[float, "mm", "width of all squares together"]
+    height_mm: Annotated[float, "mm", "height of all squares together"]
+    corners: Annotated[int, "", "inner corners of the squares"]
+    markers: Annotated[int, "", "markers"]
+
+
+class CameraMetrics(TypedDict):
+    """Figures of a calibration of a camera from views of a board."""
+
+    images: Annotated[int, "", "images that were searched for the board"]
+    views: Annotated[int, "", "places of the board that were used"]
+    focal_px: Annotated[tuple[float, float], "px", "focal lengths in x and y"]
+    centre_px: Annotated[tuple[float, float], "px", "principal point"]
+    distortion: Annotated[list[float], "1", "coefficients k1, k2, p1, p2, k3"]
+    std: Annotated[
+        dict[str, float],
+        "",
+        "standard deviations of fx, fy, cx, cy in px and of the coefficients that the views "
+        "determine; the other coefficients are 0",
+    ]
+    corner_std_px: Annotated[float, "px", "standard deviation of a coordinate of a corner"]
+    coverage: Annotated[float, "0..1", "share of the field of view that the board covered"]
+    bare_corners: Annotated[list[str], "", "corners of the image that the board hardly covered"]
+    view_rms_px: Annotated[
+        dict[str, float], "px", "rms distance between seen and predicted corners of each view"
+    ]
+    views_left_out: Annotated[list[str], "", "views that contradict the others"]
+    working_distance_mm: NotRequired[
+        Annotated[float, "mm", "`--working-plane`: distance of the working plane"]
+    ]
+    working_distance_std_mm: NotRequired[
+        Annotated[float, "mm", "`--working-plane`: its standard deviation"]
+    ]
+    mm_per_px: NotRequired[
+        Annotated[float, "mm", "`--working-plane`: size of a pixel on the working plane"]
+    ]
+    working_plane_tilt_deg: NotRequired[
+        Annotated[float, "deg", "`--working-plane`: angle between the board and the image plane"]
+    ]
+
+
 class SimulateMetrics(TypedDict):
     """Figures of a simulated recording."""
 
@@ -417,5 +461,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp calibrate flat": (FlatMetrics,),
     "sgp calibrate check": (CheckMetrics,),
     "sgp calibrate sensor": (SensorMetrics,),
+    "sgp calibrate board": (BoardMetrics,),
+    "sgp calibrate camera": (CameraMetrics,),
     "sgp simulate": (SimulateMetrics,),
 }

@@ -141,8 +141,8 @@ class RecordingOptions:
     lights
         Lights file: lights.json, .lp or DiLiGenT text; default: the lights of the source.
     camera
-        Camera file (our JSON, OpenCV YAML, COLMAP or a 3x3 matrix); required if the lights have
-        positions.
+        Camera file (camera.json, or one of OpenCV, COLMAP, AliceVision, or a 3x3 matrix); required
+        if the lights have positions.
     mask
         Mask image of the object; default: the mask of the source, else one made from the images.
     spheres

@@ -48,7 +48,9 @@ def open_source(
         max_pixels=max_pixels,
     )
     if camera is not None:
-        source = replace(source, camera=acquisition.read_camera(camera, source.size))
+        given_camera = acquisition.read_camera(camera, source.size)
+        doubts = acquisition.lens_notices(source, given_camera)
+        source = replace(source, camera=given_camera, warnings=(*source.warnings, *doubts))
     parts = [] if flat is None else acquisition.flat_files(flat)
     if flat is not None:
         source = _flattened(source, flat, max_pixels)

@@ -62,7 +62,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "calibrate": (
         page(
-            "Calibrate lights, sensor and flat field; compare calibrations of lights.",
+            "Calibrate lights, camera, sensor and flat field; compare calibrations of lights.",
             "sgp calibrate spheres chrome/ --out lights.json",
             "sgp calibrate sensor card/ --out sensor",
             "sgp calibrate check before.json after.json --limit-mm 3",
@@ -73,6 +73,8 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "calibrate_flat": ("flat",),
             "calibrate_check": ("check",),
             "calibrate_sensor": ("sensor",),
+            "calibrate_board": ("board",),
+            "calibrate_camera": ("camera",),
         },
     ),
     "detail": (
