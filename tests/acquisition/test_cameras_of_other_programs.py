@@ -162,7 +162,8 @@ def test_cameras_txt_is_read_back(tmp_path: Path, distortion: Any, model: str) -
 
 
 def test_cameras_txt_has_no_skew(tmp_path: Path) -> None:
-    skewed = K + [[0, 0.5, 0], [0, 0, 0], [0, 0, 0]]
+    skewed = K.copy()
+    skewed[0, 1] = 0.5
     with pytest.raises(DataError, match="skew"):
         write_camera(tmp_path / "cameras.txt", CameraModel(skewed, 640, 480))
     assert not (tmp_path / "cameras.txt").exists()
