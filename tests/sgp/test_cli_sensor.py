@@ -100,6 +100,23 @@ def test_a_session_stores_the_sensor(sgp, here):
     assert linear_stack(source).noise.origin == "sensor"
 
 
+def test_the_rig_file_names_the_sensor(sgp, here):
+    (here / "bench").mkdir(exist_ok=True)
+    rig = here / "bench/rig.toml"
+    rig.write_text(OBJECT.replace("leds = 4", 'leds = 4\nsensor = "../sensor/sensor.json"'))
+    words = ("capture", "run", "heron", "--rig", "bench/rig.toml", "--skip-check")
+    assert sgp(*words).code == 0
+    assert Session.open(here / "heron").sensor == read_sensor("sensor/sensor.json").noise_model()
+    for value, text in (("lost.json", "lost.json"), ("../rig.toml", "JSON"), ("", "bench")):
+        rig.write_text(OBJECT.replace("leds = 4", f'leds = 4\nsensor = "{value}"'))
+        answer = sgp("capture", "run", "none", "--rig", "bench/rig.toml", "--skip-check")
+        line = answer.error_line(answer.code)
+        assert answer.code in (2, 4)
+        assert text in line
+        assert "`sensor` in bench/rig.toml names it" in line
+        assert not (here / "none").exists()
+
+
 def test_a_recording_without_a_sensor_gets_it_for_the_computation(sgp, here):
     truth = here / "coin/derived/truth"
     words = ("simulate", "coin", "--out", "coin", "--size", "64x52", "--led-count", "4")
