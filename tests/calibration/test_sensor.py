@@ -99,6 +99,7 @@ def with_stack(sensor, seed):
     return source([*pairs.frames, *frames], sensor)
 
 
+@pytest.mark.slow
 def test_the_reference_package_finds_the_same_on_the_same_images(tmp_path):
     recording = with_stack(replace(PLAIN, dark_current_e_per_s=2000.0), 403)
     estimate, reference = calibrate_sensor([recording]), reference_figures(tmp_path, 12, recording)
