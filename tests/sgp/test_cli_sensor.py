@@ -1,6 +1,7 @@
 """``sgp calibrate sensor`` on recordings of the simulated rig, and what uses its result."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -147,6 +148,25 @@ def test_another_camera_and_gain_are_reported(sgp, here):
     assert "measured at 6 dB, but the gain is 0 dB" in answer.err
     gain = Session.open(here / "third").sensor.electrons_per_dn
     assert gain == pytest.approx(read_sensor("sensor/sensor.json").electrons_per_dn.value * 10**0.3)
+
+
+@pytest.mark.slow
+def test_images_of_another_program_are_imported_with_the_plan(sgp, here):
+    images = here / "tethered"
+    images.mkdir()
+    lines = map(json.loads, (here / "card/journal.jsonl").read_text().splitlines())
+    files = [line["file"] for line in lines if line["kind"] == "frame"]
+    for number, file in enumerate(files, 1):
+        shutil.copy(here / "card" / file, images / f"IMG_{number:04}.tif")
+    line = sgp("calibrate", "sensor", "tethered", "--out", "unplanned").error_line(4)
+    assert "the exposure time is not known" in line
+    words = ("capture", "import", "tethered", "--watch", "--plan", "plan.toml", "--out", "plain")
+    assert sgp(*words).code == 0
+    assert sgp("calibrate", "sensor", "plain", "--out", "of-images").code == 0
+    # The camera reports exposure times with other digits than the plan.
+    found, expected = read_sensor("of-images/sensor.json"), read_sensor("sensor/sensor.json")
+    for name, figure in expected.figures.items():
+        assert found.figures[name].value == pytest.approx(figure.value, rel=1e-4), name
 
 
 def test_an_object_is_no_card(sgp, here):
