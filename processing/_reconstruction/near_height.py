@@ -262,6 +262,8 @@ class _Search:
         relative = shape / mean
         residuals = self._residuals(relative, self._distance - mean)
         known = residuals[np.isfinite(residuals)]
+        if not known.size:
+            return depth, math.inf
         self._scale = max(1.4826 * float(np.median(np.abs(known))), 1e-6)
 
         def cost(height: float) -> float:
