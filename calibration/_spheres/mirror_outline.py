@@ -8,7 +8,8 @@ from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.mirrors import FittedBall, Mirror, fit_mirror, outline_of
+from calibration._spheres.mirror_fit import FittedBall, fit_mirror
+from calibration._spheres.mirrors import Mirror, outline_of
 from calibration._spheres.outline import outline_image, refine_edges
 from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, circle_covariance
 from calibration._spheres.robust import Array
