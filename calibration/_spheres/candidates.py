@@ -46,8 +46,8 @@ class SphereCandidate:
             share = 100 * max(self.mirrored, 0.0)
             return f"highlights, but it mirrors only {share:.0f} % of what surrounds it"
         return (
-            f"it mirrors {100 * self.mirrored:.0f} % of what surrounds it, but it does not have the "
-            "radius that was given, or a ball of another radius mirrors nearly as much"
+            f"it mirrors {100 * self.mirrored:.0f} % of what surrounds it, but it has not the given "
+            "radius, or a ball of another radius mirrors nearly as much"
         )
 
 
