@@ -45,9 +45,10 @@ class SphereCandidate:
         if not self.mirrored >= LEAST_SHARE:
             share = 100 * max(self.mirrored, 0.0)
             return f"highlights, but it mirrors only {share:.0f} % of what surrounds it"
+        share = 100 * self.mirrored
         return (
-            f"it mirrors {100 * self.mirrored:.0f} % of what surrounds it, but it has not the given "
-            "radius, or a ball of another radius mirrors nearly as much"
+            f"it mirrors {share:.0f} % of what surrounds it, but it does not have the given radius, "
+            "or a ball of another radius mirrors nearly as much"
         )
 
 
