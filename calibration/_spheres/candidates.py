@@ -47,8 +47,8 @@ class SphereCandidate:
             return f"highlights, but it mirrors only {share:.0f} % of what surrounds it"
         share = 100 * self.mirrored
         return (
-            f"it mirrors {share:.0f} % of what surrounds it, but it does not have the given radius, "
-            "or a ball of another radius mirrors nearly as much"
+            f"it mirrors {share:.0f} % of what surrounds it, but it does not have the given "
+            "radius, or a ball of another radius mirrors nearly as much"
         )
 
 

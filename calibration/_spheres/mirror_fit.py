@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,8 +16,12 @@ _INNERMOST = 0.8
 _MARGIN_PX = 2.0
 _FINE_SPOKES = 72
 _SPOKES_TOGETHER = 3
-# Errors of the model that all spokes share, of place and radius; measured on simulated boards.
-_SHARED_SIGMA_PX = 0.04
+# Errors of the model that all spokes share, of place and radius; measured on simulated boards. They
+# grow for smaller spheres, of which fewer pixels are compared.
+_SHARED_SIGMA_PX, _SMALL_PX = 0.04, 25.0
+# The tails of the blur mix the plane into the limb, which makes radii too small by this. Two pixels
+# farther inside they do not, but there the errors are twice as large.
+_TAILS_PX = 0.02
 _FIT_ROUNDS = 12
 _CLOSE_PX, _CONVERGED_PX = 0.03, 0.004
 _FEWEST_DIFFERENCES = 100
@@ -82,7 +86,7 @@ def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> FittedBall | None:
     ball = trial.balls(trial.unknowns[None])
     if not plane.compare(ball).share[0] > mirror.share - 0.1:
         return None
-    return FittedBall(ball, covariance)
+    return FittedBall(replace(ball, radii_px=ball.radii_px + _TAILS_PX), covariance)
 
 
 class _MirrorFit:
@@ -145,4 +149,5 @@ class _MirrorFit:
         inverse = np.linalg.inv(normal)
         scatter = sums.T @ sums * (len(groups) / (len(groups) - 5)) + self._prior
         covariance: Array = (inverse @ scatter @ inverse)[:3, :3]
-        return covariance + np.eye(3) * _SHARED_SIGMA_PX**2
+        shared = _SHARED_SIGMA_PX * max(_SMALL_PX / self.unknowns[2], 1.0) ** 2
+        return covariance + np.eye(3) * shared**2
