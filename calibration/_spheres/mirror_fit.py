@@ -150,4 +150,5 @@ class _MirrorFit:
         scatter = sums.T @ sums * (len(groups) / (len(groups) - 5)) + self._prior
         covariance: Array = (inverse @ scatter @ inverse)[:3, :3]
         shared = _SHARED_SIGMA_PX * max(_SMALL_PX / self.unknowns[2], 1.0) ** 2
-        return covariance + np.eye(3) * shared**2
+        covariance += np.eye(3) * shared**2
+        return covariance
