@@ -95,6 +95,7 @@ class _MirrorFit:
     def __init__(self, plane: MirroredPlane, unknowns: Array, blur_px: float) -> None:
         self.unknowns, self.blur_px = unknowns, blur_px
         size = float(unknowns[2])
+        self._camera_known = plane.camera_known
         slope = _SLOPE if plane.camera_known else _SLOPE_WITHOUT_CAMERA
         self._prior = np.diag([0.0, 0.0, 0.0, slope**-2, slope**-2])
         # In smaller steps, noise would dominate the differences. The steps are symmetric: otherwise
@@ -140,7 +141,11 @@ class _MirrorFit:
         return limited
 
     def covariance(self) -> Array | None:
-        """Return the covariance ``(3, 3)`` of place and radius, None if it is undetermined."""
+        """Return the covariance ``(3, 3)`` of place and radius, None if it is undetermined.
+
+        If the camera is known, it includes what the slopes of the plane contribute to the place:
+        over a part of the limb, they also absorb errors of the model, which move the ball.
+        """
         groups = np.unique(self._spokes)
         if len(groups) < _FEWEST_GROUPS:
             return None
@@ -149,6 +154,9 @@ class _MirrorFit:
         inverse = np.linalg.inv(normal)
         scatter = sums.T @ sums * (len(groups) / (len(groups) - 5)) + self._prior
         covariance: Array = (inverse @ scatter @ inverse)[:3, :3]
+        if self._camera_known:
+            by_slopes = inverse[:3, 3:] @ np.linalg.solve(inverse[3:, 3:], self.unknowns[3:])
+            covariance += np.outer(by_slopes, by_slopes)
         shared = _SHARED_SIGMA_PX * max(_SMALL_PX / self.unknowns[2], 1.0) ** 2
         covariance += np.eye(3) * shared**2
         return covariance

@@ -20,8 +20,9 @@ from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
 _SEARCH_SHARE = 0.01
 _AROUND_PX = 8
 _FINEST_PX = 0.01
-# An edge that is visible over less of the circumference may be another one.
-_LEAST_EDGE = 0.6
+# An edge that is visible over less of the circumference may be another one, and its place and
+# radius depend on each other.
+_LEAST_EDGE = 0.75
 # On simulated boards, the radius of edges is off by this.
 _EDGE_RADIUS_SIGMA_PX = 0.04
 # The 99.9 % quantile of chi-square with 3 degrees of freedom.
