@@ -72,6 +72,7 @@ from ._source.reader import read_source as read_source
 from ._source.reduce import crop as crop
 from ._source.reduce import downscale as downscale
 from ._source.reduction import Reduction as Reduction
+from ._source.row_reader import RowReader as RowReader
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
 from ._source.source_setup import setup_differences as setup_differences

@@ -8,6 +8,8 @@ from ._intensities.calibrate import IntensityCalibration as IntensityCalibration
 from ._intensities.calibrate import calibrate_intensities as calibrate_intensities
 from ._intensities.surface import MatteSurface as MatteSurface
 from ._intensities.vignetting import Vignetting as Vignetting
+from ._radiance.banded_stack import BandedStack as BandedStack
+from ._radiance.banded_stack import open_stack as open_stack
 from ._radiance.demosaic import demosaic as demosaic
 from ._radiance.linear_stack import Stack as Stack
 from ._radiance.linear_stack import check_linear as check_linear

@@ -9,12 +9,13 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import Annotated, Literal, get_type_hints
+from typing import Annotated, get_type_hints
 
 from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
 
 import acquisition
+import calibration
 import processing
 from rig import MAX_PIXELS
 from sgp._exit import UsageError
@@ -193,12 +194,12 @@ class SourceOptions(RecordingOptions):
     method
         ls (plain least squares) or cauchy (gives shadows and highlights a low weight).
     channel
-        gray, or mosaic: normals of every site of a colour mosaic from its own samples, without
-        interpolation between pixels.
+        gray, rgb (one solution per channel, averaged), or mosaic (the normal of every site of a
+        colour mosaic from its own samples, without interpolation between pixels).
     """
 
     method: processing.Method = "cauchy"
-    channel: Literal["gray", "mosaic"] = "gray"
+    channel: calibration.Channel = "gray"
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import acquisition
+import calibration
 import processing
 import rig
 from sgp._console import Stages
@@ -134,7 +134,7 @@ def compute_normals(
     method: processing.Method,
     *,
     distant: bool,
-    channel: Literal["gray", "mosaic"] = "gray",
+    channel: calibration.Channel = "gray",
 ) -> processing.Reconstruction:
     """Run `processing.reconstruct` up to the normals and show its progress.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._pixels.images import image_form, read_image
+from acquisition._pixels.plain_rows import PlainRows, plain_rows
 from acquisition._plan.planned_shot import Role
 from acquisition._session.journal import FrameLine
 from acquisition._storage import sha256_of
@@ -98,11 +100,34 @@ class SessionFrame:
             raise DataError(f"{self.path}: is in the journal but not there; restore it") from error
         raw = pixels.astype(np.uint16, copy=False)
         if pixels_sha256(raw) != self.line.pixels_sha256:
-            raise DataError(
-                f"{self.path}: its pixels differ from those recorded; restore the file or retake "
-                "the shot"
-            )
+            raise self._differs()
         return raw
+
+    def check_rows(self) -> PlainRows | None:
+        """Check the hash of the pixels without decoding them, so that rows can be read later.
+
+        Returns
+        -------
+        PlainRows | None
+            The rows; None if the file is not stored as it was recorded: `read` then reads it, or
+            says what is wrong.
+
+        Raises
+        ------
+        DataError
+            If the pixels differ from those recorded.
+        """
+        digest = hashlib.sha256()
+        rows = plain_rows(self.path, self.shape, digest.update)
+        if rows is not None and digest.hexdigest() != self.line.pixels_sha256:
+            raise self._differs()
+        return rows
+
+    def _differs(self) -> DataError:
+        return DataError(
+            f"{self.path}: its pixels differ from those recorded; restore the file or retake the "
+            "shot"
+        )
 
 
 def pixels_sha256(pixels: npt.NDArray[np.uint16]) -> str:

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._errors import DataError
 from acquisition._pixels.images import Image
 from acquisition._source.references import Reference
+from acquisition._source.row_reader import RowReader
 from acquisition._source.source import Frame, Source
 from acquisition._values.transfer_curve import LINEAR
 
@@ -38,10 +38,13 @@ class Linearizer:
     ----------
     source
         The frames, with their black and white level and their transfer curve.
+    reader
+        Reader of rows; without it, every frame is read as a whole.
     """
 
-    def __init__(self, source: Source) -> None:
+    def __init__(self, source: Source, reader: RowReader | None = None) -> None:
         self._source = source
+        self._reader = reader
         span = source.white_level - source.black_level
         self._span = np.float32(span if np.isfinite(span) else 1.0)
         self._curve = None if source.transfer == LINEAR else source.transfer
@@ -108,25 +111,26 @@ class Linearizer:
         return self._mean_of(frames) if frames else None
 
     def part(
-        self, frame: Frame, pixels: Image, part: tuple[Index, Index]
+        self, frame: Frame, pixels: Image, part: tuple[Index, Index], top: int = 0
     ) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
-        """Return `signal_and_saturation` of the rows and columns ``part`` of the `pixels`."""
+        """Return `signal_and_saturation` of the rows and columns ``part`` of the `pixels`.
+
+        ``top`` is the row of the frame at which the pixels begin.
+        """
         samples = pixels[part]
         signal = self._linear(samples)
         offset, _ = self._subtracted(frame.exposure_us)
         if offset is not None:
-            signal -= offset[part]
+            signal -= offset[top:][part]
         return signal, samples >= self._source.white_level
 
-    def pixels(self, frame: Frame) -> Image:
-        """Read the pixels of a frame as they are; raises as `signal` does."""
-        pixels = frame.read()
-        if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
-            raise DataError(
-                f"{frame.path}: contains values that are not finite: replace them, or leave the "
-                "image out"
-            )
-        return pixels
+    def pixels(self, frame: Frame, rows: slice | None = None) -> Image:
+        """Read all or some rows of a frame as they are; raises as `signal` does."""
+        if rows is None:
+            return frame.read_finite()
+        if self._reader is None:
+            return frame.read_finite()[rows]
+        return self._reader.rows(frame, rows.start, rows.stop)
 
     def _linear(self, pixels: Image) -> FloatImage:
         if len(self._light) and pixels.dtype == np.uint8:

@@ -56,6 +56,7 @@ def read_session(
             recorded.bracket,
             recorded.exposure_us,
             _upright(recorded, mounting),
+            check_rows=recorded.check_rows if mounting == Mounting() else None,
         )
         for recorded in session.frames
     )

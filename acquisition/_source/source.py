@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._pixels.images import Image, read_image
+from acquisition._pixels.plain_rows import PlainRows
 from acquisition._plan.planned_shot import Role
 from acquisition._source.reduction import Reduction
 from acquisition._values.camera_model import CameraModel
@@ -48,6 +49,9 @@ class Frame:
         Function that reads the pixels of files that `read_image` does not read.
     max_pixels
         Largest allowed number of pixels of the file.
+    check_rows
+        Function that checks a file whose rows can be read one by one and returns them, or None;
+        None for files that must be read as a whole.
     """
 
     path: Path
@@ -58,6 +62,7 @@ class Frame:
     exposure_us: float | None = None
     load: Callable[[], Image] | None = field(default=None, repr=False)
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
+    check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
 
     __repr__ = short_repr
 
@@ -79,6 +84,22 @@ class Frame:
             raise DataError(
                 f"{self.path}: shape {pixels.shape}, but the other frames have {self.shape}: "
                 "restore the file"
+            )
+        return pixels
+
+    def read_finite(self) -> Image:
+        """Return the pixels as `read` does.
+
+        Raises
+        ------
+        DataError
+            As `read`, or if samples are not finite.
+        """
+        pixels = self.read()
+        if not np.issubdtype(pixels.dtype, np.integer) and not np.isfinite(pixels).all():
+            raise DataError(
+                f"{self.path}: contains values that are not finite: replace them, or leave the "
+                "image out"
             )
         return pixels
 

@@ -13,7 +13,7 @@ FloatImage = npt.NDArray[np.float32]
 Bools = npt.NDArray[np.bool_]
 
 # Charge may flow into pixels this far from a saturated one.
-_BLOOMING_PX = 2
+BLOOMING_PX = 2
 # A sample this many standard deviations below white is clipped in one of 30,000 cases.
 _CLEAR_OF_WHITE_SD = 4.0
 # The share of the range that counts without a law of the noise; above it, a sensor with more than
@@ -43,7 +43,7 @@ def grown(near_white: Bools) -> Bools:
     """Return the samples near others that are close to white: ``(H, W)`` or ``(H, W, 3)``."""
     if not near_white.any():
         return near_white
-    size = 2 * _BLOOMING_PX + 1
+    size = 2 * BLOOMING_PX + 1
     wide = cv2.dilate(near_white.view(np.uint8), np.ones((size, size), np.uint8))
     return np.asarray(wide, np.uint8).astype(np.bool_)
 

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Frame, Linearizer, Source, row_bands, same_exposure
-from calibration._radiance.brackets import Law, bits, clear_of_white, grown, merge
+from acquisition import DataError, Frame, Linearizer, Reduction, RowReader, Source, row_bands
+from calibration._radiance.bracket_ratios import BracketRatios
+from calibration._radiance.brackets import (
+    BLOOMING_PX,
+    Law,
+    bits,
+    clear_of_white,
+    grown,
+    merge,
+)
 from calibration._radiance.demosaic import check_pattern, demosaic, site_factors
-from calibration._radiance.hot_pixels import hot_pixels
 from calibration._radiance.luma import luma
+from calibration._radiance.references import References
 from calibration._radiance.signal_noise import signal_noise
 from calibration._radiance.stack_noise import StackNoise
 from calibration._radiance.stack_tasks import Channel, Task
-from rig import Notice, pluralize
+from rig import Notice
 
 FloatImage = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
@@ -25,11 +33,6 @@ Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | FloatImage
 Index = slice | npt.NDArray[np.intp]
 Bools = npt.NDArray[np.bool_]
 
-# Brackets are compared where the longer one has between a tenth and four fifths of its range.
-_COMPARED = (0.1, 0.8)
-_LEAST_COMPARED_PX = 500
-_EVERY_BAND = 4
-_CONTRADICTION = 0.02
 # A bracket of at least this share of the exposure time replaces samples close to white.
 _REPLACES = 1 / 16
 _ALL = slice(None)
@@ -45,7 +48,13 @@ class Developer:
         If an image has no valid exposure time although other images have one.
     """
 
-    def __init__(self, source: Source, lit: list[Frame], channel: Channel) -> None:
+    def __init__(
+        self,
+        source: Source,
+        lit: list[Frame],
+        channel: Channel,
+        reader: RowReader | None = None,
+    ) -> None:
         self._source = source
         self._channel = channel
         exposures = [frame.exposure_us for frame in lit]
@@ -56,88 +65,27 @@ class Developer:
                 f"{path}: no valid exposure time, although other images have one: add it"
             )
         self._longest = max(known, default=1.0)
-        self._linear = Linearizer(source)
+        self._linear = Linearizer(source, reader)
         self._noise = signal_noise(source, self._linear)
         white = None if self._noise is None else Law(self._noise.shot, self._noise.constant)
         self._clear_of_white = clear_of_white(white)
-        self._notices: list[Notice] = []
-        # For each exposure time in use, the hot pixels of its dark frames.
-        self._hot: list[tuple[float | None, Bools]] = []
-        # Per light, the median ratio of each bracket to the next longer one, with both times.
-        self._ratios: list[tuple[float, float, float]] = []
-        self._check_references(sorted(set(known)))
-
-    def _check_references(self, exposures_us: Sequence[float]) -> None:
-        """Read the references of all exposure times; note those that are missing."""
-        if not any(frame.role in ("dark", "ambient") for frame in self._source.frames):
-            return
-        if not exposures_us:
-            self._find_hot(None)
-            if self._linear.reference(None) is None:
-                text = "dark and ambient frames were not used: the images have no exposure times"
-                self._notices.append(Notice("dark-frames-unused", text))
-        last_us = 0.0
-        for exposure_us in exposures_us:
-            if last_us and same_exposure(exposure_us, last_us):
-                continue
-            last_us = exposure_us
-            self._find_hot(exposure_us)
-            if self._linear.reference(exposure_us) is None:
-                text = (
-                    f"no dark or ambient frame with an exposure of {exposure_us:g} us: only the "
-                    "black level was subtracted"
-                )
-                self._notices.append(Notice("dark-frames-missing", text))
-
-    def _find_hot(self, exposure_us: float | None) -> None:
-        dark = self._linear.dark_signal(exposure_us)
-        if dark is None or not np.isfinite(self._source.white_level):
-            return
-        hot = hot_pixels(dark)
-        if hot.any():
-            self._hot.append((exposure_us, hot))
-
-    def _hot_at(self, exposure_us: float | None) -> Bools | None:
-        for other_us, hot in self._hot:
-            if exposure_us is None or other_us is None or same_exposure(exposure_us, other_us):
-                return hot
-        return None
+        self._references = References(source, self._linear, sorted(set(known)))
+        self._ratios = BracketRatios()
 
     @property
     def hot_pixels(self) -> npt.NDArray[np.intp]:
         """Row and column ``(M, 2)`` of the pixels of a frame that are hot in some exposure."""
-        hot = [np.argwhere(mask.any(axis=2) if mask.ndim == 3 else mask) for _, mask in self._hot]
-        return np.unique(np.concatenate([np.zeros((0, 2), np.intp), *hot]), axis=0)
+        return self._references.hot_pixels
+
+    @property
+    def reference_level(self) -> float:
+        """Largest median signal of the references that are subtracted."""
+        return self._references.level
 
     @property
     def notices(self) -> tuple[Notice, ...]:
         """What was noted about references, hot pixels and brackets so far."""
-        notices = list(self._notices)
-        if self._hot:
-            text = (
-                f"{pluralize(len(self.hot_pixels), 'hot pixel')} in the dark frames: replaced by "
-                "shorter brackets if there are any, else only corrected"
-            )
-            notices.append(Notice("hot-pixels", text, severity="info"))
-        return (*notices, *self._contradictions())
-
-    def _contradictions(self) -> list[Notice]:
-        """Return a notice for each pair of exposure times whose images contradict them."""
-        pairs: dict[tuple[int, int], list[tuple[float, float, float]]] = {}
-        for of_one in self._ratios:
-            pairs.setdefault((round(of_one[1]), round(of_one[2])), []).append(of_one)
-        notices = []
-        for found in pairs.values():
-            ratio = float(np.median([of_one[0] for of_one in found]))
-            if abs(ratio - 1) > _CONTRADICTION:
-                _, shorter_us, longer_us = found[0]
-                text = (
-                    f"images of {shorter_us:g} us are {ratio:.2f} times as bright as those of "
-                    f"{longer_us:g} us let expect: check the exposure times, the black level and "
-                    "the linearity of the camera"
-                )
-                notices.append(Notice("brackets-contradict", text))
-        return notices
+        return (*self._references.notices, *self._ratios.notices)
 
     @property
     def _independent(self) -> bool:
@@ -154,12 +102,13 @@ class Developer:
         y, x = (0, 0) if reduction is None else (reduction.y % 2, reduction.x % 2)
         return "".join(cfa[2 * ((row + y) % 2) + (column + x) % 2] for row, column in _SITES)
 
-    def used(self, tasks: Sequence[Task]) -> npt.NDArray[np.uint8] | None:
-        """Return an array for the brackets in use at each sample, if the noise depends on them."""
+    def used(self, tasks: Sequence[Task], rows: slice) -> npt.NDArray[np.uint8] | None:
+        """Return an array for the brackets in use at some rows, if the noise depends on them."""
         most = max(len(_brackets(frames)) for frames, _ in tasks)
         if self._noise is None or not self._independent or not 1 < most <= 8:
             return None
-        return np.zeros((len(tasks), *tasks[0][0][0].shape), np.uint8)
+        width_and_colours = tasks[0][0][0].shape[1:]
+        return np.zeros((len(tasks), rows.stop - rows.start, *width_and_colours), np.uint8)
 
     def noise(self, tasks: Sequence[Task], used: npt.NDArray[np.uint8] | None) -> StackNoise | None:
         """Return the law of the noise of the images of some lights; None if it is unknown."""
@@ -217,38 +166,64 @@ class Developer:
         self,
         frames: list[Frame],
         intensity: Array,
+        rows: slice | None = None,
         out: FloatImage | None = None,
         used: npt.NDArray[np.uint8] | None = None,
     ) -> FloatImage:
-        """Return the merged image of one light, ``(H, W)`` or ``(H, W, 3)``, written to `out`.
+        """Return rows of the merged image of a light, ``(H, W)`` or ``(H, W, 3)``.
 
-        Bit b of `used`, of the shape of the frames, says whether bracket b counts at a sample.
+        The default is all rows. They are written to `out`. Bit b of `used`, whose rows are the same
+        ones of the frames, says whether bracket b counts at a sample.
         """
+        wanted = slice(0, self._source.size[0]) if rows is None else rows
         if len(frames) == 1 and self._independent:
             if used is not None:
                 used[...] = 1
-            return self._in_bands(frames[0], intensity, out)
-        image = self._colour(self._merged(_brackets(frames), used), intensity, frames[0])
+            return self._in_bands(frames[0], intensity, wanted, out)
+        window, cut = self._window(wanted)
+        merged = self._merged(_brackets(frames), window, used)
+        image = self._colour(merged, intensity, frames[0], window.start, cut)
         if out is None:
             return image
         out[...] = image
         return out
 
-    def _in_bands(self, frame: Frame, intensity: Array, out: FloatImage | None) -> FloatImage:
-        """Return the image of a light with one frame, whose pixels are independent."""
-        pixels = self._linear.pixels(frame)
-        for rows in row_bands(len(pixels)):
-            image = self._colour(self._alone(frame, pixels, (rows, _ALL)), intensity, frame)
+    def _window(self, rows: slice) -> tuple[slice, Reduction | None]:
+        """Return the rows of the frames that rows of an image need, and the image's part of them.
+
+        Demosaicing needs neighbours, and begins at the first site of the mosaic. The part is None
+        if it is everything.
+        """
+        height, width = self._source.frames[0].shape[:2]
+        whole = self._source.reduction or Reduction(0, 0, width, height)
+        first, last = (whole.y + row * whole.factor for row in (rows.start, rows.stop))
+        top, bottom = first, last
+        if self._source.cfa is not None and self._channel != "mosaic":
+            top, bottom = max(first - 1, 0) // 2 * 2, min(last + 1, height)
+        if self._source.reduction is None and (top, bottom) == (first, last):
+            return rows, None
+        return slice(top, bottom), replace(whole, y=first - top, height=last - first)
+
+    def _in_bands(
+        self, frame: Frame, intensity: Array, rows: slice, out: FloatImage | None
+    ) -> FloatImage:
+        """Return rows of the image of a light with one frame, whose pixels are independent."""
+        pixels = self._linear.pixels(frame, rows)
+        for band in row_bands(len(pixels)):
+            radiance = self._alone(frame, pixels, (band, _ALL), rows.start)
+            image = self._colour(radiance, intensity, frame, rows.start + band.start)
             if out is None:
-                out = np.zeros((frame.shape[0], *image.shape[1:]), np.float32)
-            out[rows] = image
+                out = np.zeros((len(pixels), *image.shape[1:]), np.float32)
+            out[band] = image
         if out is None:
-            raise AssertionError("a frame has rows")
+            raise AssertionError("an image has rows")
         return out
 
-    def _alone(self, frame: Frame, pixels: Pixels, part: tuple[Index, Index]) -> FloatImage:
+    def _alone(
+        self, frame: Frame, pixels: Pixels, part: tuple[Index, Index], top: int = 0
+    ) -> FloatImage:
         """Return the radiance of a part of the only frame of a light."""
-        radiance, unusable = self._linear.part(frame, pixels, part)
+        radiance, unusable = self._linear.part(frame, pixels, part, top)
         share = np.float32(self._share(frame))
         if share != 1:
             radiance /= share
@@ -271,7 +246,7 @@ class Developer:
         return self._divided(self._alone(frame, pixels, part), intensity)
 
     def _merged(
-        self, brackets: list[list[Frame]], used: npt.NDArray[np.uint8] | None
+        self, brackets: list[list[Frame]], rows: slice, used: npt.NDArray[np.uint8] | None
     ) -> FloatImage:
         """Return the radiance of a light from all its frames, NaN where none is usable."""
         if len(brackets) > 1 and brackets[0][0].exposure_us is None:
@@ -279,54 +254,50 @@ class Developer:
                 f"{brackets[1][0].path}: brackets can be merged only if the exposure times are "
                 "known: add them"
             )
-        samples = [[self._linear.pixels(frame) for frame in repeats] for repeats in brackets]
+        # Saturated pixels matter beyond the rows.
+        beyond = BLOOMING_PX if len(brackets) > 1 else 0
+        height = brackets[0][0].shape[0]
+        window = slice(max(rows.start - beyond, 0), min(rows.stop + beyond, height))
+        inner = slice(rows.start - window.start, rows.stop - window.start)
+        samples = [[self._linear.pixels(frame, window) for frame in of_one] for of_one in brackets]
         usable = [
-            self._usable(repeats, samples[b], brackets[b + 1 :])
+            self._usable(repeats, samples[b], brackets[b + 1 :], window)[inner]
             for b, repeats in enumerate(brackets)
         ]
+        samples = [[pixels[inner] for pixels in repeats] for repeats in samples]
         if used is not None:
             used[...] = bits(usable)
+        first_of_each = [repeats[0] for repeats in brackets]
+        shares = [self._share(frame) for frame in first_of_each]
         exposure = [sum(map(self._share, repeats)) for repeats in brackets]
         laws = None if self._noise is None else [self._law(repeats) for repeats in brackets]
-        out = np.zeros(brackets[0][0].shape, np.float32)
-        compared: list[list[tuple[float, float, int]]] = [[] for _ in brackets[1:]]
-        for k, rows in enumerate(row_bands(len(out))):
+        out: FloatImage = np.zeros(samples[0][0].shape, np.float32)
+        for band in row_bands(len(out)):
             radiance = [
-                self._mean(repeats, of_one, rows)
+                self._mean(repeats, of_one, band, rows.start)
                 for repeats, of_one in zip(brackets, samples, strict=True)
             ]
-            count = [mask[rows] for mask in usable]
-            out[rows] = merge(radiance, count, exposure, laws)
-            for b, sums in enumerate(compared if k % _EVERY_BAND == 0 else ()):
-                share = self._share(brackets[b][0])
-                low, high = (limit / share for limit in _COMPARED)
-                both = count[b] & count[b + 1] & (out[rows] > low) & (out[rows] < high)
-                sums.append(
-                    (
-                        float(radiance[b + 1][both].sum()),
-                        float(radiance[b][both].sum()),
-                        int(both.sum()),
-                    )
-                )
-        for (longer, shorter), sums in zip(pairwise(brackets), compared, strict=True):
-            of_shorter, of_longer, pixels = (sum(column) for column in zip(*sums, strict=True))
-            if pixels >= _LEAST_COMPARED_PX:
-                ratio = of_shorter / of_longer
-                times = shorter[0].exposure_us or 0.0, longer[0].exposure_us or 0.0
-                self._ratios.append((ratio, *times))
+            count = [mask[band] for mask in usable]
+            out[band] = merge(radiance, count, exposure, laws)
+            top = rows.start + band.start
+            self._ratios.add(first_of_each, shares, radiance, count, out[band], top)
         return out
 
     def _usable(
-        self, repeats: list[Frame], samples: list[Pixels], shorter: list[list[Frame]]
+        self,
+        repeats: list[Frame],
+        samples: list[Pixels],
+        shorter: list[list[Frame]],
+        rows: slice,
     ) -> Bools:
-        """Return the samples that count.
+        """Return the samples that count in some rows of the frames.
 
         If a shorter bracket replaces this one, these are neither close to white, nor near samples
         that are, nor hot. Otherwise they are those that are not saturated: a much shorter exposure
         shows less than a sample next to white, or a hot pixel less its dark signal.
         """
         black, white = self._source.black_level, self._source.white_level
-        hot = self._hot_at(repeats[0].exposure_us)
+        hot = self._references.hot_at(repeats[0].exposure_us)
         replaced = self._replaced(repeats, shorter)
         limit = white
         if replaced and np.isfinite(white):
@@ -337,29 +308,41 @@ class Developer:
             near |= of_one >= (limit if of_one.dtype.kind == "f" else math.ceil(limit))
         if not replaced:
             return ~near
+        if hot is None:
+            return ~grown(near)
         # A hot pixel says nothing about the light around it.
-        return ~(grown(near) if hot is None else grown(near & ~hot) | near | hot)
+        return ~(grown(near & ~hot[rows]) | near | hot[rows])
 
     def _replaced(self, repeats: list[Frame], shorter: list[list[Frame]]) -> bool:
         """Return whether one of the shorter brackets is long enough to replace a bracket."""
         least = _REPLACES * self._share(repeats[0])
         return any(self._share(other[0]) >= least for other in shorter)
 
-    def _mean(self, repeats: list[Frame], samples: list[Pixels], rows: slice) -> FloatImage:
+    def _mean(
+        self, repeats: list[Frame], samples: list[Pixels], band: slice, top: int
+    ) -> FloatImage:
         """Return the radiance of some rows, the mean of repeats."""
-        total = self._linear.part(repeats[0], samples[0], (rows, _ALL))[0]
+        total = self._linear.part(repeats[0], samples[0], (band, _ALL), top)[0]
         for frame, of_one in zip(repeats[1:], samples[1:], strict=True):
-            total += self._linear.part(frame, of_one, (rows, _ALL))[0]
+            total += self._linear.part(frame, of_one, (band, _ALL), top)[0]
         total /= np.float32(sum(self._share(frame) for frame in repeats))
         return total
 
-    def _colour(self, image: FloatImage, intensity: Array, frame: Frame) -> FloatImage:
+    def _colour(
+        self,
+        image: FloatImage,
+        intensity: Array,
+        frame: Frame,
+        top: int,
+        cut: Reduction | None = None,
+    ) -> FloatImage:
+        """Return an image from radiance that begins at row ``top`` of the frames."""
         if self._channel == "mosaic":
-            return self._sites(image, intensity, frame)
+            return self._sites(image, intensity, frame, top, cut)
         if image.ndim == 2 and self._source.cfa is not None:
             image = demosaic(image, self._source.cfa)
-        if self._source.reduction is not None:
-            image = self._source.reduction.mean(image)
+        if cut is not None:
+            image = cut.mean(image)
         if image.ndim == 2:
             if self._channel == "rgb":
                 raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
@@ -367,20 +350,23 @@ class Developer:
         image /= intensity.astype(np.float32)
         return image if self._channel == "rgb" else luma(image)
 
-    def _sites(self, image: FloatImage, intensity: Array, frame: Frame) -> FloatImage:
+    def _sites(
+        self, image: FloatImage, intensity: Array, frame: Frame, top: int, cut: Reduction | None
+    ) -> FloatImage:
         """Divide every site of a mosaic by the intensity in its colour."""
-        cfa, reduction = self._source.cfa, self._source.reduction
+        cfa = self._source.cfa
         if cfa is None or image.ndim != 2:
             raise DataError(f"{frame.path}: the image has no colour mosaic: use gray")
         check_pattern(cfa)
-        if reduction is not None and reduction.factor > 1:
+        if cut is not None and cut.factor > 1:
             raise DataError(
                 f"{frame.path}: averages of pixels have no single colour filter: use gray, or the "
                 "full resolution"
             )
-        for (row, column), colour in zip(_SITES, cfa, strict=True):
+        for row, column in _SITES:
+            colour = cfa[2 * ((row + top) % 2) + column]
             image[row::2, column::2] /= np.float32(intensity["RGB".index(colour)])
-        return image if reduction is None else reduction.cut(image).copy()
+        return image if cut is None else cut.cut(image).copy()
 
     @staticmethod
     def _divided(image: FloatImage, intensity: Array) -> FloatImage:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, Lights, Source
 from calibration._radiance.developer import Developer, FloatImage
-from calibration._radiance.stack_noise import StackNoise
+from calibration._radiance.stack_noise import StackNoise, pattern_from_row
 from calibration._radiance.stack_tasks import (
     Channel,
     brightest_sample,
@@ -87,6 +87,30 @@ class Stack:
             noise=None if self.noise is None else self.noise.take(pick),
         )
 
+    def rows(self, first: int, last: int) -> Stack:
+        """Return the stack of the rows from ``first`` to before ``last``.
+
+        Values and mask are views. The camera, the law of the noise and the pattern are those of
+        images that begin at this row.
+
+        Raises
+        ------
+        ValueError
+            If there are no such rows.
+        """
+        height, width = self.values.shape[1:3]
+        if not 0 <= first < last <= height:
+            raise ValueError(f"images of {height} rows have no rows from {first} to before {last}")
+        pattern = self.pattern
+        return replace(
+            self,
+            values=self.values[:, first:last],
+            mask=None if self.mask is None else self.mask[first:last],
+            camera=self.camera and self.camera.cropped(0, first, width, last - first),
+            noise=None if self.noise is None else self.noise.rows(first, last),
+            pattern=pattern and pattern_from_row(pattern, first),
+        )
+
 
 def linear_stack(
     source: Source,
@@ -151,7 +175,7 @@ def linear_stack(
     ids, lights = source.light_ids, source.lights
     develop = Developer(source, lit, channel)
     tasks = frames_of_lights(source, lit)
-    used = develop.used(tasks)
+    used = develop.used(tasks, slice(0, source.size[0]))
 
     def used_at(i: int) -> npt.NDArray[np.uint8] | None:
         return None if used is None else used[i]
@@ -172,7 +196,7 @@ def linear_stack(
         for i, found in enumerate(pool.map(fill, range(1, len(ids))), start=1):
             brightest.append(found)
             on_progress("reading", i + 1, len(ids))
-    check_usable(brightest, ids, source)
+    check_usable(brightest, ids, source, develop.reference_level)
     return Stack(
         values,
         ids,

@@ -179,7 +179,7 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
             images.append(image)
             samples.append(largest)
             on_progress("reading", len(images), len(ids))
-    check_usable(samples, ids, source)
+    check_usable(samples, ids, source, develop.reference_level)
     np.nan_to_num(brightest, copy=False, nan=1.0)
     shape = (len(ids), *size)
     return RawStack(tuple(images), shape, ids, brightest, source.camera, develop.notices)

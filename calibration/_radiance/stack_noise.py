@@ -156,3 +156,17 @@ class StackNoise:
             intensities=self.intensities[indices],
             used=None if self.used is None else self.used[indices],
         )
+
+    def rows(self, first: int, last: int) -> StackNoise:
+        """Return the law of the rows from ``first`` to before ``last``, of which the first is 0."""
+        return replace(
+            self,
+            site_factor=np.roll(self.site_factor, -first, axis=0),
+            used=None if self.used is None else self.used[:, first:last],
+            pattern=self.pattern and pattern_from_row(self.pattern, first),
+        )
+
+
+def pattern_from_row(pattern: str, row: int) -> str:
+    """Return the colours of the first 2 x 2 pixels of a mosaic from a row on."""
+    return pattern if row % 2 == 0 else pattern[2:] + pattern[:2]

@@ -64,7 +64,27 @@ def brightest_sample(image: FloatImage) -> np.float32:
     return np.float32(np.fmax.reduce(image, axis=None))
 
 
-def check_usable(images: list[np.float32], ids: tuple[str, ...], source: Source) -> None:
+def check_usable(
+    images: list[np.float32], ids: tuple[str, ...], source: Source, reference_level: float
+) -> None:
+    """Refuse images that show nothing.
+
+    Parameters
+    ----------
+    images
+        The brightest sample of each; NaN if all are saturated.
+    ids
+        Names of all images.
+    source
+        Their source.
+    reference_level
+        Largest signal of the references that were subtracted.
+
+    Raises
+    ------
+    EstimateError
+        If all samples are saturated or black.
+    """
     # fmax skips images without any sample; max could return their NaN.
     brightest = np.fmax.reduce(images)
     if np.isnan(brightest):
@@ -75,6 +95,11 @@ def check_usable(images: list[np.float32], ids: tuple[str, ...], source: Source)
     # Rounding and an inaccurate black level leave up to two grey values in a dark image.
     span = source.white_level - source.black_level
     least = float(source.transfer.light(2 / span)) if span >= _LEAST_GREY_VALUES else 0.0
+    if not brightest > least and reference_level > least:
+        raise EstimateError(
+            f"{source.path}: the dark or ambient frames are as bright as {_all(len(ids))}: check "
+            "which frames are dark, and that the LEDs were off"
+        )
     if not brightest > least:
         raise EstimateError(
             f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black: check the "

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, setup_notices
-from calibration import EstimateError, linear_stack, luma
+from calibration import Channel, EstimateError, linear_stack, luma
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
+from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
@@ -84,7 +84,7 @@ def reconstruct(
     source: Source,
     *,
     method: Method = "cauchy",
-    channel: Literal["gray", "mosaic"] = "gray",
+    channel: Channel = "gray",
     distant: bool = False,
     surface: bool = True,
     on_progress: Progress = no_progress,
@@ -105,7 +105,8 @@ def reconstruct(
     method
         Method of `photometric_stereo`.
     channel
-        ``gray``: normals from gray images, for which a mosaic is demosaiced. ``mosaic``: normals of
+        ``gray``: normals from gray images, for which a mosaic is demosaiced. ``rgb``: one solution
+        per channel; the normals are averaged with weights from the noise. ``mosaic``: normals of
         every site of a Bayer mosaic from its own samples, without interpolation, so that edges of
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
@@ -147,11 +148,12 @@ def reconstruct(
     lights, points_mm = _light_geometry(source, distant=distant)
     stack = linear_stack(source, channel=channel, on_progress=on_progress)
     pattern = stack.pattern
+    gray = luma(stack.values) if channel == "rgb" else stack.values
     warnings = [*source.warnings, *setup_notices(source), *stack.warnings]
     mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
     if mask is None:
-        seen = stack.values if pattern is None else blocks_of_sites(stack.values)
+        seen = gray if pattern is None else blocks_of_sites(gray)
         computed = object_mask(seen, outside=elsewhere)
         del seen
         mask = computed.mask
@@ -163,27 +165,36 @@ def reconstruct(
         warnings += _mask_warning(mask)
     elif elsewhere is not None:
         mask = mask & ~elsewhere
-    lit = lit_images(stack.values, mask)
+    lit = lit_images(gray, mask)
     if len(lit) < len(stack.ids):
         dark = [name for i, name in enumerate(stack.ids) if i not in lit]
         text = f"images left out because they show no light: {', '.join(dark)}"
         warnings.append(Notice("lights-unlit", text))
-        stack, lights = stack.take(lit), lights.take(lit)
-    warnings += curve_warnings(source, stack.values, lights, mask, points_mm)
-    quality = image_quality(stack.values, lights, mask, points_mm=points_mm)
+        stack, lights, gray = stack.take(lit), lights.take(lit), gray[lit]
+    warnings += curve_warnings(source, gray, lights, mask, points_mm)
+    quality = image_quality(gray, lights, mask, points_mm=points_mm)
     warnings += quality.warnings
-    stereo = photometric_stereo(
-        stack.values,
-        lights,
-        mask,
-        method=method,
-        points_mm=points_mm,
-        on_progress=on_progress,
-    )
     previews = tuple(
         image.copy() if pattern is None else gray_picture(image, pattern)
-        for image in (stack.values[0], stack.values[-1])
+        for image in (gray[0], gray[-1])
     )
+    albedo = None
+    if channel == "rgb":
+        del gray
+        stereo, albedo = stereo_of_colours(
+            stack.values,
+            lights,
+            mask,
+            method=method,
+            points_mm=points_mm,
+            noise=stack.noise,
+            on_progress=on_progress,
+        )
+    else:
+        stereo = photometric_stereo(
+            gray, lights, mask, method=method, points_mm=points_mm, on_progress=on_progress
+        )
+        del gray
     used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
@@ -193,11 +204,11 @@ def reconstruct(
             "directions point from the object toward the lights, with z toward the camera"
         )
     warnings += stereo.warnings
-    if pattern is None:
-        albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
-    else:
+    if pattern is not None:
         albedo = albedo_of_sites(stereo.albedo, normal_map.mask, pattern)
         stereo = replace(stereo, albedo=luma(albedo))
+    elif albedo is None:
+        albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
     height = None
     if surface:
         height = integrate(normal_map, camera=source.camera)

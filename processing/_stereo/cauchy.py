@@ -15,7 +15,7 @@ from processing._stereo.pixel_algebra import (
     weighted_solution,
 )
 
-# Compiled in: processing/_stereo/pixel_algebra.py b9dec358891c
+# Compiled in: processing/_stereo/pixel_algebra.py 87fdffe001a6
 
 _ITERATIONS = 10
 # 1 / (0.75 quantile of the normal distribution): converts the median of |r| into a standard

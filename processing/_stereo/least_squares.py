@@ -16,7 +16,7 @@ from processing._stereo.pixel_algebra import (
     weighted_solution,
 )
 
-# Compiled in: processing/_stereo/pixel_algebra.py b9dec358891c
+# Compiled in: processing/_stereo/pixel_algebra.py 87fdffe001a6
 
 
 def least_squares(values: Float, vectors: Float) -> tuple[Double, Double]:

@@ -22,6 +22,8 @@ MAX_CONDITION = 30.0
 # trace(A) * trace(A^-1) is between the squared condition number and 9 times that, so this limit
 # rejects no pixel that is reached by all the lights of an accepted set.
 _CONDITION2 = 9.0 * MAX_CONDITION**2
+# A matrix within the limit has a larger determinant, relative to its cubed trace.
+_LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
 # Sums may be evaluated in any order, so that they vectorise; the order is the same in every run.
 ANY_ORDER = {"reassoc", "contract", "nsz"}
 
@@ -57,7 +59,12 @@ def _solve(
     c12 = a01 * a02 - a00 * a12
     c22 = a00 * a11 - a01 * a01
     determinant = a00 * c00 + a01 * c01 + a02 * c02
-    if not (a00 + a11 + a22) * (c00 + c11 + c22) < _CONDITION2 * determinant:
+    trace = a00 + a11 + a22
+    # The cofactors of a single light are rounding errors, as is the determinant.
+    if not (
+        trace * (c00 + c11 + c22) < _CONDITION2 * determinant
+        and determinant > _LEAST_DETERMINANT * trace**3
+    ):
         return False, 0.0, 0.0, 0.0
     return (
         True,

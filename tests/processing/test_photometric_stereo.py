@@ -317,3 +317,17 @@ def test_inconsistent_inputs_are_refused(values, mask, message):
 def test_an_unknown_method_is_refused():
     with pytest.raises(DataError, match="'l2' is not a method"):
         photometric_stereo(np.ones((5, 2, 2)), Lights(_dome(5)), np.ones((2, 2), bool), method="l2")
+
+
+def test_one_light_with_weight_determines_nothing():
+    """Noise around black: all lights but one seem to be behind the surface in some iteration."""
+    turn, tilt = np.radians(np.arange(12) * 30.0), np.radians(np.resize([20.0, 40.0], 12))
+    lights = Lights(
+        directions=np.stack(
+            [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)], axis=1
+        )
+    )
+    values = np.random.default_rng(4).normal(0, 4e-4, (12, 60, 80)).astype(np.float32)
+    for method in METHODS:
+        result = photometric_stereo(values, lights, np.ones((60, 80), bool), method=method)
+        assert result.albedo.max() < 0.1

@@ -1,0 +1,144 @@
+"""Normals from images in colour, one solution per channel, averaged by their noise."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import DataError, Frame, Lights, Source, angle_deg
+from calibration import EstimateError
+from processing import reconstruct
+from simulator import bench_sensor
+from simulator._camera.sensor import sensor_image
+
+SIZE = (60, 80)
+SENSOR = bench_sensor()
+TURN = np.radians(np.arange(12) * 30.0)
+TILT = np.radians(np.resize([20.0, 40.0], 12))
+LIGHTS = Lights(
+    directions=np.stack(
+        [np.sin(TILT) * np.cos(TURN), np.sin(TILT) * np.sin(TURN), np.cos(TILT)], axis=1
+    ),
+    intensities=np.linspace([0.7, 0.8, 1.0], [1.0, 0.9, 0.6], 12),
+)
+
+
+@pytest.fixture(autouse=True)
+def paths_exist(monkeypatch):
+    """The frames are arrays without files."""
+    monkeypatch.setattr(Path, "exists", lambda self: True)
+
+
+def true_normals():
+    y, x = np.indices(SIZE, dtype=float)
+    normals = np.dstack([0.3 * np.sin(x / 7), 0.3 * np.cos(y / 9), np.ones(SIZE)])
+    return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+def recording(colour, seed=3, noise=True, white=0):
+    """Record the waves in one colour; the first columns of red are white."""
+    normals, frames = true_normals(), []
+    for i, (vector, intensity) in enumerate(
+        zip(LIGHTS.directions, LIGHTS.intensities, strict=True)
+    ):
+        shade = np.clip(normals @ vector, 0, None)[..., None]
+        electrons = 0.9 * 4031 * SENSOR.electrons_per_dn * shade * np.multiply(colour, intensity)
+        pixels = np.dstack(
+            [
+                sensor_image(electrons[..., k].astype(np.float32), SENSOR, key=(seed, i, k))
+                for k in range(3)
+            ]
+        )
+        pixels[:, :white, 0] = 65535
+        path = Path(f"/nowhere/frame{i:02d}.tif")
+        frames.append(
+            Frame(path, f"L{i:02d}", (*SIZE, 3), "light", 0, 1000.0, lambda pixels=pixels: pixels)
+        )
+    return Source(
+        Path("/nowhere"),
+        "images",
+        tuple(frames),
+        LIGHTS,
+        mask=np.ones(SIZE, bool),
+        black_level=SENSOR.black_level_dn,
+        white_level=SENSOR.white_level_dn,
+        noise=SENSOR if noise else None,
+        normals_truth=true_normals().astype(np.float32),
+    )
+
+
+def rms_deg(result):
+    return float(np.sqrt(np.mean(angle_deg(result.stereo.normal_map.normals, true_normals()) ** 2)))
+
+
+def bound_deg(colour):
+    """Return the Cramer-Rao bound of the normals from all samples, in degrees."""
+    vectors, normals = LIGHTS.unit_directions, true_normals().reshape(-1, 3)
+    full_e = 4031 * SENSOR.electrons_per_dn
+    information = np.zeros((len(normals), 3, 3))
+    for k in range(3):
+        shade = np.clip(normals @ vectors.T, 0, None)
+        electrons = 0.9 * full_e * shade * colour[k] * LIGHTS.intensities[:, k]
+        variance = electrons + SENSOR.read_noise_e**2 + SENSOR.electrons_per_dn**2 / 12
+        # Derivatives of the electrons by the normal, for a known albedo of each channel.
+        slope = 0.9 * full_e * colour[k] * LIGHTS.intensities[:, k]
+        weight = np.where(shade > 0, slope**2 / variance, 0)
+        one = np.einsum("pn,ni,nj->pij", weight, vectors, vectors)
+        # The albedo of the channel is unknown: remove what it can explain.
+        along = np.einsum("pij,pj->pi", one, normals)
+        scale = np.einsum("pi,pi->p", along, normals)
+        information += one - along[:, :, None] * along[:, None] / scale[:, None, None]
+    variance = np.linalg.eigvalsh(information)[:, 1:]
+    return float(np.degrees(np.sqrt(np.mean(np.sum(1 / variance, axis=1)))))
+
+
+@pytest.mark.parametrize(
+    "colour",
+    [
+        pytest.param((0.8, 0.8, 0.8), id="gray"),
+        pytest.param((0.9, 0.15, 0.05), id="red"),
+        pytest.param((0.1, 0.2, 0.8), id="blue"),
+    ],
+)
+def test_the_average_is_close_to_the_bound_and_better_than_gray(colour):
+    average = rms_deg(reconstruct(recording(colour), method="ls", channel="rgb"))
+    gray = rms_deg(reconstruct(recording(colour), method="ls", channel="gray"))
+    assert average < 1.08 * bound_deg(colour)
+    assert average < 1.01 * gray
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_channels_without_signal_do_not_count(noise):
+    with_black = reconstruct(recording((0.8, 0.0, 0.0), noise=noise), channel="rgb")
+    red = reconstruct(recording((0.8, 0.8, 0.8), noise=noise), channel="rgb")
+    assert rms_deg(with_black) < 2 * rms_deg(red)
+    assert with_black.stereo.normal_map.mask.all()
+    assert with_black.albedo[..., 1:].max() < 0.01
+
+
+def test_a_channel_is_left_out_where_it_is_saturated():
+    result = reconstruct(recording((0.8, 0.8, 0.8), white=40), channel="rgb")
+    assert rms_deg(result) < 0.6
+    assert not result.albedo[:, :40, 0].any()
+    assert (result.stereo.used[:, :40] == 0).all()
+    assert (result.stereo.used[:, 40:] == 12).all()
+
+
+def test_the_albedo_in_colour():
+    colour = (0.7, 0.4, 0.2)
+    result = reconstruct(recording(colour), channel="rgb")
+    np.testing.assert_allclose(result.albedo.mean(axis=(0, 1)) / 0.9, colour, rtol=0.01)
+
+
+def test_a_channel_that_is_saturated_everywhere_is_refused():
+    with pytest.raises(EstimateError, match="saturated"):
+        reconstruct(recording((0.8, 0.8, 0.8), white=SIZE[1]), channel="rgb")
+
+
+def test_images_of_one_channel_are_refused():
+    frame = Frame(Path("/nowhere/a.tif"), "L00", (8, 9), load=lambda: np.full((8, 9), 9, np.uint8))
+    source = Source(
+        Path("/nowhere"), "images", (frame,), Lights(directions=[[0, 0, 1]]), white_level=255
+    )
+    with pytest.raises(DataError, match="the image has one channel: use gray"):
+        reconstruct(source, channel="rgb")
