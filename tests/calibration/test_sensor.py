@@ -181,6 +181,13 @@ def test_the_pattern_of_large_frames_is_taken_from_bands_of_rows(monkeypatch, cf
     assert calibrate_sensor([recording]).sensor.prnu.value == pytest.approx(whole.value, rel=1e-6)
 
 
+def test_frames_of_many_rows_are_sampled_by_rows():
+    sensor = replace(PLAIN, dark_current_e_per_s=1000.0)
+    found = calibrate_sensor([card(sensor, 413, size=(1100, 64), levels=14)]).sensor
+    for figure, bar in BARS.items():
+        assert getattr(found, figure).value == pytest.approx(truth(sensor, figure), rel=2 * bar)
+
+
 def small(**options):
     return card(PLAIN, 410, size=(64, 80), **({"levels": 8} | options))
 
