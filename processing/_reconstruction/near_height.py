@@ -262,6 +262,8 @@ class _Search:
         relative = shape / mean
         residuals = self._residuals(relative, self._distance - mean)
         known = residuals[np.isfinite(residuals)]
+        if not known.size:
+            return depth, math.inf
         self._scale = max(1.4826 * float(np.median(np.abs(known))), 1e-6)
 
         def cost(height: float) -> float:
@@ -341,12 +343,13 @@ def _enlarged(depth: Double, factor: int, shape: tuple[int, ...]) -> Float:
     """Interpolate averages of blocks to all pixels."""
     if factor == 1:
         return depth.astype(np.float32)
-    height, width = shape
-    y = ((np.arange(height, dtype=np.float32) + 0.5) / factor - 0.5).clip(0, len(depth) - 1)
-    x = ((np.arange(width, dtype=np.float32) + 0.5) / factor - 0.5).clip(0, depth.shape[1] - 1)
-    grid = np.meshgrid(x, y)
-    found = cv2.remap(depth.astype(np.float32), grid[0], grid[1], cv2.INTER_LINEAR)
-    return np.asarray(found, np.float32)
+    rows, columns = depth.shape
+    size = (columns * factor, rows * factor)
+    found = cv2.resize(depth.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+    # Rows and columns that fill no block.
+    below, right = shape[0] - size[1], shape[1] - size[0]
+    whole = cv2.copyMakeBorder(found, 0, below, 0, right, cv2.BORDER_REPLICATE)
+    return np.asarray(whole, np.float32)
 
 
 def _not_determined(mask: Mask, depth: float, sigma: float) -> NearHeight:
