@@ -99,8 +99,8 @@ def _gloss(
         lobe = np.where(known, cosine**exponent / np.maximum(facing, 0.05), 0.0)
         seen = lobe.copy()
         for _ in range(_ROUNDS):
-            for k, inverse in enumerate(taken):
-                seen[k] -= (inverse @ seen[k]) @ of_light[:, k]
+            for i, inverse in enumerate(taken):
+                seen[i] -= (inverse @ seen[i]) @ of_light[:, i]
             seen -= seen.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
             seen *= known
         power = float(np.sum(seen**2))
