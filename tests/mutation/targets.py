@@ -73,6 +73,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "calibration/test_radiance.py",
     ),
     "calibration/_radiance/raw_stack.py": ("calibration/test_raw_stack.py",),
+    "calibration/_flat/combine.py": ("calibration/test_flat.py",),
+    "calibration/_flat/card_tests.py": ("calibration/test_flat.py",),
     **{
         f"calibration/_sensor/{name}.py": ("calibration/test_sensor.py",)
         for name in (
