@@ -19,8 +19,8 @@ from rig import Notice, pluralize
 # positions of the lights, which no residual would show.
 _FARTHEST_SHARE = 0.05
 # A sphere whose height differs from that of the others by more than this share of the distance,
-# and by four standard deviations, does not rest on the same plane. A pedestal of 5 mm appears as one
-# of 12 mm, because what the sphere mirrors is farther away than supposed.
+# and by four standard deviations, does not rest on the same plane. A pedestal of 5 mm appears as
+# one of 12 mm, because what the sphere mirrors is farther away than supposed.
 _OWN_SHARE, _SIGMAS = 0.01, 4.0
 _SAME_SIZE = 0.08
 # Share of the systematic variance of the radius that all outlines of a recording have in common:
@@ -137,7 +137,7 @@ def one_off_the_plane(
     heights = placed.centres_mm[:, 2] - placed.radii_mm
     variances = np.diag(placed.covariance_mm2)[2::3]
     others = [np.delete(np.arange(len(heights)), k) for k in range(len(heights))]
-    above = np.array([heights[k] - np.median(heights[rest]) for k, rest in enumerate(others)])
+    above = [float(heights[k] - np.median(heights[rest])) for k, rest in enumerate(others)]
     worst = max(range(len(above)), key=lambda k: (round(abs(above[k]), 6), above[k]))
     sigma = float(np.sqrt(variances[worst] + np.median(variances[others[worst]])))
     if not abs(above[worst]) > max(_OWN_SHARE * camera.centre_mm[2], _SIGMAS * sigma):
