@@ -186,13 +186,8 @@ def reconstruct(
         text = f"images left out because they show no light: {', '.join(dark)}"
         warnings.append(Notice("lights-unlit", text))
         stack, lights, gray = stack.take(lit), lights.take(lit), gray[lit]
+    # Before the height, which a wrong curve would bend.
     warnings += curve_warnings(source, gray, lights, mask, points_mm)
-    quality = image_quality(gray, lights, mask, points_mm=points_mm)
-    warnings += quality.warnings
-    previews = tuple(
-        image.copy() if pattern is None else gray_picture(image, pattern)
-        for image in (gray[0], gray[-1])
-    )
     near = None
     if points_mm is not None and source.camera is not None:
         near = near_height(
@@ -207,6 +202,12 @@ def reconstruct(
         warnings += near.warnings
         del points_mm
         points_mm = source.camera.points_at(near.depth)
+    quality = image_quality(gray, lights, mask, points_mm=points_mm)
+    warnings += quality.warnings
+    previews = tuple(
+        image.copy() if pattern is None else gray_picture(image, pattern)
+        for image in (gray[0], gray[-1])
+    )
     albedo = None
     if channel == "rgb":
         del gray
