@@ -101,7 +101,7 @@ class CharucoBoard:
     @property
     def corners_mm(self) -> Array:
         """``(n, 2)`` inner corners, x right and y down from the upper left of the first square."""
-        x, y = (np.arange(1, count) * self.square_mm for count in (self.columns, self.rows))
+        x, y = (np.arange(1.0, count) * self.square_mm for count in (self.columns, self.rows))
         corners: Array = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
         return corners
 

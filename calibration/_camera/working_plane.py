@@ -83,8 +83,16 @@ def find_working_plane(
 
     Examples
     --------
-    See `calibrate_camera`; then ``find_working_plane(calibrated, view).camera`` is the camera with
-    a working distance.
+    >>> import cv2, numpy as np
+    >>> from calibration import CharucoBoard, calibrate_camera, find_board, find_working_plane
+    >>> from simulator import ChArUco, Lens, bench_camera, board_view
+    >>> def seen(*tilt, lens=Lens.of(bench_camera())):
+    ...     turn, _ = cv2.Rodrigues(np.array([*tilt, 0.0]))
+    ...     sheet = board_view(lens, ChArUco(7, 5, 30), turn, (0, 0, 0), sheet_mm=(230, 170))
+    ...     return find_board(sheet, CharucoBoard(7, 5, 30))
+    >>> found = calibrate_camera([seen(0.4, 0), seen(0, 0.4), seen(-0.4, 0.1), seen(0.1, -0.4)])
+    >>> round(find_working_plane(found, seen(0, 0)).camera.working_distance_mm, -1)
+    600.0
     """
     camera = calibrated.camera
     if view.size != camera.size:

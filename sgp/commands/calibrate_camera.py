@@ -53,8 +53,7 @@ def camera(
     For example:
 
         sgp calibrate camera views/ --board board.json --out camera
-        sgp calibrate camera views/ --board board.json \
-            --working-plane flat.png --height-mm 3 --lens "16 mm f/8" --out camera
+        sgp calibrate camera views/ --board b.json --working-plane flat.png --out c
 
     Parameters
     ----------
