@@ -34,7 +34,7 @@ def board(
     For example:
 
         sgp calibrate board --out board.pdf
-        sgp calibrate board --squares 14x9 --square-mm 25 --paper a3 --out a3.pdf
+        sgp calibrate board --squares 14x9 --square-mm 25 --paper a3 --out b.pdf
 
     Parameters
     ----------

@@ -53,7 +53,7 @@ def camera(
     For example:
 
         sgp calibrate camera views/ --board board.json --out camera
-        sgp calibrate camera views/ --board b.json --working-plane flat.png --out c
+        sgp calibrate camera shots --board b.json --working-plane p.png --out c
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ import pytest
 
 from acquisition import SRGB, CameraModel, DataError, Lights, read_source, write_png
 from calibration import luma
-from processing import albedo_picture, reconstruct
+from processing import NormalMap, albedo_picture, integrate, reconstruct
 
 HEIGHT, WIDTH = 36, 40
 COUNT = 10
@@ -104,10 +104,11 @@ def test_coloured_lights_and_an_unlit_image(tmp_path) -> None:
 
 
 def test_near_lights(tmp_path) -> None:
-    far, (_, mask, _) = distant(), scene()
+    far, (normals, mask, _) = distant(), scene()
     positions = far.unit_directions * np.linspace(120, 200, COUNT)[:, None]
     lights = Lights(positions_mm=positions)
-    images = shaded(lights, CAMERA.points_on_plane())
+    surface = integrate(NormalMap.from_vectors(normals.astype(np.float32), mask), camera=CAMERA)
+    images = shaded(lights, np.nan_to_num(surface.points()))
     folder = save(tmp_path / "rgb", images / 2, mask)
     source = read_source(folder, lights=lights, camera=CAMERA)
     result = reconstruct(source, surface=False)
