@@ -26,11 +26,11 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.reflectance_fit import reflectance_fit
 from processing._stereo.reweighted import reweighted
 
-# Compiled in: processing/_stereo/cauchy.py b425108e9391
-# Compiled in: processing/_stereo/least_trimmed.py 3d249efc1731
-# Compiled in: processing/_stereo/pixel_algebra.py 2f9f905cba4e
-# Compiled in: processing/_stereo/reflectance_fit.py 60c1f9998579
-# Compiled in: processing/_stereo/reweighted.py 82c3e909975d
+# Compiled in: processing/_stereo/cauchy.py 6dc5cb03b038
+# Compiled in: processing/_stereo/least_trimmed.py e21ef7a98f87
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/reflectance_fit.py 8fb711aa78c0
+# Compiled in: processing/_stereo/reweighted.py 2cdb85aee723
 
 # With fewer samples the subsets that agree are too small: `cauchy` is used.
 _FEWEST = 12
@@ -85,9 +85,7 @@ def _best_pixel(
         return True, m0, m1, m2
     for k in range(count):
         usable[0, k] *= per
-    x, y, z = reflectance_fit(
-        count, usable, rank_of_spread(found), spread, scratch, gram, x, y, z
-    )
+    x, y, z = reflectance_fit(count, usable, rank_of_spread(found), spread, scratch, gram, x, y, z)
     for k in range(count):
         usable[0, k] /= per
     return True, x * length, y * length, z * length

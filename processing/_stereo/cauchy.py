@@ -18,9 +18,9 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 from processing._stereo.reweighted import reweighted
 
-# Compiled in: processing/_stereo/pixel_algebra.py 2f9f905cba4e
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 16ba27fdb2bd
-# Compiled in: processing/_stereo/reweighted.py 82c3e909975d
+# Compiled in: processing/_stereo/reweighted.py 2cdb85aee723
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-5 of the vector's length (0.0006 degree).

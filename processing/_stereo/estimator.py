@@ -9,6 +9,7 @@ from processing._stereo.cauchy import cauchy
 from processing._stereo.least_squares import least_squares
 from processing._stereo.method import Method
 from processing._stereo.pixel_algebra import Double, Float
+from processing._stereo.trimmed import trimmed
 
 
 class Estimator(Protocol):
@@ -46,4 +47,9 @@ class Estimator(Protocol):
         ...
 
 
-ESTIMATORS: dict[Method, Estimator] = {"ls": least_squares, "cauchy": cauchy, "best": best}
+ESTIMATORS: dict[Method, Estimator] = {
+    "ls": least_squares,
+    "trimmed": trimmed,
+    "cauchy": cauchy,
+    "best": best,
+}

@@ -18,8 +18,8 @@ from processing._stereo.pixel_algebra import (
 )
 from processing._stereo.reweighted import reweighted
 
-# Compiled in: processing/_stereo/pixel_algebra.py 2f9f905cba4e
-# Compiled in: processing/_stereo/reweighted.py 82c3e909975d
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/reweighted.py 2cdb85aee723
 
 
 def least_squares(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
@@ -38,9 +38,7 @@ def least_squares(values: Float, vectors: Float, law: Float | None = None) -> tu
         inverse = np.ascontiguousarray(np.linalg.pinv(shared @ shared.T))
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))
-    _solve_pixels(
-        values, vectors, *law_or_alike(law, values.shape[1]), inverse, scaled, rms
-    )
+    _solve_pixels(values, vectors, *law_or_alike(law, values.shape[1]), inverse, scaled, rms)
     return scaled, rms
 
 

@@ -79,13 +79,15 @@ def photometric_stereo(
         ``(H, W)`` bool, the object.
     method
         ``ls``: least squares over all samples, attached shadows included (Woodham, 1980).
+        ``trimmed``: least squares without the darkest and the brightest fifth of the samples.
         ``cauchy``: least squares reweighted up to 10 times by ``1 / (1 + (r / s)^2)`` with s from
         the median of ``|r|``; shadows, highlights and other outliers lose their weight (Holland
         and Welsch, 1977).
-        ``best``: least trimmed squares (Rousseeuw, 1984), then ``max(n . l, 0) (c0 + c1 (n . h)^2)``
-        with the half vector h between light and camera, fitted to the samples that agree (compare
-        Shi et al., 2014). It is the most accurate on glossy, rough and shadowed surfaces. The
-        camera is taken to be in direction z. With fewer than 12 samples it is ``cauchy``.
+        ``best``: least trimmed squares (Rousseeuw, 1984), then a fit of
+        ``max(n . l, 0) (c0 + c1 (n . h)^2)`` to the samples that agree, with the half vector h
+        between light and camera (compare Shi et al., 2014). It is the most accurate on
+        glossy and shadowed surfaces. The camera is taken to be in direction z. With fewer than 12
+        samples it is ``cauchy``.
     points_mm
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.

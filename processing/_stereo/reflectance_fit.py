@@ -10,7 +10,7 @@ import numpy as np
 from processing._stereo.pixel_algebra import ANY_ORDER, Double, Float
 from processing._stereo.ranks import ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 2f9f905cba4e
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 16ba27fdb2bd
 
 _ITERATIONS = 12

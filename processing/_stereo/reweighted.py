@@ -1,4 +1,4 @@
-"""Last step of the estimators: least squares weighted by known noise, where the residuals are noise."""
+"""Last step of the estimators: weighted least squares where the residuals are known noise."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from processing._stereo.pixel_algebra import Float, weighted_solution
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 2f9f905cba4e
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 16ba27fdb2bd
 
 _STEPS = 2
@@ -65,7 +65,7 @@ def reweighted(
         for k in range(count):
             if ratio[k] <= limit:
                 agree += 1
-                total += ratio[k] ** 2 if weight[k] > zero else zero
+                total += float(ratio[k]) ** 2 if weight[k] > zero else 0.0
             else:
                 weight[k] = zero
         if step == _STEPS:
