@@ -19,12 +19,12 @@ from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 from processing._stereo.reweighted import reweighted
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 16ba27fdb2bd
-# Compiled in: processing/_stereo/reweighted.py 2cdb85aee723
+# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
 
 _ITERATIONS = 10
-# The iteration ends at a step of 1e-5 of the vector's length (0.0006 degree).
-_STEP2 = 1e-10
+# The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).
+_STEP2 = 1e-8
 # Smallest scale of the weights, relative to the vector's length: exact data has no spread.
 _SCALE_FLOOR = 1e-6
 

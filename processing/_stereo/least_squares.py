@@ -19,7 +19,7 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.reweighted import reweighted
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reweighted.py 2cdb85aee723
+# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
 
 
 def least_squares(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
