@@ -32,12 +32,15 @@ from acquisition import (
     Labels,
     Lights,
     Manifest,
+    Measured,
+    MeasuredSensor,
     SessionWriter,
     prepare_export,
     write_camera,
     write_exr,
     write_lights,
     write_png,
+    write_sensor,
     write_tiff,
 )
 from simulator import scene_named, write_scene
@@ -304,6 +307,24 @@ def _light_files(root: Path) -> Iterator[Seed]:
         yield single(path)
 
 
+def _sensors(root: Path) -> Iterator[Seed]:
+    figure = Measured(2.5, 0.01)
+    sensor = MeasuredSensor(
+        12,
+        0.0,
+        electrons_per_dn=figure,
+        read_noise_e=figure,
+        black_level_dn=figure,
+        dsnu_e=figure,
+        prnu=Measured(0.01, 0.001),
+        linearity_error=Measured(0.0, 0.0),
+        full_well_e=Measured(9000.0, 10.0),
+        full_well_limit="pixel",
+    )
+    write_sensor(root / "sensor.json", sensor, {"command": "by hand"})
+    yield single(root / "sensor.json")
+
+
 def _camera() -> CameraModel:
     K = np.array([[1307.2, 0, 15.5], [0, 1307.2, 11.5], [0, 0, 1]])
     return CameraModel(K, 32, 24, 600.0, np.array([-0.1, 0.01, 1e-3, 0, 0]))
@@ -494,6 +515,7 @@ _MAKERS: dict[str, Callable[[Path], Iterator[Seed]]] = {
     "raw": _raws,
     "lights": _light_files,
     "camera": _cameras,
+    "sensor": _sensors,
     "plan": _plans,
     "rig": _rigs,
     "scene": _scenes,

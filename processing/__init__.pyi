@@ -42,6 +42,8 @@ from ._projection.view import View as View
 from ._projection.view import view_rotation as view_rotation
 from ._reconstruction.albedo_picture import AlbedoPicture as AlbedoPicture
 from ._reconstruction.albedo_picture import albedo_picture as albedo_picture
+from ._reconstruction.near_height import HeightStep as HeightStep
+from ._reconstruction.near_height import NearHeight as NearHeight
 from ._reconstruction.quality import ImageQuality as ImageQuality
 from ._reconstruction.quality import image_quality as image_quality
 from ._reconstruction.reconstruct import Reconstruction as Reconstruction

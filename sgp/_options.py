@@ -126,6 +126,7 @@ Names = Annotated[tuple[str, ...], Parameter(converter=_names, n_tokens=1, metav
 Region = Annotated[
     tuple[int, int, int, int], Parameter(converter=_region, n_tokens=1, metavar="X,Y,W,H")
 ]
+Millimetres = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1e6, lte=1e6))]
 Degrees = Annotated[float, Parameter(converter=_real, validator=Number(gte=-3600, lte=3600))]
 Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000, lte=1000))]
 
@@ -140,8 +141,8 @@ class RecordingOptions:
     lights
         Lights file: lights.json, .lp or DiLiGenT text; default: the lights of the source.
     camera
-        Camera file (our JSON, OpenCV YAML, COLMAP or a 3x3 matrix); required if the lights have
-        positions.
+        Camera file (camera.json, or one of OpenCV, COLMAP, AliceVision, or a 3x3 matrix); required
+        if the lights have positions.
     mask
         Mask image of the object; default: the mask of the source, else one made from the images.
     spheres
@@ -159,6 +160,8 @@ class RecordingOptions:
         Transfer curve of the images: auto (their metadata; without metadata, 8-bit JPEGs are sRGB
         and other files linear), srgb, linear, an exponent such as 2.2, or a file with a table of
         samples and light.
+    flat
+        Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
     exclude
         Images to leave out, by name or number: L07,L12 or 0-5,8. The number is the one in the name.
     crop
@@ -166,6 +169,9 @@ class RecordingOptions:
     downscale
         Average blocks of this many pixels per axis, after cropping. A size of a pixel in mm is
         still that of the recording.
+    sensor
+        sensor.json of `sgp calibrate sensor`, which gives noise, black and white level; default:
+        the sensor that the session states.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     """
@@ -178,9 +184,11 @@ class RecordingOptions:
     rig: RigOption = None
     distant: bool = False
     gamma: Gamma = "auto"
+    flat: OptionalInput = None
     exclude: Names = ()
     crop: Region | None = None
     downscale: Count = 1
+    sensor: OptionalInput = None
     max_pixels: Pixels = MAX_PIXELS
 
 
@@ -198,10 +206,17 @@ class SourceOptions(RecordingOptions):
     channel
         gray, rgb (one solution per channel, averaged), or mosaic (the normal of every site of a
         colour mosaic from its own samples, without interpolation between pixels).
+    height_mm
+        Mean height of the object above the working plane, for lights with positions; default: the
+        one that explains the images best.
+    rests_on_plane
+        The lowest points of the object are in the working plane, for lights with positions.
     """
 
     method: processing.Method = "cauchy"
     channel: calibration.Channel = "gray"
+    height_mm: Millimetres | None = None
+    rests_on_plane: bool = False
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

@@ -41,8 +41,7 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
             out, force = parameters.pop("out"), parameters.pop("force")
             if out is None:
                 return command(*args, **kwargs)
-            check_folder(out, force=force)
-            _check_apart(out, _paths(parameters.values()))
+            check_output(out, parameters.values(), force=force)
             result = command(*args, **kwargs)
             write_record(out / record, _name(command), parameters | result.parameters, result)
             return result
@@ -50,6 +49,18 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
         return run
 
     return decorate
+
+
+def check_output(out: Path, arguments: Iterable[Any], *, force: bool) -> None:
+    """Refuse an output folder that is not empty, unless ``force``, or that belongs to an input.
+
+    Raises
+    ------
+    UsageError
+        As `check_folder`, or if the folder is that of a path among the arguments or in a session.
+    """
+    check_folder(out, force=force)
+    _check_apart(out, _paths(arguments))
 
 
 def claim_folder(out: Path, record: str) -> Path:

@@ -86,6 +86,7 @@ class _Normals:
     panels: list[Panel]
     errors: list[Panel]
     metrics: NormalsMetrics
+    depth_mm: npt.NDArray[np.float32] | None
 
 
 def process(
@@ -153,9 +154,7 @@ def _normals(
     true_lights: acquisition.Lights | None,
 ) -> _Normals:
     """Compute, write and draw the normals, and keep what the other stages need."""
-    stage = compute_normals(
-        source, options.method, distant=options.distant, channel=options.channel
-    )
+    stage = compute_normals(source, options)
     normal_map = stage.stereo.normal_map
     picture = processing.albedo_picture(stage.albedo, normal_map.mask)
     write("normals", lambda folder: write_normals_stage(folder, stage, maps, picture))
@@ -167,6 +166,7 @@ def _normals(
         panels=_normals_panels(stage, crop, true_lights),
         errors=_error(stage.error, crop),
         metrics=normals_metrics(stage),
+        depth_mm=None if stage.near_height is None else stage.near_height.depth,
     )
 
 
@@ -194,7 +194,11 @@ def _surface(
 ) -> tuple[processing.HeightMap, list[Panel]]:
     with Stages() as progress:
         surface = processing.integrate(
-            seen.normal_map, camera=source.camera, pixel_mm=pixel_mm, on_progress=progress
+            seen.normal_map,
+            camera=source.camera,
+            pixel_mm=pixel_mm,
+            depth_mm=seen.depth_mm,
+            on_progress=progress,
         )
     write(
         "surface",

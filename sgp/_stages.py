@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import acquisition
-import calibration
 import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import RecordingOptions, transfer_files, transfer_of
+from sgp._options import RecordingOptions, SourceOptions, transfer_files, transfer_of
 from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._spheres import SphereLights, light_by_spheres
 
@@ -28,6 +27,7 @@ def open_source(
     camera: Path | None = None,
     mask: Path | None = None,
     gamma: str = "auto",
+    flat: Path | None = None,
     others: Sequence[Path] = (),
     max_pixels: int = rig.MAX_PIXELS,
 ) -> tuple[acquisition.Source, list[Path]]:
@@ -48,14 +48,28 @@ def open_source(
         max_pixels=max_pixels,
     )
     if camera is not None:
-        source = replace(source, camera=acquisition.read_camera(camera, source.size))
-    given = (lights, camera, mask, *transfer_files(gamma), *others)
+        given_camera = acquisition.read_camera(camera, source.size)
+        doubts = acquisition.lens_notices(source, given_camera)
+        source = replace(source, camera=given_camera, warnings=(*source.warnings, *doubts))
+    parts = [] if flat is None else acquisition.flat_files(flat)
+    if flat is not None:
+        source = _flattened(source, flat, max_pixels)
+    given = (lights, camera, mask, *transfer_files(gamma), *parts, *others)
     options = [option for option in given if option is not None]
     used = {option.resolve() for option in options}
     unused = [name for name in source.ignored if (source.path / name).resolve() not in used]
     if unused:
         source = replace(source, warnings=(*source.warnings, not_used(path, unused)))
     return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
+
+
+def _flattened(source: acquisition.Source, flat: Path, max_pixels: int) -> acquisition.Source:
+    read = acquisition.read_flat(flat, max_pixels=max_pixels)
+    try:
+        return acquisition.apply_flat(source, read)
+    except acquisition.DataError as error:
+        error.add_note(f"the flat is {flat}")
+        raise
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +121,12 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
         camera=options.camera,
         mask=options.mask,
         gamma=options.gamma,
+        others=[] if options.sensor is None else [options.sensor],
+        flat=options.flat,
         max_pixels=options.max_pixels,
     )
+    if options.sensor is not None:
+        source = acquisition.with_sensor(source, acquisition.read_sensor(options.sensor))
     lit_by = None
     if options.spheres:
         places_mm = led_positions(options.rig, source.setup.rig)
@@ -130,11 +148,7 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
 
 
 def compute_normals(
-    source: acquisition.Source,
-    method: processing.Method,
-    *,
-    distant: bool,
-    channel: calibration.Channel = "gray",
+    source: acquisition.Source, options: SourceOptions
 ) -> processing.Reconstruction:
     """Run `processing.reconstruct` up to the normals and show its progress.
 
@@ -143,17 +157,23 @@ def compute_normals(
     with Stages() as progress:
         stage = processing.reconstruct(
             source,
-            method=method,
-            channel=channel,
-            distant=distant,
+            method=options.method,
+            channel=options.channel,
+            distant=options.distant,
+            height_mm=options.height_mm,
+            rests_on_plane=options.rests_on_plane,
             surface=False,
             on_progress=progress,
         )
     # `reconstruct` compares with sRGB if the images are linear, and with linear otherwise.
     other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
+    answers = {
+        "transfer-curve-doubtful": f"--gamma {other}",
+        "height-not-determined": "--height-mm, --rests-on-plane",
+    }
     warnings = tuple(
-        replace(notice, text=f"{notice.text} (--gamma {other})")
-        if notice.code == "transfer-curve-doubtful"
+        replace(notice, text=f"{notice.text} ({answers[notice.code]})")
+        if notice.code in answers
         else notice
         for notice in stage.warnings
     )

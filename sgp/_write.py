@@ -65,6 +65,7 @@ def write_normals_stage(
     solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
     result.summary = [
         *quality_lines(stage.quality),
+        *_height_line(metrics),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
         f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
     ]
@@ -74,6 +75,14 @@ def write_normals_stage(
             f"median {stage.error.median_deg:.2f} deg"
         )
     return result
+
+
+def _height_line(metrics: NormalsMetrics) -> list[str]:
+    if "mean_height_mm" not in metrics:
+        return []
+    sigma = metrics.get("mean_height_sigma_mm")
+    known = "" if sigma is None else f" (sd {sigma:.2g})"
+    return [f"mean height {metrics['mean_height_mm']:.2f} mm above the working plane{known}"]
 
 
 def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
@@ -90,6 +99,12 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         ),
     }
     add_quality(metrics, stage.quality)
+    near = stage.near_height
+    if near is not None and near.steps:
+        metrics["mean_height_mm"] = near.mean_height_mm
+        metrics["height_changes_mm"] = [step.change_mm for step in near.steps]
+        if np.isfinite(near.mean_height_sigma_mm):
+            metrics["mean_height_sigma_mm"] = near.mean_height_sigma_mm
     if stage.error is not None:
         metrics["coverage"] = stage.error.coverage
         metrics["mae_deg"] = stage.error.mae_deg

@@ -62,14 +62,19 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "calibrate": (
         page(
-            "Estimate the positions and intensities of the lights, and compare calibrations.",
+            "Calibrate lights, camera, sensor and flat field; compare calibrations of lights.",
             "sgp calibrate spheres chrome/ --out lights.json",
+            "sgp calibrate sensor card/ --out sensor",
             "sgp calibrate check before.json after.json --limit-mm 3",
         ),
         {
             "calibrate": ("spheres",),
             "calibrate_intensities": ("intensities",),
+            "calibrate_flat": ("flat",),
             "calibrate_check": ("check",),
+            "calibrate_sensor": ("sensor",),
+            "calibrate_board": ("board",),
+            "calibrate_camera": ("camera",),
         },
     ),
     "detail": (

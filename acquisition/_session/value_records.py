@@ -81,6 +81,8 @@ class CameraModelRecord(Table):
     width: Size
     height: Size
     working_distance_mm: float | None = None
+    lens: str | None = None
+    focus_mm: float | None = None
 
     @classmethod
     def of(cls, camera: CameraModel) -> CameraModelRecord:
@@ -91,6 +93,8 @@ class CameraModelRecord(Table):
             width=camera.width,
             height=camera.height,
             working_distance_mm=camera.working_distance_mm,
+            lens=camera.lens or None,
+            focus_mm=camera.focus_mm,
         )
 
     def value(self) -> CameraModel:
@@ -101,6 +105,8 @@ class CameraModelRecord(Table):
             self.height,
             self.working_distance_mm,
             np.array(self.distortion),
+            self.lens or "",
+            self.focus_mm,
         )
 
 

@@ -57,6 +57,7 @@ def read_session(
             recorded.exposure_us,
             _upright(recorded, mounting),
             check_rows=recorded.check_rows if mounting == Mounting() else None,
+            gain_db=recorded.line.gain_db,
         )
         for recorded in session.frames
     )

@@ -17,6 +17,7 @@ from acquisition._pixels.plain_rows import PlainRows
 from acquisition._plan.planned_shot import Role
 from acquisition._source.reduction import Reduction
 from acquisition._values.camera_model import CameraModel
+from acquisition._values.flat import Flat
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 from acquisition._values.setup import Setup
@@ -52,6 +53,8 @@ class Frame:
     check_rows
         Function that checks a file whose rows can be read one by one and returns them, or None;
         None for files that must be read as a whole.
+    gain_db
+        Analogue gain, decibels; None if not known.
     """
 
     path: Path
@@ -63,6 +66,7 @@ class Frame:
     load: Callable[[], Image] | None = field(default=None, repr=False)
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
     check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
+    gain_db: float | None = None
 
     __repr__ = short_repr
 
@@ -159,6 +163,9 @@ class Source:
     transfer_origin
         What determined `transfer`, for people: ``given`` by the caller, a file of ours, metadata,
         or the kind of the images.
+    flat
+        Response of lens and sensor at each pixel of the complete frames, by which
+        `calibration.linear_stack` divides; None for no division. See `apply_flat`.
     files
         All files that were read or that `frames` read.
     ignored
@@ -187,6 +194,7 @@ class Source:
     noise: NoiseModel | None = None
     transfer: TransferCurve = LINEAR
     transfer_origin: str = ""
+    flat: Flat | None = None
     files: tuple[Path, ...] = ()
     ignored: tuple[str, ...] = ()
     warnings: tuple[Notice, ...] = ()

@@ -111,6 +111,58 @@ def setup_differences(then: Setup, now: Setup, share: float = _SAME) -> tuple[st
     return (*differences, *_lens_differences(then, now, share))
 
 
+def lens_notices(source: Source, camera: CameraModel) -> tuple[Notice, ...]:
+    """Return a warning if a camera was calibrated with another lens or focus than a recording.
+
+    What one of them does not state is not compared.
+
+    Parameters
+    ----------
+    source
+        Recording, with the camera that it states.
+    camera
+        Camera that is used instead.
+
+    Returns
+    -------
+    tuple[Notice, ...]
+        ``camera-of-another-lens``, at most once.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import CameraModel, lens_notices, read_source, write_png
+    >>> write_png("card.png", np.full((40, 50), 700, np.uint16))
+    >>> K = [[90, 0, 25], [0, 90, 20], [0, 0, 1]]
+    >>> recorded = read_source("card.png", camera=CameraModel(K, 50, 40, lens="16 mm"))
+    >>> [notice.code for notice in lens_notices(recorded, CameraModel(K, 50, 40, lens="25 mm"))]
+    ['camera-of-another-lens']
+    """
+    check_type("source", source, Source, "read_source(path) returns one")
+    differences = [] if source.camera is None else _named_differences(camera, source.camera)
+    if not differences:
+        return ()
+    text = (
+        f"the camera was calibrated with another lens or focus: {', '.join(differences)}; "
+        "calibrate with the lens of these images"
+    )
+    return (Notice("camera-of-another-lens", text, str(source.path)),)
+
+
+def _named_differences(a: CameraModel, b: CameraModel) -> list[str]:
+    """Return what differs between the stated lenses and their focus."""
+    differences = []
+    if a.lens and b.lens and a.lens != b.lens:
+        differences.append(f"lens {a.lens}, now {b.lens}")
+    if (
+        a.focus_mm is not None
+        and b.focus_mm is not None
+        and abs(a.focus_mm / b.focus_mm - 1) > _SAME
+    ):
+        differences.append(f"focus at {a.focus_mm:g} mm, now {b.focus_mm:g} mm")
+    return differences
+
+
 def _complete(source: Source) -> CameraModel | None:
     """Return the camera of the complete images, from which a region may have been taken."""
     camera, part = source.camera, source.reduction
@@ -127,7 +179,7 @@ def _lens_differences(then: Setup, now: Setup, limit: float) -> list[str]:
     a, b = then.intrinsics, now.intrinsics
     if a is None or b is None:
         return []
-    differences = []
+    differences = _named_differences(a, b)
     share = _field_difference(a, b)
     if share > limit:
         what = (

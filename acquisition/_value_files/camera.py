@@ -1,40 +1,54 @@
-"""Files of camera models: our own format, OpenCV's, COLMAP's, and a plain 3 x 3 matrix."""
+"""Files of camera models: our own format, and those of other programs."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-import cv2
 import numpy as np
+from pydantic import model_validator
 
 from acquisition._errors import DataError
 from acquisition._json import parse_json
 from acquisition._session.value_records import CameraModelRecord
 from acquisition._storage import write_durably
 from acquisition._text_files import numbered_lines, read_text
+from acquisition._value_files.alicevision import camera_of_scene
+from acquisition._value_files.colmap import camera_line, colmap_text, finite_numbers
 from acquisition._value_files.mat_variables import read_variables
-from acquisition._value_files.opencv_storage import matrix_of, number_of, read_storage
+from acquisition._value_files.opencv_camera import (
+    camera_of_json,
+    camera_of_storage,
+    has_camera,
+    known_size,
+    opencv_text,
+)
 from acquisition._values.camera_model import CameraModel
-from rig import check_type
+from rig import UnreadableError, check_type
+from rig import parse_json as parse_any_json
 
-# Indices of fx, fy, cx, cy, k1, k2, p1, p2 among the parameters of each COLMAP model.
-_COLMAP = {
-    "SIMPLE_PINHOLE": (0, 0, 1, 2),
-    "PINHOLE": (0, 1, 2, 3),
-    "SIMPLE_RADIAL": (0, 0, 1, 2, 3),
-    "RADIAL": (0, 0, 1, 2, 3, 4),
-    "OPENCV": (0, 1, 2, 3, 4, 5, 6, 7),
-}
-_COLMAP_PIXEL_CENTRE = 0.5
 _MATLAB_FIRST_PIXEL = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+_JSON_SUFFIXES = {".json", ".sfm"}
 _OPENCV_SUFFIXES = {".yml", ".yaml", ".xml"}
+
+
+# What version 2 of our format added.
+_ADDED = frozenset({"lens", "focus_mm", "provenance"})
 
 
 class _CameraFile(CameraModelRecord):
     format: Literal["sgp-camera"] = "sgp-camera"
-    version: Literal[1] = 1
+    version: Literal[1, 2] = 1
     distortion: tuple[float, ...] = ()
+    provenance: dict[str, Any] | None = None
+
+    @model_validator(mode="after")
+    def _keys_of_the_version(self) -> _CameraFile:
+        added = _ADDED & self.model_fields_set
+        if self.version == 1 and added:
+            raise ValueError(f"unknown key {min(added)!r}: version 1 does not have it")
+        return self
 
 
 def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> CameraModel:
@@ -43,12 +57,13 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
     Parameters
     ----------
     path
-        ``.json`` of our own format; ``.yml``, ``.yaml`` or ``.xml`` of OpenCV with camera_matrix,
-        distortion_coefficients, image_width, image_height and our addition working_distance_mm; a
-        text file with a 3 x 3 matrix; or COLMAP's cameras.txt with one camera. COLMAP measures the
-        principal point from the corner of the first pixel; it is shifted by half a pixel. Or a
-        ``.mat`` of MATLAB with K, whose first pixel is (1, 1) and which may be transposed; it is
-        shifted by one pixel.
+        ``.json`` of our own format; ``.yml``, ``.yaml``, ``.xml`` or ``.json`` of OpenCV with
+        camera_matrix, distortion_coefficients, image_width, image_height and our addition
+        working_distance_mm; ``.json`` or ``.sfm`` of AliceVision with one camera, whose principal
+        point is an offset from the middle of the image; a text file with a 3 x 3 matrix; or
+        COLMAP's cameras.txt with one camera. COLMAP measures the principal point from the corner of
+        the first pixel; it is shifted by half a pixel. Or a ``.mat`` of MATLAB with K, whose first
+        pixel is (1, 1) and which may be transposed; it is shifted by one pixel.
     size
         (height, width) of the images, for files without an image size.
 
@@ -78,10 +93,10 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
     try:
         if path.suffix.lower() == ".mat":
             camera = _parse_mat(path, size)
-        elif path.suffix.lower() == ".json":
+        elif path.suffix.lower() in _JSON_SUFFIXES:
             camera = _parse_json(text, path)
         elif path.suffix.lower() in _OPENCV_SUFFIXES:
-            camera = _parse_opencv(text, path, size)
+            camera = camera_of_storage(text, path, size)
         else:
             camera = _parse_text(text, path, size)
     except DataError as error:
@@ -95,13 +110,26 @@ def read_camera(path: str | Path, size: tuple[int, int] | None = None) -> Camera
     return camera
 
 
-def write_camera(path: str | Path, camera: CameraModel) -> None:
-    """Write a camera model as ``.json``, or as OpenCV's ``.yml`` or ``.yaml``; all are lossless.
+def write_camera(
+    path: str | Path, camera: CameraModel, provenance: dict[str, Any] | None = None
+) -> None:
+    """Write a camera model.
+
+    Parameters
+    ----------
+    path
+        Output file; its suffix selects the format. ``.json`` is lossless. OpenCV's ``.yml`` or
+        ``.yaml`` has no lens and no focus. ``.txt`` is COLMAP's cameras.txt, which has no working
+        distance either.
+    camera
+        Camera to write.
+    provenance
+        Origin of the camera, for ``.json`` only: names with finite values that JSON can hold.
 
     Raises
     ------
     DataError
-        If the file has another suffix.
+        If the file has another suffix, or its format has no skew and the camera has one.
     StorageError
         If the file cannot be written.
 
@@ -109,7 +137,7 @@ def write_camera(path: str | Path, camera: CameraModel) -> None:
     --------
     >>> from acquisition import read_camera, write_camera
     >>> from simulator import bench_camera
-    >>> write_camera("camera.yml", bench_camera())  # also .json
+    >>> write_camera("camera.yml", bench_camera())  # also .json, and .txt for COLMAP
     >>> read_camera("camera.yml").working_distance_mm
     600.0
     """
@@ -117,82 +145,49 @@ def write_camera(path: str | Path, camera: CameraModel) -> None:
     path = Path(path)
     match path.suffix.lower():
         case ".json":
-            record = _CameraFile.model_validate(CameraModelRecord.of(camera).model_dump())
-            text = record.model_dump_json(indent=1, exclude_none=True) + "\n"
+            text = _json_text(camera, provenance)
         case ".yml" | ".yaml":
-            text = _opencv_text(camera)
+            text = opencv_text(camera)
+        case ".txt":
+            text = colmap_text(camera)
         case _:
-            raise DataError(f"{path}: cameras are written as .json, .yml or .yaml: choose one")
+            raise DataError(
+                f"{path}: cameras are written as .json, .yml, .yaml or .txt: choose one"
+            )
     write_durably(path, text.encode())
 
 
+def _json_text(camera: CameraModel, provenance: dict[str, Any] | None) -> str:
+    values = CameraModelRecord.of(camera).model_dump(exclude_none=True)
+    if provenance:
+        values["provenance"] = provenance
+    record = _CameraFile(version=2 if _ADDED & values.keys() else 1, **values)
+    order = ("format", "version", *values)  # the provenance, which is long, is last
+    content = record.model_dump(mode="json", exclude_none=True)
+    return json.dumps({name: content[name] for name in order}, indent=1, allow_nan=False) + "\n"
+
+
 def _parse_json(text: str, path: Path) -> CameraModel:
+    try:
+        content = parse_any_json(text)
+    except UnreadableError as error:
+        raise DataError(f"{path}: {error}: give a camera file") from error
+    if isinstance(content, dict) and "intrinsics" in content:
+        return camera_of_scene(content, path)
+    if isinstance(content, dict) and "format" not in content and has_camera(content):
+        return camera_of_json(content, path)
     return parse_json(_CameraFile, text, path).value()
-
-
-def _parse_opencv(text: str, path: Path, size: tuple[int, int] | None) -> CameraModel:
-    nodes = read_storage(text, path)
-    K = matrix_of(nodes.get("camera_matrix"), "camera_matrix", path)
-    if K is None:
-        raise DataError(
-            f"{path}: camera_matrix is missing: write the file with OpenCV's FileStorage"
-        )
-    name = "distortion_coefficients"
-    distortion = matrix_of(nodes.get(name), name, path)
-    sides = [number_of(nodes.get(side)) for side in ("image_height", "image_width")]
-    whole = [int(side) for side in sides if side is not None and float(side).is_integer()]
-    if len(whole) == 2:
-        size = whole[0], whole[1]
-    distance_mm = number_of(nodes.get("working_distance_mm"))
-    coefficients = np.zeros(0) if distortion is None else distortion.ravel()
-    if np.any(coefficients[5:]):
-        raise DataError(f"{path}: more than five distortion coefficients: calibrate with five")
-    height, width = _known(size, path)
-    return CameraModel(K, width, height, distance_mm, coefficients[:5])
-
-
-def _opencv_text(camera: CameraModel) -> str:
-    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
-    storage.write("image_width", camera.width)
-    storage.write("image_height", camera.height)
-    storage.write("camera_matrix", camera.K)
-    storage.write("distortion_coefficients", camera.distortion[None])
-    if camera.working_distance_mm is not None:
-        storage.write("working_distance_mm", camera.working_distance_mm)
-    return storage.releaseAndGetString()
 
 
 def _parse_text(text: str, path: Path, size: tuple[int, int] | None) -> CameraModel:
     lines = [(number, line) for number, line in numbered_lines(text) if not line.startswith("#")]
-    tokens = [line.replace(",", " ").split() for _, line in lines]
-    if len(tokens) == 3 and all(len(row) == 3 for row in tokens):
-        number = lines[0][0]
-        K = np.reshape(_floats([word for row in tokens for word in row], path, number), (3, 3))
-        height, width = _known(size, path)
-        return CameraModel(K, width, height)
-    if not lines or len(tokens[0]) < 4 or not tokens[0][1].isidentifier():
-        raise DataError(
-            f"{path}: neither a 3 x 3 matrix nor COLMAP's cameras.txt: give one of the two"
-        )
-    if len(lines) > 1:
-        raise DataError(f"{path}: {len(lines)} cameras: keep only the one that took the images")
-    (number, _), (_, model, *words) = lines[0], tokens[0]
-    if model not in _COLMAP:
-        raise DataError(
-            f"{path} line {number}: model {model} is not supported: use one of "
-            + ", ".join(_COLMAP)
-        )
-    values = _floats(words, path, number)
-    places = _COLMAP[model]
-    if len(values) != 2 + max(places) + 1:
-        raise DataError(
-            f"{path} line {number}: {model} must have {max(places) + 1} parameters after the "
-            f"size, not {len(values) - 2}"
-        )
-    fx, fy, cx, cy, *distortion = (values[2 + place] for place in places)
-    cx, cy = cx - _COLMAP_PIXEL_CENTRE, cy - _COLMAP_PIXEL_CENTRE
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return CameraModel(K, int(values[0]), int(values[1]), None, np.array(distortion))
+    rows = [line.replace(",", " ").split() for _, line in lines]
+    if len(rows) != 3 or any(len(row) != 3 for row in rows):
+        return camera_line(path, lines)
+    words = [word for row in rows for word in row]
+    K = np.reshape(finite_numbers(words, f"{path} line {lines[0][0]}"), (3, 3))
+    height, width = known_size(size, path)
+    return CameraModel(K, width, height)
 
 
 def _parse_mat(path: Path, size: tuple[int, int] | None) -> CameraModel:
@@ -202,25 +197,6 @@ def _parse_mat(path: Path, size: tuple[int, int] | None) -> CameraModel:
         raise DataError(f"{path}: has no variable K: save the camera matrix under this name")
     if K.shape == (3, 3) and K[0, 2] == 0:
         K = K.T
-    height, width = _known(size, path)
+    height, width = known_size(size, path)
     camera = CameraModel(K, width, height)
     return CameraModel(camera.K - _MATLAB_FIRST_PIXEL, width, height)
-
-
-def _floats(words: list[str], path: Path, number: int) -> list[float]:
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        values = [np.nan]
-    if not np.isfinite(values).all():
-        text = " ".join(words)[:40]
-        raise DataError(
-            f"{path} line {number}: '{text}' are not all finite numbers: correct the line"
-        )
-    return values
-
-
-def _known(size: tuple[int, int] | None, path: Path) -> tuple[int, int]:
-    if size is None:
-        raise DataError(f"{path}: the file has no image size: give the camera with its images")
-    return size

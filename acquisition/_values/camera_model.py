@@ -31,12 +31,16 @@ class CameraModel:
         the scale is not known.
     distortion
         ``(5,)`` OpenCV coefficients k1, k2, p1, p2, k3.
+    lens
+        Name of the lens; empty if it is not known.
+    focus_mm
+        Distance to which the lens was focused when it was calibrated; None if it is not known.
 
     Raises
     ------
     DataError
-        If K is not an upper triangular matrix with positive focal lengths, a size or the working
-        distance is not positive, or a distortion coefficient is not finite.
+        If K is not an upper triangular matrix with positive focal lengths, a size, the working
+        distance or the focus is not positive, or a distortion coefficient is not finite.
     """
 
     K: Array
@@ -44,6 +48,8 @@ class CameraModel:
     height: int
     working_distance_mm: float | None = None
     distortion: Array = field(default_factory=lambda: np.zeros(5))
+    lens: str = ""
+    focus_mm: float | None = None
 
     def __repr__(self) -> str:
         distance = self.working_distance_mm
@@ -70,9 +76,10 @@ class CameraModel:
                 f"a camera image of {self.width} x {self.height} pixels has no pixels: give its "
                 "width and height"
             )
-        distance = self.working_distance_mm
-        if distance is not None and not (np.isfinite(distance) and distance > 0):
-            raise DataError(f"the working distance must be positive and finite, not {distance} mm")
+        lengths = {"working distance": self.working_distance_mm, "focus": self.focus_mm}
+        for name, length in lengths.items():
+            if length is not None and not (np.isfinite(length) and length > 0):
+                raise DataError(f"the {name} must be positive and finite, not {length} mm")
         distortion = np.array(self.distortion, np.float64).ravel()
         if len(distortion) > 5 or not np.isfinite(distortion).all():
             raise DataError("the distortion must have at most five finite numbers: k1 k2 p1 p2 k3")
@@ -163,8 +170,13 @@ class CameraModel:
 
     def points_on_plane(self, z_mm: float = 0.0) -> Array:
         """Return the points ``(height, width, 3)`` at which rays meet the plane z = ``z_mm``."""
-        centre = self.centre_mm
-        points: Array = centre + (centre[2] - z_mm) * self.pixel_rays()
+        return self.points_at(np.asarray(self.centre_mm[2] - z_mm))
+
+    def points_at(self, depth_mm: npt.ArrayLike) -> Array:
+        """Return the points ``(height, width, 3)`` of all pixels at depths ``(height, width)``."""
+        points: Array = self.pixel_rays()
+        points *= np.asarray(depth_mm)[..., None]
+        points += self.centre_mm
         return points
 
     def project(self, points_mm: npt.ArrayLike) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, LightErrors, Lights, tangent_basis
-from calibration._intensities.blocks import blocks_of
+from calibration._intensities.blocks import Blocks, blocks_of
 from calibration._intensities.doubts import doubts
 from calibration._intensities.fit import Fit, covariance_of
 from calibration._intensities.model import Geometry, position_slopes
@@ -61,6 +61,59 @@ class IntensityCalibration:
             f"IntensityCalibration({self.lights!r}, mu {self.mu:.2f}, residual "
             f"{self.residual:.2%}, {pluralize(self.pixels, 'pixel')})"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class FittedSurfaces:
+    """A fit of strengths and patterns to surfaces.
+
+    Parameters
+    ----------
+    fit
+        The fit, which has run.
+    blocks
+        The blocks it was fitted to.
+    lights
+        The lights with the fitted strengths and patterns, without errors.
+    covariance
+        Of the n unknowns of the fit, see `NormalEquations`.
+    slopes
+        ``(3, K, P)`` derivatives of the logarithm of the values by the positions, per mm.
+    by_positions
+        ``(n, 3, K)`` derivatives of the unknowns by the positions, per mm.
+    warnings
+        Doubts about the fit.
+    """
+
+    fit: Fit
+    blocks: Blocks
+    lights: Lights
+    covariance: Array
+    slopes: Array
+    by_positions: Array
+    warnings: tuple[Notice, ...]
+
+
+def fit_surfaces(surfaces: Sequence[MatteSurface], lights: Lights) -> FittedSurfaces:
+    """Fit strengths and radiation patterns of lights to surfaces; see `calibrate_intensities`.
+
+    Raises
+    ------
+    DataError, EstimateError
+        As `calibrate_intensities`.
+    """
+    _check(surfaces, lights)
+    if lights.errors is not None and lights.errors.axis_std_deg is not None:
+        lights = replace(lights, axes=None)  # estimated before, perhaps from the same images
+    blocks = blocks_of(surfaces, lights)
+    fit = Fit(blocks.values, Geometry.of(lights, blocks.points_mm, blocks.normals))
+    fit.run()
+    calibrated = _lights(lights, fit)
+    slopes = position_slopes(calibrated, blocks.points_mm, blocks.normals)
+    known = None if lights.errors is None else lights.errors.covariances
+    covariance, by_positions = covariance_of(fit, slopes, known)
+    warnings = doubts(fit, blocks, lights)
+    return FittedSurfaces(fit, blocks, calibrated, covariance, slopes, by_positions, warnings)
 
 
 def calibrate_intensities(
@@ -119,16 +172,8 @@ def calibrate_intensities(
     parts = [surfaces] if isinstance(surfaces, MatteSurface) else list(surfaces)
     for part in parts:
         check_type("surfaces", part, MatteSurface, "MatteSurface.card(values, camera)")
-    _check(parts, lights)
-    if lights.errors is not None and lights.errors.axis_std_deg is not None:
-        lights = replace(lights, axes=None)  # estimated before, perhaps from the same images
-    blocks = blocks_of(parts, lights)
-    fit = Fit(blocks.values, Geometry.of(lights, blocks.points_mm, blocks.normals))
-    fit.run()
-    calibrated = _lights(lights, fit)
-    slopes = position_slopes(calibrated, blocks.points_mm, blocks.normals)
-    known = None if lights.errors is None else lights.errors.covariances
-    covariance = covariance_of(fit, slopes, known)
+    fitted = fit_surfaces(parts, lights)
+    fit, covariance, calibrated = fitted.fit, fitted.covariance, fitted.lights
     errors = _errors(fit, covariance, np.asarray(calibrated.intensities), lights.errors)
     return IntensityCalibration(
         replace(calibrated, errors=errors),
@@ -138,13 +183,13 @@ def calibrate_intensities(
         fit.spreads[0],
         float(np.degrees(fit.spreads[1])),
         fit.scale,
-        blocks.pixels,
-        fit_vignetting(fit, blocks, covariance) if even else None,
-        doubts(fit, blocks, lights),
+        fitted.blocks.pixels,
+        fit_vignetting(fit, fitted.blocks, covariance) if even else None,
+        fitted.warnings,
     )
 
 
-def _check(surfaces: list[MatteSurface], lights: Lights) -> None:
+def _check(surfaces: Sequence[MatteSurface], lights: Lights) -> None:
     if not lights.near:
         raise DataError("intensities require lights with positions: calibrate the positions first")
     if len(lights) < 2:

@@ -217,8 +217,10 @@ def slope_share(z: Array, known: npt.NDArray[np.bool_]) -> float:
     return float(np.sum((1 - square) / (1 + square) ** 2) / np.sum(1 / (1 + square)))
 
 
-def covariance_of(fit: Fit, slopes: Array, positions: Array | None) -> Array:
+def covariance_of(fit: Fit, slopes: Array, positions: Array | None) -> tuple[Array, Array]:
     """Return the covariance of strengths, mu and tilts, `NormalEquations` explains the order.
+
+    The second result is their derivatives by the positions, ``(n, 3, K)`` per mm.
 
     It is the sandwich estimate with the block as its unit, plus the distribution among the LEDs,
     plus the propagated covariances of the positions.
@@ -255,13 +257,13 @@ def covariance_of(fit: Fit, slopes: Array, positions: Array | None) -> Array:
         gain = -inverse @ cross[:size, place]
         gain[place, np.arange(len(place))] += 1
         covariance = covariance + (gain * variance[shared]) @ gain.T
+    by_positions = (-inverse @ cross[:size, size:]).reshape(size, 3, lights)
     if positions is not None:
-        columns_of = size + np.arange(3 * lights).reshape(3, lights)
         for k in range(lights):
             if np.isfinite(positions[k]).all():
-                gain = -inverse @ cross[:size, columns_of[:, k]]
+                gain = by_positions[:, :, k]
                 covariance = covariance + gain @ positions[k] @ gain.T
-    return np.asarray(covariance)
+    return np.asarray(covariance), by_positions
 
 
 def _spread_of(residuals: Array) -> float:

@@ -71,17 +71,40 @@ def fit_vignetting(fit: Fit, blocks: Blocks, covariance: Array) -> Vignetting:
         robust = 1 / (1 + (rest / (2.385 * scale)) ** 2)
     gain = inverse @ (design * robust[:, None]).T
     noise = (gain * rest**2) @ gain.T
-    # An error of the lights changes the albedo by the weighted mean of the columns, negated.
+    shift = shift_by_lights(fit, weights, columns, gain)
+    total = noise + shift @ covariance @ shift.T
+    fall = float(found[0] + found[1])
+    deviation = float(np.sqrt(total[:2, :2].sum()))
+    corner = float(np.exp(fall))
+    return Vignetting((float(found[0]), float(found[1])), corner, corner * deviation)
+
+
+def shift_by_lights(fit: Fit, weights: Array, columns: Array, gain: Array) -> Array:
+    """Return the derivatives of linear figures of the albedo by the unknowns of the lights.
+
+    An error of the lights changes the logarithm of the albedo by the weighted mean of the columns,
+    negated.
+
+    Parameters
+    ----------
+    fit
+        A fit that has run.
+    weights, columns
+        As `Fit.residuals` returns them.
+    gain
+        ``(F, P)`` derivatives of F figures by the mean logarithm of the albedo over the channels.
+
+    Returns
+    -------
+    NDArray
+        ``(F, n)`` for the n unknowns in the order of `NormalEquations`.
+    """
     channels, lights = fit.strength.shape
-    shift = np.zeros((len(gain), len(covariance)))
+    shift = np.zeros((len(gain), (channels + len(columns)) * lights))
     for c in range(channels):
         share = weights[c] / np.maximum(weights[c].sum(axis=0), 1e-300) / channels
         shift[:, c * lights : (c + 1) * lights] = -gain @ share.T
         for j, column in enumerate(columns):
             place = slice((channels + j) * lights, (channels + j + 1) * lights)
             shift[:, place] -= gain @ (share * column).T
-    total = noise + shift @ covariance @ shift.T
-    fall = float(found[0] + found[1])
-    deviation = float(np.sqrt(total[:2, :2].sum()))
-    corner = float(np.exp(fall))
-    return Vignetting((float(found[0]), float(found[1])), corner, corner * deviation)
+    return shift

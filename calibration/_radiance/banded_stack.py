@@ -106,7 +106,7 @@ class BandedStack:
         ValueError
             If there are no such rows.
         DataError
-            If a file was changed, or cannot be read any more.
+            If a file was changed, or can no longer be read.
         """
         part = self._form.rows(first, last)
         rows = slice(first, last)

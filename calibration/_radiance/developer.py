@@ -66,6 +66,7 @@ class Developer:
             )
         self._longest = max(known, default=1.0)
         self._linear = Linearizer(source, reader)
+        self._response = None if source.flat is None else source.flat.response
         self._noise = signal_noise(source, self._linear)
         white = None if self._noise is None else Law(self._noise.shot, self._noise.constant)
         self._clear_of_white = clear_of_white(white)
@@ -149,7 +150,20 @@ class Developer:
             self._noise.origin,
             used,
             self.pattern,
+            self._response_of_images(),
         )
+
+    def _response_of_images(self) -> FloatImage | None:
+        """Return by what the signal was divided at each pixel of the images.
+
+        Interpolated and averaged pixels have the mean of those from which they were made.
+        """
+        response, reduction = self._response, self._source.reduction
+        if response is None:
+            return None
+        if self._source.cfa is not None and self._channel != "mosaic":
+            response = demosaic(response, self._source.cfa)
+        return response if reduction is None else reduction.mean(response)
 
     def _law(self, repeats: list[Frame]) -> Law:
         """Return the law of the mean of repeats, in units of radiance."""
@@ -227,6 +241,8 @@ class Developer:
         share = np.float32(self._share(frame))
         if share != 1:
             radiance /= share
+        if self._response is not None:
+            radiance /= self._response[top:][part]
         radiance[unusable] = np.nan
         return radiance
 
@@ -278,9 +294,12 @@ class Developer:
                 for repeats, of_one in zip(brackets, samples, strict=True)
             ]
             count = [mask[band] for mask in usable]
+            # Not divided by the flat yet: noise and brackets depend on the light at the sensor.
             out[band] = merge(radiance, count, exposure, laws)
             top = rows.start + band.start
             self._ratios.add(first_of_each, shares, radiance, count, out[band], top)
+        if self._response is not None:
+            out /= self._response[rows]
         return out
 
     def _usable(

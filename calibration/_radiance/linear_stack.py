@@ -129,10 +129,12 @@ def linear_stack(
     times if the noise is unknown; a bracket that one of at
     least 1/16 of its time can replace counts where the pixel is not hot in its dark frame, and
     neither the sample nor its surroundings are close to white.
+    The result is divided by the flat field of the source, if it has one.
     Bayer frames are demosaiced bilinearly. Each channel is divided
     by the light's intensity, an image of one channel by the mean of the three intensities; gray is
-    then ``.2989 R + .587 G + .114 B``. Flat frames are not used. Images of a source with a
-    `Source.reduction` are cropped and averaged last; a block with a saturated sample is left out.
+    then ``.2989 R + .587 G + .114 B``. Frames of the role flat are not used. Images of a source
+    with a `Source.reduction` are cropped and averaged last; a block with a saturated sample is left
+    out.
 
     Parameters
     ----------

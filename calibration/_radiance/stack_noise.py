@@ -43,6 +43,8 @@ class StackNoise:
     pattern
         Colours of the first 2 x 2 pixels if each pixel was divided by the intensity in the colour
         of its filter; None for other images.
+    response
+        ``(H, W)`` or ``(H, W, 3)`` flat field by which the images were divided; None without one.
     origin
         ``sensor`` if the recording states the sensor, ``repeats`` if repeats were compared.
 
@@ -64,6 +66,7 @@ class StackNoise:
     origin: str
     used: npt.NDArray[np.uint8] | None = None
     pattern: str | None = None
+    response: npt.NDArray[np.float32] | None = None
 
     __repr__ = short_repr
 
@@ -103,17 +106,24 @@ class StackNoise:
         used = None
         if self.used is not None:
             used = self.used[image, first_row : first_row + len(values)]
+        flat = self._flat(first_row, len(values))
         if not self.colour:
-            strength = self._strength(image, values.shape, first_row)
+            strength = self._strength(image, values.shape, first_row) * flat
             variance = self._of_radiance(image, values * strength, used)
             return np.asarray(variance * self.site_factor[0, 0, 0] / strength**2)
         # Gray values are the luma of a neutral surface: all channels have the gray value.
         gray = values.ndim == 2
-        strength = self.intensities[image]
+        strength = self.intensities[image] * (flat[..., None] if flat.ndim == 2 else flat)
         colours = values[..., None] * strength if gray else values * strength
         variance = self._of_radiance(image, colours, used) / strength**2
         variance *= self._sites(variance.shape, first_row)
         return np.asarray(variance @ LUMA.astype(np.float64) ** 2 if gray else variance)
+
+    def _flat(self, first_row: int, rows: int) -> Array:
+        """Return the flat field at some rows, 1 without one."""
+        if self.response is None:
+            return np.ones(())
+        return np.asarray(self.response[first_row : first_row + rows], np.float64)
 
     def _strength(self, image: int, shape: tuple[int, ...], first_row: int) -> Array:
         """Return the intensity by which an image of one channel was divided at each pixel."""
@@ -163,6 +173,7 @@ class StackNoise:
             self,
             site_factor=np.roll(self.site_factor, -first, axis=0),
             used=None if self.used is None else self.used[:, first:last],
+            response=None if self.response is None else self.response[first:last],
             pattern=self.pattern and pattern_from_row(self.pattern, first),
         )
 

@@ -24,6 +24,7 @@ from calibration._spheres.sphere_calibration import (
     placed_spheres,
     seen_spheres,
 )
+from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice
 
 _DISAGREEMENT_DEG = 3.0
@@ -81,6 +82,7 @@ def _directions(
     names, images = shown.lights, shown.images
     highlights = np.stack([image.highlights.pixels for image in images], axis=1)
     sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
+    _check_decided(names, images)
     rays = rays_of(highlights, np.zeros((len(images), 3)))
     seen = np.isfinite(rays[..., 0])
     if not seen.any(axis=1).all():
@@ -107,6 +109,21 @@ def _directions(
     lights = Lights(directions=directions, ids=names, errors=errors)
     spheres = shown.numbered(spheres)
     return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
+
+
+def _check_decided(names: tuple[str, ...], images: Sequence[SphereImage]) -> None:
+    """Raise `EstimateError` if a light has only ambiguous highlights."""
+    found = np.any([image.highlights.found for image in images], axis=0)
+    for image in images:
+        undecided = np.flatnonzero(image.highlights.ambiguous & ~found)
+        if len(undecided):
+            first = image.highlights.candidates.pixels[undecided[0], :2]
+            where = " and ".join(f"({x:.0f}, {y:.0f})" for x, y in first)
+            more = f" (and {len(undecided) - 1} more lights)" if len(undecided) > 1 else ""
+            raise EstimateError(
+                f"light {names[undecided[0]]}{more}: several bright spots on {places([image])} may "
+                f"be its highlight, at {where} px: cover lamps and windows, or leave out its image"
+            )
 
 
 def _changed(outline: Ellipse, change: Array) -> Ellipse:

@@ -225,8 +225,7 @@ def _calibrate(
     images = [image for one in seen for image in one.images]
     of_recording = [k for k, one in enumerate(seen) for _ in one.images]
     radii = [one.radii_mm for one in seen]
-    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
-    _check_seen(highlights, names, images, len(seen))
+    _check_seen(names, images, len(seen))
     warnings = [
         replace(notice, where=notice.where or recordings[k])
         for k, one in enumerate(seen)
@@ -269,11 +268,9 @@ def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Ar
     return radii
 
 
-def _check_seen(
-    highlights: Array, names: tuple[str, ...], images: list[SphereImage], recordings: int
-) -> None:
-    """Raise `EstimateError` if a light has no highlight on any sphere, in ``(N, K, 2)``."""
-    seen = np.isfinite(highlights[..., 0])
+def _check_seen(names: tuple[str, ...], images: list[SphereImage], recordings: int) -> None:
+    """Raise `EstimateError` if a light has no highlight on any sphere."""
+    seen = np.stack([image.highlights.candidates.seen for image in images], axis=1)
     missing = [name for name, on in zip(names, seen, strict=True) if not on.any()]
     if missing:
         on = places(images) if recordings == 1 else f"the spheres of {recordings} recordings"

@@ -10,7 +10,7 @@ from acquisition import CameraModel
 from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.find import inside, round_edges
-from calibration._spheres.mirrors import LEAST_SHARE, best_mirror, outline_of
+from calibration._spheres.mirrors import LEAST_SHARE, accepted, best_mirror, outline_of
 from calibration._spheres.recording import gray_values
 from calibration._spheres.spots import reduce_stack, spot_clusters
 from calibration._spheres.surroundings import Balls, MirroredPlane
@@ -30,7 +30,8 @@ class SphereCandidate:
         Number of lights that have a bright spot in it; 0 for a round edge without such spots.
     mirrored
         Share of the differences near its limb that the surroundings, mirrored in a ball, explain; a
-        sphere that is found without a mask has 0.7 or more. NaN if it was not compared.
+        sphere that is found without a mask has 0.5 or more, and balls of another radius have much
+        less. NaN if it was not compared.
     """
 
     circle_px: tuple[float, float, float]
@@ -44,7 +45,11 @@ class SphereCandidate:
         if not self.mirrored >= LEAST_SHARE:
             share = 100 * max(self.mirrored, 0.0)
             return f"highlights, but it mirrors only {share:.0f} % of what surrounds it"
-        return "a mirror sphere, but not of the radius that was given"
+        share = 100 * self.mirrored
+        return (
+            f"it mirrors {share:.0f} % of what surrounds it, but it does not have the given "
+            "radius, or a ball of another radius mirrors nearly as much"
+        )
 
 
 def sphere_candidates(
@@ -82,7 +87,7 @@ def sphere_candidates(
         best = best_mirror(plane, cluster)
         share = -1.0 if best is None else float(best[1].share[0])
         around = [edge for edge in edges if inside(cluster, edge)]
-        if best is not None and (share >= LEAST_SHARE or not around):
+        if best is not None and (accepted(plane, *best) or not around):
             outline = outline_of(plane.camera, best[0])
         elif around:
             outline = around[0]

@@ -23,6 +23,8 @@ from rig import short_repr
 ELLIPSE_COVERAGE = 0.75
 _TRIALS = 100
 _SAMPLE = 8
+# Neighbouring points agree alike: so many decide between trials.
+_JUDGES = 400
 _NO_ELLIPSE = "the outline points do not fit an ellipse: check the outline of the sphere"
 
 
@@ -157,6 +159,7 @@ def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Elli
     """
     check_enough(np.ones(len(points)), _SAMPLE, "an outline")
     random = np.random.default_rng(0)
+    judges = points[:: -(-len(points) // _JUDGES)]
     best: tuple[float, Ellipse] | None = None
     for _ in range(_TRIALS):
         sample = points[random.choice(len(points), _SAMPLE, replace=False)]
@@ -164,7 +167,7 @@ def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Elli
             trial = fit(sample, np.ones(_SAMPLE))
         except EstimateError:
             continue
-        median = float(np.median(np.abs(trial.distance_px(points))))
+        median = float(np.median(np.abs(trial.distance_px(judges))))
         if best is None or median < best[0]:
             best = median, trial
     if best is None:

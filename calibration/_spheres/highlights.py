@@ -2,29 +2,56 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from calibration._radiance.raw_stack import Images
+from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
-from calibration._spheres.spot import largest_disc, saturated_spot, unsaturated_spot
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.
 _LARGEST_RADIUS = 0.85
-_BLOB_LEVEL = 0.3
-_CORE_LEVEL = 0.85
-_SMOOTH_PX = 0.7
-_LARGEST_BLOB = 0.35
 _FAINTEST_FLUX = 0.03
 _RIVAL_FLUX = 0.5
+# A spot at one place under several lights is a lamp, unless most lights share their places.
+_SAME_PX, _SAME_SHARE = 0.5, 0.01
+_LEAST_SHARED, _MORE_SHARED = 3, 2
+_LAMPS, _AS_BRIGHT = 3, 0.6
 # Pixels from which the median brightness of a large sphere is taken.
 _SAMPLED = 40000
 _BAND_ROWS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Places that may be the highlights of N lights on one sphere, at most M for each light.
+
+    Parameters
+    ----------
+    pixels
+        ``(N, M, 2)`` positions (x, y), those with the largest flux first; NaN if there are fewer.
+    saturated
+        ``(N, M)`` whether the peak is saturated.
+    sigma_px
+        ``(N, M)`` standard deviation of each coordinate.
+    share
+        ``(N, M)`` flux relative to the first one.
+    """
+
+    pixels: Array
+    saturated: npt.NDArray[np.bool_]
+    sigma_px: Array
+    share: Array
+
+    @property
+    def seen(self) -> npt.NDArray[np.bool_]:
+        """``(N,)`` whether there is any."""
+        seen: npt.NDArray[np.bool_] = np.any(np.isfinite(self.pixels[..., 0]), axis=1)
+        return seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,27 +66,73 @@ class Highlights:
         ``(N,)`` whether the peak is saturated; the position is then the centre of its core.
     sigma_px
         ``(N,)`` standard deviation of each coordinate of a position; NaN if there is no highlight.
+    several
+        All places that may be the highlight, that of ``pixels`` among them; None if there are no
+        others.
     """
 
     pixels: Array
     saturated: npt.NDArray[np.bool_]
     sigma_px: Array
+    several: Candidates | None = None
+
+    @property
+    def candidates(self) -> Candidates:
+        """All places that may be the highlight."""
+        if self.several is not None:
+            return self.several
+        single = _no_candidates(len(self.pixels))
+        single.pixels[:, 0], single.sigma_px[:, 0] = self.pixels, self.sigma_px
+        single.saturated[:, 0], single.share[:, 0] = self.saturated, 1.0
+        return single
 
     @property
     def found(self) -> npt.NDArray[np.bool_]:
         """``(N,)`` whether the highlight of each light was found."""
         return np.isfinite(self.pixels[:, 0])
 
+    @property
+    def ambiguous(self) -> npt.NDArray[np.bool_]:
+        """``(N,)`` whether several places may be the highlight, and none was chosen."""
+        several = np.isfinite(self.candidates.pixels[..., 0]).sum(axis=1) > 1
+        undecided: npt.NDArray[np.bool_] = several & ~self.found
+        return undecided
+
+    def chosen(self, picks: npt.NDArray[np.intp]) -> Highlights:
+        """Return these highlights with the candidate ``picks (N,)`` of each light; -1 for none."""
+        rows, none = np.arange(len(picks)), picks < 0
+        of = self.candidates
+        return replace(
+            self,
+            pixels=np.where(none[:, None], np.nan, of.pixels[rows, picks]),
+            saturated=of.saturated[rows, picks] & ~none,
+            sigma_px=np.where(none, np.nan, of.sigma_px[rows, picks]),
+        )
+
+
+def _no_candidates(count: int) -> Candidates:
+    size = count, MOST_BLOBS
+    nan, no = np.full(size, np.nan), np.zeros(size, bool)
+    return Candidates(np.full((*size, 2), np.nan), no, nan, nan.copy())
+
+
+def _none(count: int) -> Highlights:
+    """Return highlights of lights that are not seen."""
+    nan, no = np.full(count, np.nan), np.zeros(count, bool)
+    return Highlights(np.full((count, 2), np.nan), no, nan, _no_candidates(count))
+
 
 def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     """Find the highlight of every light on a sphere.
 
     From three lights on, the brightness that more than three quarters of them share (reflections of
-    the room) is subtracted. A highlight is the compact blob with the largest flux within 0.85 of
-    the radius; if it is saturated, its core without rays. A light is left out if its brightest blob
-    is wider than 0.35 of the radius (a matte surface), is cut off by the frame, has a rival with
-    more than half its flux, or has less than 3 % of the median flux of all lights (then the light
-    is hidden, and the blob is its reflection from another sphere).
+    the room) is subtracted, and so is a lamp: a spot at the same place under three or more lights,
+    if other lights do not share theirs. A highlight is the compact blob with the largest flux
+    within 0.85 of the radius; if it is saturated, its core without rays. A light is left out if
+    its brightest blob is wider than 0.35 of the radius (a matte surface), is cut off by the frame,
+    has a rival with more than half its flux, or has less than 3 % of the median flux of all lights
+    (then the light is hidden, and the blob is its reflection from another sphere). Rivals with more
+    than a tenth of its flux are kept as candidates.
 
     Parameters
     ----------
@@ -79,15 +152,12 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     x0, y0 = (np.array(outline.centre_px) - reach).astype(int).clip(0)
     x1, y1 = (np.array(outline.centre_px) + reach).astype(int) + 2
     crop = values[:, y0:y1, x0:x1]
-    pixels = np.full((len(values), 2), np.nan)
-    sigma_px = np.full(len(values), np.nan)
-    peak_saturated = np.zeros(len(values), bool)
     rows, columns = np.indices(crop.shape[1:])
     places = np.stack([columns + x0, rows + y0], axis=-1)
     within = np.linalg.norm(outline.unit(places), axis=-1) < _LARGEST_RADIUS
     saturated = np.isnan(crop)
     if saturated.all() or not within.any():
-        return Highlights(pixels, peak_saturated, sigma_px)
+        return _none(len(values))
     # Parts of raw frames are new arrays.
     filled = crop.copy() if isinstance(values, np.ndarray) else crop
     filled[saturated] = np.fmax.reduce(crop, axis=None)
@@ -95,26 +165,97 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
         _subtract_shared(filled)
     last = np.array(values.shape[:0:-1]) - 1
     border = np.any((places == 0) | (places == last), axis=-1)
-    sample = np.flatnonzero(within)
-    sample = sample[:: max(len(sample) // _SAMPLED, 1)]
-    blobs = [
-        _blob(image, clipped & within, within, sample, outline.radius_px)
-        for image, clipped in zip(filled, saturated, strict=True)
-    ]
-    typical = np.median([blob.flux for blob in blobs if blob is not None] or [0.0])
-    for i, blob in enumerate(blobs):
-        if blob is None or blob.flux < _FAINTEST_FLUX * typical or np.any(blob.region & border):
-            continue
-        image = filled[i] - np.float32(blob.level)
-        clipped = saturated[i] & blob.region
-        if clipped.any():
-            spot = saturated_spot(image, blob.region, float(image[clipped].min()))
-        else:
-            spot = unsaturated_spot(image, blob.region, blob.noise)
-        place = spot.centre + np.array([x0, y0])
-        if np.linalg.norm(outline.unit(place)) < _LARGEST_RADIUS:
-            pixels[i], sigma_px[i], peak_saturated[i] = place, spot.sigma_px, clipped.any()
-    return Highlights(pixels, peak_saturated, sigma_px)
+    search = _Search(filled, saturated, within, border, outline, (int(x0), int(y0)))
+    blobs = [search.blobs(k) for k in range(len(filled))]
+    typical = float(np.median([of_one[0].flux for of_one in blobs if of_one] or [0.0]))
+    found = search.located(blobs, typical)
+    for _ in range(_LAMPS):
+        lamp = _lamp(found.candidates.pixels, outline.radius_px)
+        if lamp is None:
+            break
+        lit = search.lit(*lamp)
+        search.subtract(lit)
+        for k in lit:
+            blobs[k] = search.blobs(k)
+        typical = float(np.median([of_one[0].flux for of_one in blobs if of_one] or [0.0]))
+        found = search.located(blobs, typical)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Images ``(N, h, w)`` around a sphere, and the pixels on which highlights are searched for."""
+
+    images: npt.NDArray[np.float32]
+    saturated: npt.NDArray[np.bool_]
+    within: Region
+    border: Region
+    outline: Ellipse
+    corner: tuple[int, int]
+
+    def blobs(self, k: int) -> list[Blob]:
+        sample = np.flatnonzero(self.within)
+        sample = sample[:: max(len(sample) // _SAMPLED, 1)]
+        image, clipped = self.images[k], self.saturated[k] & self.within
+        return bright_blobs(image, clipped, self.within, sample, self.outline.radius_px)
+
+    def lit(self, lights: npt.NDArray[np.intp], place: Array) -> npt.NDArray[np.intp]:
+        """Return the lights under which a place is as bright as under some of them.
+
+        A highlight next to a lamp may hide the spot of the lamp, but not its brightness.
+        """
+        column, row = np.rint(place - self.corner).astype(int)
+        brightness = self.images[:, row, column]
+        return np.flatnonzero(brightness > _AS_BRIGHT * np.median(brightness[lights]))
+
+    def subtract(self, lit: npt.NDArray[np.intp]) -> None:
+        """Subtract what the images under some lights share."""
+        some = self.images[lit]
+        _subtract_shared(some)
+        self.images[lit] = some
+        self.saturated[lit] &= 4 * self.saturated[lit].sum(axis=0) <= 3 * len(lit)
+
+    def located(self, blobs: list[list[Blob]], typical: float) -> Highlights:
+        """Return the positions of blobs, and which of them are highlights."""
+        result = _none(len(blobs))
+        of = result.candidates
+        for k, of_one in enumerate(blobs):
+            rank = 0
+            for n, blob in enumerate(of_one):
+                if blob.flux < _FAINTEST_FLUX * typical or np.any(blob.region & self.border):
+                    continue
+                spot = blob.locate(self.images[k], self.saturated[k])
+                place = spot.centre + np.array(self.corner)
+                if not np.linalg.norm(self.outline.unit(place)) < _LARGEST_RADIUS:
+                    continue
+                of.pixels[k, rank], of.sigma_px[k, rank] = place, spot.sigma_px
+                of.saturated[k, rank], of.share[k, rank] = (
+                    blob.saturated,
+                    blob.flux / of_one[0].flux,
+                )
+                if n == 0 and blob.rival <= _RIVAL_FLUX * blob.flux:
+                    result.pixels[k], result.sigma_px[k] = place, spot.sigma_px
+                    result.saturated[k] = blob.saturated
+                rank += 1
+        return result
+
+
+def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array] | None:
+    """Return lights under which a sphere shows a spot at the same place, and the place, or None.
+
+    Lights that were recorded several times share their places, too, but all of them do.
+    """
+    light, rank = np.nonzero(np.isfinite(pixels[..., 0]))
+    spots = pixels[light, rank]
+    if not len(spots):
+        return None
+    near = np.linalg.norm(spots[:, None] - spots, axis=-1) < min(_SAME_PX, _SAME_SHARE * radius_px)
+    count = near.sum(axis=1)
+    usual = float(np.percentile(count, 25, method="lower"))
+    most = int(np.argmax(count))
+    if count[most] < _LEAST_SHARED or count[most] <= _MORE_SHARED * usual:
+        return None
+    return np.unique(light[near[most]]), np.median(spots[near[most]], axis=0)
 
 
 def _subtract_shared(stack: npt.NDArray[np.float32]) -> None:
@@ -123,56 +264,3 @@ def _subtract_shared(stack: npt.NDArray[np.float32]) -> None:
     for top in range(0, stack.shape[1], _BAND_ROWS):
         band = stack[:, top : top + _BAND_ROWS]
         band -= np.partition(band, quartile, axis=0)[quartile]
-
-
-@dataclass(frozen=True, eq=False)
-class _Blob:
-    """Pixels and flux of a highlight, and level and noise of the image around it."""
-
-    region: npt.NDArray[np.bool_]
-    flux: float
-    level: float
-    noise: float
-
-
-def _blob(
-    image: npt.NDArray[np.float32],
-    saturated: npt.NDArray[np.bool_],
-    within: npt.NDArray[np.bool_],
-    sample: npt.NDArray[np.intp],
-    radius_px: float,
-) -> _Blob | None:
-    """Return the only compact bright blob, or None; ``sample`` has some indices of ``within``."""
-    smooth = np.where(within, cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), np.float32(0))
-    peak = float(smooth.max())
-    typical = smooth.ravel()[sample]
-    level = float(np.median(typical))
-    noise = 1.4826 * float(np.median(np.abs(typical - level)))
-    # Saturated pixels are not noise, and their glare may cover half of the sphere.
-    if not peak - level > max((2 if saturated.any() else 12) * noise, 1e-6):
-        return None
-    for share in (_BLOB_LEVEL, _CORE_LEVEL):
-        bright = (smooth > level + share * (peak - level)).astype(np.uint8)
-        count, regions = cv2.connectedComponents(bright)
-        where = np.flatnonzero(bright)
-        flux = np.bincount(regions.ravel()[where], image.ravel()[where] - level, count)
-        first = int(np.argmax(flux))
-        region = regions == first
-        # Around a saturated core, rays and glare are not part of it.
-        if not np.any(saturated & region):
-            break
-    if _width_px(region, core=bool(np.any(saturated & region))) > max(_LARGEST_BLOB * radius_px, 3):
-        return None
-    flux_of_first = float(flux[first])
-    flux[first] = 0.0
-    if float(flux.max()) > _RIVAL_FLUX * flux_of_first:
-        return None
-    # Smoothing divides the noise of a pixel by the root of the area of its kernel, 4 pi sigma^2.
-    return _Blob(region, flux_of_first, level, noise * float(np.sqrt(4 * np.pi)) * _SMOOTH_PX)
-
-
-def _width_px(region: npt.NDArray[np.bool_], *, core: bool) -> float:
-    """Return the width of the largest disc in a core, or of the disc with the area of a region."""
-    if core:
-        return 2 * largest_disc(region)[1]
-    return 2 * float(np.sqrt(np.count_nonzero(region) / np.pi))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -16,40 +15,13 @@ from calibration._spheres.joint_refinement import (
     predicted_highlights,
     refine,
 )
-from calibration._spheres.reflection import reflected_rays
+from calibration._spheres.ray_positions import observed_rays, pair_positions
 from calibration._spheres.robust import Array
 from rig import short_repr
 
 _INLIER_PX = 1.5
 _INLIER_RATIO = 5.0
 _INLIER_SIGMAS = 4.0
-
-
-def observed_rays(
-    camera: CameraModel, spheres: KnownSpheres, highlights_px: Array
-) -> tuple[Array, Array]:
-    """Return the points of the highlights and the directions of the incident light.
-
-    Parameters
-    ----------
-    camera
-        Camera with a working distance.
-    spheres
-        K spheres.
-    highlights_px
-        ``(N, K, 2)``; NaN if a light has no highlight on a sphere.
-
-    Returns
-    -------
-    points_mm
-        ``(N, K, 3)`` on the spheres, house frame; NaN without a highlight.
-    directions
-        ``(N, K, 3)`` unit vectors toward the light.
-    """
-    eye = camera.centre_mm
-    rays = camera.rays(highlights_px)
-    points, directions = reflected_rays(rays, spheres.centres_mm - eye, spheres.radii_mm)
-    return points + eye, directions
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +95,11 @@ def locate_lights(
     used = np.zeros_like(seen)
     for i, name in enumerate(ids):
         at = np.flatnonzero(seen[i])
-        proposals = _pair_positions(points[i, at], directions[i, at])
+        proposals = pair_positions(points[i, at], directions[i, at])
         if len(proposals) == 0:
             raise EstimateError(
                 f"the reflected rays of light {name} do not meet in front of the spheres: "
-                "check the radius, the camera and the outlines"
+                "check the radius, the camera and the outlines, and cover other lamps"
             )
         predicted = predicted_highlights(
             camera, spheres.centres_mm[at], spheres.radii_mm[at], proposals
@@ -145,22 +117,6 @@ def locate_lights(
     square = np.where(used, np.sum((predicted - highlights_px) ** 2, axis=-1), 0.0)
     residuals_px = np.sqrt(square.sum(axis=1) / used.sum(axis=1))
     return LocatedLights(refined, used, residuals_px)
-
-
-def _pair_positions(points: Array, directions: Array) -> Array:
-    """Return the points closest to each pair of rays that are in front of both spheres."""
-    proposals = []
-    for a, b in combinations(range(len(points)), 2):
-        cosine = directions[a] @ directions[b]
-        parallel = 1 - cosine**2
-        if parallel < 1e-9:
-            continue
-        gap = points[b] - points[a]
-        s = (gap @ directions[a] - cosine * (gap @ directions[b])) / parallel
-        t = (cosine * (gap @ directions[a]) - gap @ directions[b]) / parallel
-        if s > 0 and t > 0:
-            proposals.append(0.5 * (points[a] + s * directions[a] + points[b] + t * directions[b]))
-    return np.array(proposals).reshape(-1, 3)
 
 
 def _names(ids: list[str]) -> str:

@@ -76,10 +76,11 @@ def estimate_blur(profiles: Array, *, curved: bool = False) -> float:
 
 def _costs(profiles: Array, blur_px: float, curved: bool) -> Array:
     """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
-    complements = _complements(blur_px, curved)
-    return np.stack(
-        [np.sum((profiles @ complement) ** 2, axis=1) for complement in complements], axis=1
-    )
+    # The model contains constants, which are removed first for accuracy.
+    varying = profiles - profiles.mean(axis=1, keepdims=True)
+    explained = varying @ _bases(blur_px, curved)
+    costs: Array = np.sum(varying**2, axis=1)[:, None] - np.einsum("smb,smb->ms", *[explained] * 2)
+    return np.maximum(costs, 0.0)
 
 
 def _offsets(costs: Array) -> Array:
@@ -101,12 +102,12 @@ def _shifts() -> Array:
 
 
 @cache
-def _complements(blur_px: float, curved: bool) -> Array:
-    """Return, for each trial shift, the projection to the complement of the model."""
+def _bases(blur_px: float, curved: bool) -> Array:
+    """Return orthonormal bases ``(shifts, S, parameters)`` of the model."""
     offsets = profile_offsets()
     fine_step = 0.05
     fine = np.arange(-REACH_PX - 3, REACH_PX + 3 + fine_step / 2, fine_step)
-    complements = []
+    bases = []
     for shift in _shifts():
         depth = shift - fine
         inside = np.clip(depth / fine_step + 0.5, 0.0, 1.0)  # share of each step
@@ -118,6 +119,5 @@ def _complements(blur_px: float, curved: bool) -> Array:
             np.interp(offsets, fine, gaussian_filter1d(shape, blur_px / fine_step, mode="nearest"))
             for shape in shapes
         ]
-        basis = np.linalg.qr(np.stack(blurred, axis=1))[0]
-        complements.append(np.eye(len(offsets)) - basis @ basis.T)
-    return np.stack(complements)
+        bases.append(np.linalg.qr(np.stack(blurred, axis=1))[0])
+    return np.stack(bases)

@@ -8,7 +8,8 @@ from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.mirrors import FittedBall, Mirror, fit_mirror, outline_of
+from calibration._spheres.mirror_fit import FittedBall, fit_mirror
+from calibration._spheres.mirrors import Mirror, outline_of
 from calibration._spheres.outline import outline_image, refine_edges
 from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, circle_covariance
 from calibration._spheres.robust import Array
@@ -19,8 +20,9 @@ from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
 _SEARCH_SHARE = 0.01
 _AROUND_PX = 8
 _FINEST_PX = 0.01
-# An edge that is visible over less of the circumference may be another one.
-_LEAST_EDGE = 0.6
+# An edge that is visible over less of the circumference may be another one, and its place and
+# radius depend on each other.
+_LEAST_EDGE = 0.75
 # On simulated boards, the radius of edges is off by this.
 _EDGE_RADIUS_SIGMA_PX = 0.04
 # The 99.9 % quantile of chi-square with 3 degrees of freedom.

@@ -251,7 +251,8 @@ def _profiles(
 ) -> Array:
     """Return the image sampled along radii, ``(angles, offsets)``."""
     scale = 1 + offsets / ellipse.radius_px
-    place = ellipse.point(angles[:, None], scale[None, :]).astype(np.float32)
+    outward = ellipse.point(angles) - ellipse.centre_px
+    place = (outward[:, None] * scale[:, None] + ellipse.centre_px).astype(np.float32)
     sampled = cv2.remap(
         image, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )

@@ -21,6 +21,8 @@ _PIXELS_PX3 = (0.01, 0.004)
 # Error by glare, from the shift between the levels: at most twice the shift (weak glare moves both)
 # and at most a quarter of it plus a fiftieth of the radius (strong glare moves the lower one far).
 _WEAK_GLARE, _STRONG_GLARE, _GLARE_RADII = 2.0, 0.25, 0.02
+# The centre moves further by this share of the motion from the lower level to the upper one.
+_BEYOND, _LONGEST_RADII = 0.3, 0.1
 _STEP_PX = 0.25
 # Protruding distances are rays. The start ignores the upper part of the distances.
 _START_QUANTILE = 0.35
@@ -56,7 +58,8 @@ def saturated_spot(image: Image, region: Region, white: float) -> Spot:
     the centre, c and d admit an elliptic core. The fit starts at the lower distances (quantile
     regression) and gives no weight to those that protrude (Tukey's biweight). The result is the
     mean of the contours at 0.85 and 0.6 of white, weighted by their variances; that of the lower
-    one includes its distance from the upper one.
+    one includes its distance from the upper one. The part of this distance that is not noise is
+    glare; 0.3 of it is added beyond the upper contour.
 
     Parameters
     ----------
@@ -69,14 +72,20 @@ def saturated_spot(image: Image, region: Region, white: float) -> Spot:
     """
     upper, radius, variance = _contour_fit(image, region, _LEVELS[0] * white)
     lower, _, wider = _contour_fit(image, region, _LEVELS[1] * white)
-    shift = float(np.linalg.norm(upper - lower)) / np.sqrt(2)
+    moved = lower - upper
+    shift = float(np.linalg.norm(moved)) / np.sqrt(2)
     glare = min(_WEAK_GLARE * shift, _STRONG_GLARE * shift + _GLARE_RADII * radius)
     variance += _PIXELS_PX3[0] / max(radius, 0.5)
-    wider += _PIXELS_PX3[1] / max(radius, 0.5) + shift**2
+    wider += _PIXELS_PX3[1] / max(radius, 0.5)
+    noise = variance + wider
+    wider += shift**2
     share = variance / (variance + wider)
+    # Beyond its noise, the motion between the levels is that of glare, which also acts above it.
+    beyond = _BEYOND * max(1 - noise / max(shift**2, 1e-12), 0.0)
+    beyond *= min(1.0, _LONGEST_RADII * radius / max(beyond * float(np.linalg.norm(moved)), 1e-12))
     # The errors of the two contours are alike: their mean is not better than the better one.
     total = min(variance, wider) + glare**2
-    return Spot((1 - share) * upper + share * lower, float(np.sqrt(total)))
+    return Spot(upper + (share - beyond) * moved, float(np.sqrt(total)))
 
 
 def unsaturated_spot(image: Image, region: Region, noise: float) -> Spot:

@@ -20,6 +20,7 @@ from processing._reconstruction.mosaic import (
     blocks_of_sites,
     gray_picture,
 )
+from processing._reconstruction.near_height import NearHeight, near_height
 from processing._reconstruction.quality import ImageQuality, image_quality
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
@@ -56,6 +57,8 @@ class Reconstruction:
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
         The first and the last linear image, each ``(H, W)`` float32.
+    near_height
+        Where the surface is, under near lights; None under distant lights.
     warnings
         Warnings about the source, the stack, the normals and the height.
     """
@@ -69,6 +72,7 @@ class Reconstruction:
     quality: ImageQuality
     error: AngularError | None
     previews: tuple[npt.NDArray[np.float32], ...]
+    near_height: NearHeight | None
     warnings: tuple[Notice, ...]
 
     def __repr__(self) -> str:
@@ -86,6 +90,8 @@ def reconstruct(
     method: Method = "cauchy",
     channel: Channel = "gray",
     distant: bool = False,
+    height_mm: float | None = None,
+    rests_on_plane: bool = False,
     surface: bool = True,
     on_progress: Progress = no_progress,
 ) -> Reconstruction:
@@ -94,8 +100,9 @@ def reconstruct(
     The images are converted to linear radiance; a warning says if they fit the lights much better
     under another transfer curve, others if images, lights and normals do not agree (see
     `image_quality`), or if the lights were calibrated with another rig or camera. Images without
-    light on the object are left out. Photometric stereo computes the normals, and their integration
-    the height. Near lights are evaluated at the points of the working plane.
+    light on the object are left out. Photometric stereo computes the normals, and their
+    integration the height. Near lights are evaluated at the points of the surface: normals and
+    height alternate, and the mean height is the one that explains the images best.
 
     Parameters
     ----------
@@ -111,6 +118,10 @@ def reconstruct(
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
         Treat lights with positions as distant lights.
+    height_mm
+        Mean height of the object above the working plane, if it is known. Only for near lights.
+    rests_on_plane
+        The lowest points of the object are in the working plane. Only for near lights.
     surface
         Also integrate the normals.
     on_progress
@@ -146,6 +157,10 @@ def reconstruct(
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     lights, points_mm = _light_geometry(source, distant=distant)
+    if points_mm is None and (height_mm is not None or rests_on_plane):
+        raise DataError(
+            f"{source.path}: a height matters only under lights with positions: leave it out"
+        )
     stack = linear_stack(source, channel=channel, on_progress=on_progress)
     pattern = stack.pattern
     gray = luma(stack.values) if channel == "rgb" else stack.values
@@ -171,7 +186,22 @@ def reconstruct(
         text = f"images left out because they show no light: {', '.join(dark)}"
         warnings.append(Notice("lights-unlit", text))
         stack, lights, gray = stack.take(lit), lights.take(lit), gray[lit]
+    # Before the height, which a wrong curve would bend.
     warnings += curve_warnings(source, gray, lights, mask, points_mm)
+    near = None
+    if points_mm is not None and source.camera is not None:
+        near = near_height(
+            gray,
+            lights,
+            mask,
+            source.camera,
+            height_mm=height_mm,
+            rests_on_plane=rests_on_plane,
+            on_step=lambda done, total: on_progress("height", done, total),
+        )
+        warnings += near.warnings
+        del points_mm
+        points_mm = source.camera.points_at(near.depth)
     quality = image_quality(gray, lights, mask, points_mm=points_mm)
     warnings += quality.warnings
     previews = tuple(
@@ -217,7 +247,8 @@ def reconstruct(
         albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
     height = None
     if surface:
-        height = integrate(normal_map, camera=source.camera)
+        depth = None if near is None else near.depth
+        height = integrate(normal_map, camera=source.camera, depth_mm=depth)
         warnings += height.warnings
     truth = source.normals_truth
     return Reconstruction(
@@ -230,6 +261,7 @@ def reconstruct(
         quality=quality,
         error=None if truth is None else angular_error(normal_map, truth, mask),
         previews=previews,
+        near_height=near,
         warnings=tuple(warnings),
     )
 

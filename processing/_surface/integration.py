@@ -105,6 +105,7 @@ def integrate(
     *,
     camera: CameraModel | None = None,
     pixel_mm: float | None = None,
+    depth_mm: Float | None = None,
     on_progress: Progress = no_progress,
 ) -> HeightMap:
     """Integrate a normal map into a height map by weighted least squares on its mask.
@@ -123,6 +124,9 @@ def integrate(
         Distance between neighbouring pixels on the object. If the camera has no working distance,
         it is computed from this. Without any scale the result is in pixels: a perspective surface
         then has a mean depth of one focal length.
+    depth_mm
+        ``(H, W)`` approximate depth, for a camera with a working distance: the mean depth of each
+        part is that of these values instead of the working distance.
     on_progress
         Receives the stage ``integrating``, in percent.
 
@@ -130,8 +134,8 @@ def integrate(
     -------
     HeightMap
         The surface. The mean of each connected part is fixed: height 0 (orthographic), or depth
-        equal to the working distance (perspective). Pixels without edges, which are isolated or
-        grazing, are not in its mask, and a warning reports them.
+        equal to the working distance (perspective) or that of ``depth_mm``. Pixels without edges,
+        which are isolated or grazing, are not in its mask, and a warning reports them.
 
     Raises
     ------
@@ -156,6 +160,8 @@ def integrate(
     check_normal_map("normal_map", normal_map)
     if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
         raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
+    if depth_mm is not None:
+        _check_depth(depth_mm, normal_map, camera)
     window = _bounding_box(normal_map.mask)
     normals, inside = normal_map.normals[window], normal_map.mask[window]
     # A kernel is compiled for each layout of its arguments: all windows have the same one.
@@ -199,7 +205,12 @@ def integrate(
     if camera is None:
         height[mask] = pixel_size * (u - _part_means(u, members, count)[members])
     else:
-        depths = distance * _relative_depth(u, members, count)
+        depths = _relative_depth(u, members, count)
+        if depth_mm is None:
+            depths *= distance
+        else:
+            near = depth_mm[mask].astype(np.float64)
+            depths *= _part_means(near, members, count)[members]
         depth = np.full(normal_map.size, np.nan, np.float32)
         depth[mask] = depths
         height[mask] = distance - depths
@@ -219,6 +230,16 @@ def integrate(
         warnings=(*_warnings(count, isolated, solution), *doubts),
         disagreement_deg=angle_deg,
     )
+
+
+def _check_depth(depth_mm: Float, normal_map: NormalMap, camera: CameraModel | None) -> None:
+    if camera is None or camera.working_distance_mm is None:
+        raise DataError("approximate depths require a camera with a working distance")
+    if depth_mm.shape != normal_map.size or not (depth_mm[normal_map.mask] > 0).all():
+        raise DataError(
+            f"approximate depths of shape {depth_mm.shape} must be positive at all pixels of a "
+            f"normal map of shape {normal_map.size}"
+        )
 
 
 def _bounding_box(mask: npt.NDArray[np.bool_]) -> tuple[slice, slice]:

@@ -39,6 +39,7 @@ def spheres(
     mask: tuple[Path, ...] = (),
     sphere: tuple[str, ...] = (),
     gamma: Gamma = "auto",
+    flat: OptionalInput = None,
     rig: RigOption = None,
     max_pixels: Pixels = rigs.MAX_PIXELS,
     force: bool = False,
@@ -81,6 +82,8 @@ def spheres(
     gamma
         Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
         table; see `sgp normals --help`.
+    flat
+        Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
     rig
         Rig file (.toml) whose led_positions_mm the lights are compared with, and which decide
         between a wrong radius and a wrong working distance; default: the configured rig if the
@@ -96,7 +99,9 @@ def spheres(
     if rig is not None:
         rig_with_positions(rig)  # a mistake is reported before the images are read
     marks = marks_of([str(path) for path in mask], sphere, len(source))
-    recordings, files = _open(source, marks, camera=camera, gamma=gamma, max_pixels=max_pixels)
+    recordings, files = _open(
+        source, marks, camera=camera, gamma=gamma, flat=flat, max_pixels=max_pixels
+    )
     calibration.check_recordings([one.source for one in recordings])
     first = recordings[0].source
     places_mm = led_positions(rig, first.setup.rig)
@@ -121,6 +126,7 @@ def spheres(
         "mask": mask,
         "sphere": sphere,
         "gamma": gamma,
+        "flat": flat,
         "rig": rig,
         "transfer": first.transfer.record(),
     }
@@ -166,6 +172,7 @@ def _open(
     *,
     camera: Path | None,
     gamma: str,
+    flat: Path | None,
     max_pixels: int,
 ) -> tuple[list[_Recording], list[Path]]:
     """Open all recordings; return them and their files, for hashing."""
@@ -174,7 +181,13 @@ def _open(
         # A folder may contain one mask for each sphere; giving one spares the reader the choice.
         first, others = (mark.masks[0], mark.masks[1:]) if mark.masks else (None, ())
         opened, read = open_source(
-            path, camera=camera, mask=first, gamma=gamma, others=others, max_pixels=max_pixels
+            path,
+            camera=camera,
+            mask=first,
+            gamma=gamma,
+            flat=flat,
+            others=others,
+            max_pixels=max_pixels,
         )
         recordings.append(_Recording(opened, mark))
         files += read

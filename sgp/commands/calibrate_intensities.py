@@ -39,6 +39,7 @@ def intensities(
     channel: Literal["gray", "rgb"] = "gray",
     even: bool = False,
     gamma: Gamma = "auto",
+    flat: OptionalInput = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -84,6 +85,8 @@ def intensities(
     gamma
         Transfer curve of the images: auto, srgb, linear, an exponent such as 2.2, or a file with a
         table; see `sgp normals --help`.
+    flat
+        Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -105,7 +108,7 @@ def intensities(
     files, warnings, curves = [lights], list[rig.Notice](), list[dict[str, Any]]()
     for path, height in zip(source, height_mm or (0.0,) * len(source), strict=True):
         opened, read = open_source(
-            path, camera=camera, mask=mask, gamma=gamma, max_pixels=max_pixels
+            path, camera=camera, mask=mask, gamma=gamma, flat=flat, max_pixels=max_pixels
         )
         if opened.camera is None:
             raise acquisition.DataError(
@@ -162,6 +165,7 @@ def intensities(
         "channel": channel,
         "even": even,
         "gamma": gamma,
+        "flat": flat,
         "transfer": curves[0] if len(curves) == 1 else curves,
     }
     write_calibration(out, estimate.lights, "sgp calibrate intensities", parameters, result)

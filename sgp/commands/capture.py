@@ -39,6 +39,7 @@ def run(
     rights: str = "",
     camera: OptionalInput = None,
     lights: OptionalInput = None,
+    sensor: OptionalInput = None,
     skip_check: bool = False,
     dry_run: bool = False,
 ) -> Result:
@@ -77,6 +78,9 @@ def run(
         Camera file to store with the session.
     lights
         File of calibrated lights to store with the session.
+    sensor
+        sensor.json of `sgp calibrate sensor` to store with the session: noise, black level and
+        white level.
     skip_check
         Skip the checks of disk, rig and picture before the recording.
     dry_run
@@ -86,6 +90,7 @@ def run(
     check_folder(out)
     goal = metering.goal()
     stored_lights = None if lights is None else acquisition.read_lights(lights)
+    measured = None if sensor is None else acquisition.read_sensor(sensor)
     with rigs.open_rig(rig_name) as opened:
         model = None if camera is None else acquisition.read_camera(camera, _upright_size(opened))
         chosen, left_out = chosen_plan(plan, opened.config)
@@ -97,6 +102,10 @@ def run(
             prepared.events.append(("left_out", dead))
             text = f"LED {', '.join(map(str, left_out))} skipped: listed in dead_leds"
             prepared.warnings.append(rigs.Notice("leds-skipped", text, severity="info"))
+        if measured is not None:
+            prepared.warnings += acquisition.sensor_notices(
+                measured, _setup(opened), chosen.gain_db
+            )
         tested: bool | acquisition.Check = True
         if goal is not None:
             if not skip_check:  # metering swapped LEDs would waste minutes
@@ -125,7 +134,11 @@ def run(
                     rights=rights,
                 ),
                 events=prepared.events,
-                calibrations=acquisition.Calibrations(camera_model=model, lights=stored_lights),
+                calibrations=acquisition.Calibrations(
+                    camera_model=model,
+                    sensor=None if measured is None else measured.noise_model(),
+                    lights=stored_lights,
+                ),
                 hooks=talk.hooks,
             )
     return describe(session, prepared.warnings)
@@ -368,6 +381,11 @@ def _upright_size(rig: rigs.Rig) -> tuple[int, int]:
     info = rig.camera.info
     height, width = rig.config.mounting.upright_shape((info.height, info.width))
     return height, width
+
+
+def _setup(rig: rigs.Rig) -> acquisition.Setup:
+    info = rig.camera.info
+    return acquisition.Setup(rig.config.name, info.vendor, info.model, info.serial)
 
 
 def _left_out(session: acquisition.Session) -> list[rigs.Notice]:

@@ -47,9 +47,7 @@ def normals(
         Write into an output folder that already contains files.
     """
     opened = open_recording(source, options)
-    stage = compute_normals(
-        opened.source, options.method, distant=options.distant, channel=options.channel
-    )
+    stage = compute_normals(opened.source, options)
     result = write_normals_stage(claim_folder(out, "normals.json"), stage, maps)
     result.inputs = opened.files
     result.parameters |= {"transfer": opened.source.transfer.record()}

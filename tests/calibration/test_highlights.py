@@ -135,15 +135,31 @@ def test_the_shared_brightness_is_subtracted_from_three_lights_on(lights):
     assert np.abs(found.pixels - expected).max() < 0.02
 
 
-@pytest.mark.parametrize(("lit", "shared"), [(24, False), (25, True)])
-def test_brightness_under_more_than_three_quarters_of_the_lights_is_shared(lit, shared):
-    """A reflection with half the flux of the highlights is not a rival if it is shared."""
+@pytest.mark.parametrize("lit", [3, 12, 24, 25, 31])
+@pytest.mark.parametrize("brightness", [0.8, 2.0])
+def test_a_lamp_that_shines_under_some_of_the_lights_is_no_highlight(lit, brightness):
     places = [(8 + 2 * (i % 8), 16 + 2 * (i // 8)) for i in range(32)]
     values = dots(*places, shape=(32, 32))
-    values[:lit, 8, 16] = 0.8
-    found = find_highlights(values, Ellipse((15.5, 15.5), (16.0, 16.0))).found
-    assert found[:lit].all() == shared
-    assert found[lit:].all()
+    values[:lit, 8, 16] = brightness
+    result = find_highlights(values, Ellipse((15.5, 15.5), (16.0, 16.0)))
+    np.testing.assert_allclose(result.pixels, places, atol=0.05)
+
+
+def test_lights_that_were_recorded_several_times_are_no_lamps():
+    values = stack(np.repeat(PLACES, 4, axis=0))
+    assert np.abs(find_highlights(values, OUTLINE).pixels - np.repeat(PLACES, 4, 0)).max() < 0.01
+
+
+def test_a_rival_is_kept_as_a_candidate():
+    values = dots((30, 40), (45, 55), (70, 45))
+    values[1, 45, 70] += 0.7
+    result = find_highlights(values, OUTLINE)
+    assert result.ambiguous.tolist() == [False, True, False]
+    np.testing.assert_allclose(result.candidates.pixels[1, :2], [(45, 55), (70, 45)], atol=0.02)
+    assert result.candidates.share[1, 1] == pytest.approx(0.7, abs=0.02)
+    chosen = result.chosen(np.array([0, 1, -1]))
+    np.testing.assert_allclose(chosen.pixels[:2], [(30, 40), (70, 45)], atol=0.02)
+    assert chosen.found.tolist() == [True, True, False]
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1e4])

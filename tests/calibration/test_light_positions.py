@@ -9,10 +9,10 @@ from calibration._spheres.cone import fit_cone
 from calibration._spheres.joint_refinement import KnownSpheres
 from calibration._spheres.light_positions import (
     _names,
-    _pair_positions,
     locate_lights,
 )
 from calibration._spheres.placed import off_the_plane, place
+from calibration._spheres.ray_positions import pair_positions
 
 TWO_R10 = [((-90, 0, 10), 10.0), ((90, 0, 10), 10.0)]
 TWO_R20 = [((-90, 0, 20), 20.0), ((90, 0, 20), 20.0)]
@@ -72,7 +72,7 @@ def test_pairs_of_rays_meet_in_front_of_both_spheres(points, toward, expected):
     height = np.array([0.0, 2.0, 0.0])[: len(points)]
     directions = np.column_stack([toward, np.zeros(len(toward))])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    met = _pair_positions(np.column_stack([points, height]), directions)
+    met = pair_positions(np.column_stack([points, height]), directions)
     assert met.shape == (len(expected), 3)
     if expected:
         np.testing.assert_allclose(met[:, :2], expected, atol=1e-12)

@@ -320,3 +320,41 @@ def test_masks_and_circles_may_be_arrays():
     circles = np.array([[200.0, 150.0, 40.0]])
     with pytest.raises(EstimateError, match="\\(200, 150\\)"):
         calibrate_spheres(VALUES, circles=circles)
+
+
+def with_rival(image, light, shift_px, share):
+    """Return a sphere with a second bright spot under a light."""
+    candidates = image.highlights.candidates
+    candidates.pixels[light, 1] = candidates.pixels[light, 0] + shift_px
+    candidates.sigma_px[light, 1], candidates.share[light, 1] = 0.05, share
+    pixels = image.highlights.pixels.copy()
+    pixels[light] = np.nan
+    several = replace(image.highlights, pixels=pixels, several=candidates)
+    return replace(image, highlights=several)
+
+
+def test_a_second_spot_is_decided_by_the_other_sphere(monkeypatch):
+    images = [seen(sphere, LIGHTS) for sphere in TWO]
+    right = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=20.0)
+    images[0] = with_rival(images[0], 3, (2.0, 6.0), 0.9)
+    result = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=20.0)
+    np.testing.assert_allclose(result.lights.positions_mm, right.lights.positions_mm)
+    assert codes(result) == codes(right)
+
+
+def test_a_second_spot_on_one_sphere_is_refused_by_name(monkeypatch):
+    image = with_rival(seen(TWO[0], LIGHTS), 3, (2.0, 6.0), 0.9)
+    text = r"light L03: several bright spots on the sphere at .* px may be its highlight, at \("
+    for options in ({}, {"camera": BENCH.camera}, {"camera": BENCH.camera, "radius_mm": 20.0}):
+        with pytest.raises(EstimateError, match=text):
+            calibrated(monkeypatch, [image], **options)
+
+
+def test_a_light_whose_two_highlights_disagree_is_named(monkeypatch):
+    images = [seen(sphere, LIGHTS) for sphere in TWO]
+    pixels = images[0].highlights.pixels.copy()
+    pixels[4, 1] += 4
+    images[0] = replace(images[0], highlights=replace(images[0].highlights, pixels=pixels))
+    result = calibrated(monkeypatch, images, camera=BENCH.camera, radius_mm=20.0)
+    [notice] = [notice for notice in result.warnings if notice.code == "light-doubtful"]
+    assert notice.text.startswith("light L04: the highlights on the spheres disagree by up to ")

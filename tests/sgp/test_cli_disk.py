@@ -40,6 +40,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     lights = f"--lights {root}/sim/derived/truth/lights.json"
     for line in (
         f"simulate coin --out {root}/sim --size 64x52 --led-count 6",
+        f"simulate white-plane --out {root}/card --size 64x52 --led-count 6",
         f"normals {root}/sim {lights} --out {root}/normals",
         f"surface {root}/normals --out {root}/surface",
         f"capture export {root}/sim {lights} --format lp --out {root}/lp",
@@ -77,6 +78,7 @@ def writers(made: Path, disk: Path) -> list[str]:
         f"compare {made}/normals {made}/normals --out {disk}/compare",
         f"project {made}/surface/surface.ply --out {disk}/project",
         f"calibrate intensities {made}/sim {lights} --out {disk}/card.json",
+        f"calibrate flat {made}/card {lights} --out {disk}/flat",
         f"rig snap {rig} --led 1 --out {disk}/snap.tif",
         f"demo --out {disk}/demo",
     ]

@@ -1,0 +1,202 @@
+"""flat.json: a flat field, with its two parts as images next to it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field
+
+from acquisition._errors import DataError
+from acquisition._json import parse_json
+from acquisition._pixels.images import read_image, write_exr
+from acquisition._storage import make_folder, write_durably
+from acquisition._text_files import read_text
+from acquisition._value_files.calibrated_record import CalibratedRecord, FileRecord
+from acquisition._values.flat import Flat, FloatImage
+from rig import MAX_PIXELS, check_type
+
+FLAT_FILE: Final = "flat.json"
+_VERSION: Final = 1
+_PARTS: Final = ("smooth", "pixel")
+_Deviation = Annotated[float, Field(ge=0)]
+
+
+class _Head(FileRecord):
+    model_config = ConfigDict(extra="ignore")
+
+    format: Literal["sgp-flat"]
+    version: Any
+
+
+class _Image(FileRecord):
+    file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+\.exr$")]
+    pixels_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class _FlatFile(FileRecord):
+    format: Literal["sgp-flat"] = "sgp-flat"
+    version: Literal[1] = _VERSION
+    smooth: _Image
+    pixel: _Image
+    cfa: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None = None
+    pixel_std: _Deviation | None = None
+    gradient_std: _Deviation | None = None
+    covered: Annotated[float, Field(ge=0, le=1)] = 1.0
+    calibrated: CalibratedRecord = CalibratedRecord()
+    outputs: Annotated[dict[str, str], Field(default_factory=dict)]
+    provenance: Annotated[dict[str, Any], Field(default_factory=dict)]
+
+
+def flat_files(path: str | Path) -> list[Path]:
+    """Return the files of a flat that exist, for hashing: flat.json and its images.
+
+    Parameters
+    ----------
+    path
+        As in `read_flat`.
+
+    Examples
+    --------
+    >>> from acquisition import flat_files
+    >>> flat_files("nowhere")
+    []
+    """
+    path = _file_of(Path(path))
+    files = [path, *(path.with_name(f"{part}.exr") for part in _PARTS)]
+    return [file for file in files if file.is_file()]
+
+
+def read_flat(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Flat:
+    """Read a flat field.
+
+    Parameters
+    ----------
+    path
+        flat.json, or its folder.
+    max_pixels
+        Largest allowed number of pixels, checked before the images are decoded.
+
+    Raises
+    ------
+    MissingPathError
+        If a file does not exist.
+    DataError
+        If flat.json is invalid or has another version, an image is damaged or not the one that
+        flat.json names, or a value is not a number; the message names the file.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Flat, read_flat, write_flat
+    >>> ones = np.ones((4, 6), np.float32)
+    >>> write_flat("flat", Flat(ones, ones))
+    >>> read_flat("flat/flat.json")
+    Flat(6 x 4 px, corners 100.0%)
+    """
+    path = _file_of(Path(path))
+    text = read_text(path)
+    version = parse_json(_Head, text, path).version
+    if type(version) is not int or version != _VERSION:
+        raise DataError(
+            f"{path}: version {str(version)[:20]} of sgp-flat is unknown, this program reads "
+            f"{_VERSION}: use the program that wrote the file"
+        )
+    file = parse_json(_FlatFile, text, path)
+    smooth, pixel = (
+        _read_part(path.with_name(part.file), part.pixels_sha256, max_pixels)
+        for part in (file.smooth, file.pixel)
+    )
+    try:
+        return Flat(
+            smooth,
+            pixel,
+            file.cfa,
+            pixel_std=file.pixel_std,
+            gradient_std=file.gradient_std,
+            covered=file.covered,
+            calibrated=file.calibrated.value(),
+        )
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+
+
+def write_flat(
+    folder: str | Path,
+    flat: Flat,
+    *,
+    outputs: dict[str, str] | None = None,
+    provenance: dict[str, Any] | None = None,
+) -> None:
+    """Write a flat field as smooth.exr, pixel.exr and, last, flat.json.
+
+    Parameters
+    ----------
+    folder
+        Folder to write to; it is created if it does not exist.
+    flat
+        The flat.
+    outputs
+        Names of other files that were written with it.
+    provenance
+        Origin of the flat: names with finite values that JSON can hold.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from acquisition import Flat, write_flat
+    >>> ones = np.ones((4, 6), np.float32)
+    >>> write_flat("flat", Flat(ones, ones))
+    >>> sorted(path.name for path in Path("flat").iterdir())
+    ['flat.json', 'pixel.exr', 'smooth.exr']
+    """
+    check_type("flat", flat, Flat, "read_flat(path) returns one")
+    folder = Path(folder)
+    make_folder(folder)
+    for part in _PARTS:
+        write_exr(folder / f"{part}.exr", getattr(flat, part))
+    # Times and identities only: a flat has no spheres.
+    record = _FlatFile(
+        smooth=_Image(file="smooth.exr", pixels_sha256=_sha256(flat.smooth)),
+        pixel=_Image(file="pixel.exr", pixels_sha256=_sha256(flat.pixel)),
+        cfa=flat.cfa,  # type: ignore[arg-type]  # pydantic checks it
+        pixel_std=flat.pixel_std,
+        gradient_std=flat.gradient_std,
+        covered=flat.covered,
+        calibrated=CalibratedRecord.of(replace(flat.calibrated, spheres=())),
+        outputs={"smooth": "smooth.exr", "pixel": "pixel.exr", **(outputs or {})},
+        provenance=provenance or {},
+    )
+    text = json.dumps(record.model_dump(mode="json", exclude_none=True), indent=1, allow_nan=False)
+    write_durably(folder / FLAT_FILE, f"{text}\n".encode())
+
+
+def _file_of(path: Path) -> Path:
+    return path / FLAT_FILE if path.is_dir() else path
+
+
+def _read_part(path: Path, sha256: str, max_pixels: int) -> FloatImage:
+    values = read_image(path, max_pixels=max_pixels)
+    if values.dtype != np.float32:
+        raise DataError(f"{path}: has {values.dtype} samples, a flat has float32: calibrate again")
+    image = values.astype(np.float32, copy=False)
+    if _sha256(image) != sha256:
+        raise DataError(
+            f"{path}: its pixels differ from those that {FLAT_FILE} names: restore the file, or "
+            "calibrate the flat again"
+        )
+    return image
+
+
+def _sha256(values: FloatImage) -> str:
+    return hashlib.sha256(np.ascontiguousarray(values, "<f4").data.cast("B")).hexdigest()

@@ -1,0 +1,186 @@
+"""sensor.json: figures of a sensor with standard deviations, and their origin."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import AwareDatetime, ConfigDict, Field
+
+from acquisition._errors import DataError
+from acquisition._json import parse_json
+from acquisition._storage import write_durably
+from acquisition._text_files import read_text
+from acquisition._value_files.calibrated_record import FileRecord
+from acquisition._values.measured_sensor import Measured, MeasuredSensor
+from acquisition._values.setup import Setup
+
+_FORMAT: Final = "sgp-sensor"
+_VERSION: Final = 1
+_Sigma = Annotated[float, Field(ge=0)]
+
+
+class _Head(FileRecord):
+    model_config = ConfigDict(extra="ignore")
+
+    format: Literal["sgp-sensor"]
+    version: Any
+
+
+class _Camera(FileRecord):
+    vendor: str = ""
+    model: str = ""
+    serial: str = ""
+
+
+class _Figures(FileRecord):
+    electrons_per_dn: Annotated[float, Field(gt=0)]
+    electrons_per_dn_sigma: _Sigma
+    read_noise_e: Annotated[float, Field(ge=0)]
+    read_noise_e_sigma: _Sigma
+    black_level_dn: float
+    black_level_dn_sigma: _Sigma
+    dsnu_e: Annotated[float, Field(ge=0)]
+    dsnu_e_sigma: _Sigma
+    prnu: Annotated[float, Field(ge=0)]
+    prnu_sigma: _Sigma
+    linearity_error: Annotated[float, Field(ge=0)]
+    linearity_error_sigma: _Sigma
+    dark_current_e_per_s: float | None = None
+    dark_current_e_per_s_sigma: _Sigma | None = None
+    full_well_e: Annotated[float, Field(gt=0)] | None = None
+    full_well_e_sigma: _Sigma | None = None
+    saturation_capacity_e: Annotated[float, Field(gt=0)] | None = None
+    saturation_capacity_e_sigma: _Sigma | None = None
+    snr_max: Annotated[float, Field(gt=0)] | None = None
+    snr_max_sigma: _Sigma | None = None
+    dynamic_range: Annotated[float, Field(gt=0)] | None = None
+    dynamic_range_sigma: _Sigma | None = None
+
+
+class _SensorFile(FileRecord):
+    format: Literal["sgp-sensor"]
+    version: Literal[1]
+    time_utc: AwareDatetime | None = None
+    camera: _Camera = _Camera()
+    bit_depth: Annotated[int, Field(ge=8, le=16)]
+    gain_db: float
+    figures: _Figures
+    full_well_limit: Literal["converter", "pixel"] | None = None
+    hot_pixel_fraction: Annotated[float, Field(ge=0, le=1)] = 0.0
+    hot_pixel_e_per_s: Annotated[float, Field(ge=0)] = 0.0
+    provenance: Annotated[dict[str, Any], Field(default_factory=dict)]
+
+
+def read_sensor(path: str | Path) -> MeasuredSensor:
+    """Read a measured sensor from a sensor.json.
+
+    Parameters
+    ----------
+    path
+        File that `write_sensor` wrote; docs/sensor-format.md describes it.
+
+    Raises
+    ------
+    MissingPathError
+        If the file does not exist.
+    DataError
+        If it is not a sensor.json, has another version or an invalid value; the message names the
+        file and the key.
+
+    Examples
+    --------
+    >>> from acquisition import Measured, MeasuredSensor, read_sensor, write_sensor
+    >>> names = ("electrons_per_dn", "read_noise_e", "black_level_dn")
+    >>> known = dict(zip(names, (Measured(2.5, 0.01), Measured(3.0, 0.02), Measured(64.0, 0.1))))
+    >>> still = dict.fromkeys(("dsnu_e", "prnu", "linearity_error"), Measured(0.0, 0.0))
+    >>> write_sensor("sensor.json", MeasuredSensor(12, 0.0, **known, **still))
+    >>> read_sensor("sensor.json").noise_model()
+    NoiseModel(2.5 e/DN, read noise 3 e, black level 64 DN, 12 bit)
+    """
+    path = Path(path)
+    text = read_text(path)
+    version = parse_json(_Head, text, path).version
+    if type(version) is not int or version != _VERSION:
+        raise DataError(
+            f"{path}: version {version!r} of {_FORMAT} is unknown, this program reads {_VERSION}: "
+            "use the program that wrote the file"
+        )
+    file = parse_json(_SensorFile, text, path)
+    figures = file.figures.model_dump()
+    names = [name for name in figures if not name.endswith("_sigma")]
+    for name in names:
+        if (figures[name] is None) != (figures[f"{name}_sigma"] is None):
+            raise DataError(f"{path}: figures.{name} needs {name}_sigma: give both or neither")
+    measured: dict[str, Any] = {
+        name: Measured(figures[name], figures[f"{name}_sigma"])
+        for name in names
+        if figures[name] is not None
+    }
+    try:
+        return MeasuredSensor(
+            bit_depth=file.bit_depth,
+            gain_db=file.gain_db,
+            **measured,
+            full_well_limit=file.full_well_limit,
+            hot_pixel_fraction=file.hot_pixel_fraction,
+            hot_pixel_e_per_s=file.hot_pixel_e_per_s,
+            setup=Setup("", file.camera.vendor, file.camera.model, file.camera.serial),
+            time_utc=file.time_utc,
+        )
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from error
+
+
+def write_sensor(
+    path: str | Path, sensor: MeasuredSensor, provenance: Mapping[str, Any] | None = None
+) -> None:
+    """Write a measured sensor as sensor.json.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    sensor
+        The figures.
+    provenance
+        What the writer records about itself, in JSON types; readers ignore it.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> from acquisition import Measured, MeasuredSensor, write_sensor
+    >>> nothing = Measured(0.0, 0.0)
+    >>> sensor = MeasuredSensor(12, 0.0, Measured(2.5, 0.01), *[nothing] * 5)
+    >>> write_sensor("sensor.json", sensor)
+    """
+    setup = sensor.setup
+    names = {
+        "vendor": setup.camera_vendor,
+        "model": setup.camera_model,
+        "serial": setup.camera_serial,
+    }
+    figures: dict[str, float] = {}
+    for name, figure in sensor.figures.items():
+        figures |= {name: figure.value, f"{name}_sigma": figure.sigma}
+    content: dict[str, Any] = {
+        "format": _FORMAT,
+        "version": _VERSION,
+        "time_utc": None if sensor.time_utc is None else sensor.time_utc.isoformat(),
+        "camera": {name: text for name, text in names.items() if text},
+        "bit_depth": sensor.bit_depth,
+        "gain_db": sensor.gain_db,
+        "figures": figures,
+        "full_well_limit": sensor.full_well_limit,
+        "hot_pixel_fraction": sensor.hot_pixel_fraction,
+        "hot_pixel_e_per_s": sensor.hot_pixel_e_per_s,
+        "provenance": dict(provenance or {}),
+    }
+    known = {key: value for key, value in content.items() if value is not None}
+    write_durably(Path(path), f"{json.dumps(known, indent=1, allow_nan=False)}\n".encode())

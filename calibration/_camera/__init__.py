@@ -1,0 +1,1 @@
+"""The camera: calibration boards, their corners in images, and intrinsics from several views."""

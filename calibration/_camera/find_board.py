@@ -1,0 +1,205 @@
+"""Find the corners of a ChArUco board in an image, or say why the image has none."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calibration._camera.board import DICTIONARIES, CharucoBoard, dictionary_named
+from calibration._camera.view import BoardView
+from calibration._errors import DataError, EstimateError
+from calibration._radiance.luma import luma
+from rig import pluralize
+
+Array = npt.NDArray[np.float64]
+FloatImage = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+# A view with fewer corners hardly constrains its pose and the lens together.
+FEWEST_CORNERS: Final = 8
+_FEWEST_MARKERS: Final = 4
+_SMALLEST_PX: Final = 32
+# Corners further than this share of a square from a plane's perspective belong to another board.
+_MISFIT: Final = 0.15
+_LEAST_SQUARE_PX: Final = 8.0
+# Half of the window in which a corner is refined, in pixels.
+_SMALLEST_WINDOW, _LARGEST_WINDOW = 2, 10
+_EDGE_BLUR_PX: Final = 1.5
+
+
+def find_board(
+    image: npt.NDArray[np.generic], board: CharucoBoard, name: str = "the image"
+) -> BoardView:
+    """Find the corners of a calibration board.
+
+    Markers are found with OpenCV's ArUco detector (Garrido-Jurado et al., Automatic generation and
+    detection of highly reliable fiducial markers under occlusion, 2014). The corners between them
+    are refined in the samples as they are, so the image should be proportional to light.
+
+    Parameters
+    ----------
+    image
+        ``(H, W)`` or ``(H, W, 3)`` RGB, of any type and scale.
+    board
+        The board.
+    name
+        Name of the image, for messages.
+
+    Returns
+    -------
+    BoardView
+        At least 8 corners that are not on one line.
+
+    Raises
+    ------
+    DataError
+        If the array is not an image of at least 32 x 32 finite samples.
+    EstimateError
+        If the image does not show the board, or too little of it; the message says whether the
+        board is mirrored, or another one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import CharucoBoard, find_board
+    >>> board = CharucoBoard(5, 4, 20)
+    >>> picture = board.in_opencv().generateImage((400, 320), marginSize=20)
+    >>> find_board(picture, board)
+    BoardView(the image, 12 corners)
+    """
+    gray = _gray(image, name)
+    shown = _eight_bits(gray)
+    corners, ids = _markers(shown, board.dictionary)
+    if len(ids) < _FEWEST_MARKERS:
+        raise EstimateError(f"{name}: {_why_no_board(shown, board, len(ids))}")
+    foreign = ids[ids >= board.markers]
+    if len(foreign) > len(ids) // 4:
+        raise EstimateError(
+            f"{name}: marker {foreign.max()} is not on a calibration board of {_squares(board)}, "
+            f"which has the markers 0 to {board.markers - 1}: give the board that was printed"
+        )
+    keep = np.flatnonzero(ids < board.markers)
+    corners, ids = [corners[k] for k in keep], ids[keep]
+    _check_fit(name, board, corners, ids)
+    settings = cv2.aruco.CharucoParameters()
+    detector = cv2.aruco.CharucoDetector(board.in_opencv(), settings)
+    found, found_ids, _, _ = detector.detectBoard(
+        shown, markerCorners=corners, markerIds=ids.astype(np.int32)[:, None]
+    )
+    count = 0 if found_ids is None else len(found_ids)
+    if count:
+        places, which = _refined(gray, found, found_ids, _square_px(board, corners), board)
+        count = len(which)
+    if count < FEWEST_CORNERS:
+        raise EstimateError(
+            f"{name}: shows {pluralize(count, 'corner')} of the calibration board, fewer than "
+            f"{FEWEST_CORNERS}: show more of it, sharp and evenly lit"
+        )
+    view = BoardView(name, board, (gray.shape[0], gray.shape[1]), which, places)
+    if min(np.ptp(view.points_mm[:, axis]) for axis in (0, 1)) < board.square_mm / 2:
+        raise EstimateError(
+            f"{name}: all {count} corners are on one line of the calibration board: show more of it"
+        )
+    return view
+
+
+def _gray(image: npt.NDArray[np.generic], name: str) -> FloatImage:
+    array = np.asarray(image)
+    if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] != 3):
+        raise DataError(f"{name}: an array of shape {array.shape} is not an image")
+    if min(array.shape[:2]) < _SMALLEST_PX:
+        raise DataError(
+            f"{name}: {array.shape[1]} x {array.shape[0]} pixels are too few to show a board"
+        )
+    values = np.asarray(array, np.float32)
+    if not np.isfinite(values).all():
+        raise DataError(f"{name}: contains values that are not finite: replace them")
+    return luma(values) if values.ndim == 3 else values
+
+
+def _eight_bits(gray: FloatImage) -> Bytes:
+    """Return an image for the detector of markers: stretched, with dark parts made brighter."""
+    low, high = np.percentile(gray[::4, ::4], [0.5, 99.5])
+    share = np.clip((gray - low) / max(float(high - low), 1e-12), 0, 1)
+    return np.asarray(np.rint(255 * np.sqrt(share)), np.uint8)
+
+
+def _markers(shown: Bytes, dictionary: str) -> tuple[list[Any], npt.NDArray[np.int64]]:
+    detector = cv2.aruco.ArucoDetector(dictionary_named(dictionary))
+    corners, ids, _ = detector.detectMarkers(shown)
+    return list(corners), np.zeros(0, np.int64) if ids is None else ids.ravel().astype(np.int64)
+
+
+def _why_no_board(shown: Bytes, board: CharucoBoard, count: int) -> str:
+    """Return the reason why an image has few markers of a board: ``count`` of them."""
+    _, ids = _markers(np.ascontiguousarray(shown[:, ::-1]), board.dictionary)
+    if len(ids) > count + _FEWEST_MARKERS:
+        return "the calibration board is mirrored: print it again, or do not mirror the images"
+    for other in DICTIONARIES:
+        if other.endswith("_250") and other[:3] != board.dictionary[:3]:
+            _, ids = _markers(shown, other)
+            if len(ids) > count + _FEWEST_MARKERS:
+                return (
+                    f"shows markers of {other[:3]} modules instead of {board.dictionary}: give the "
+                    "board that was printed"
+                )
+    return (
+        f"shows {pluralize(count, 'marker')} of the dictionary {board.dictionary}: show the board "
+        "sharp and evenly lit"
+    )
+
+
+def _check_fit(
+    name: str, board: CharucoBoard, corners: list[Any], ids: npt.NDArray[np.int64]
+) -> None:
+    """Refuse markers whose numbers are elsewhere on the board: it has another number of columns."""
+    places = np.asarray(board.in_opencv().getObjPoints())[ids, :, :2].reshape(-1, 2)
+    seen = np.asarray(corners, np.float64).reshape(-1, 2)
+    mapped, _ = cv2.findHomography(places, seen, cv2.LMEDS)
+    misfit = np.inf
+    if mapped is not None:
+        across = cv2.perspectiveTransform(places[:, None], mapped)[:, 0]
+        misfit = float(np.quantile(np.linalg.norm(across - seen, axis=1), 0.8))
+    if misfit > _MISFIT * _square_px(board, corners):
+        raise EstimateError(
+            f"{name}: the markers are in another order than on a calibration board of "
+            f"{_squares(board)}: give the numbers of squares of the board that was printed"
+        )
+
+
+def _square_px(board: CharucoBoard, corners: list[Any]) -> float:
+    """Return the median side of the squares in the image."""
+    sides = np.asarray(corners, np.float64).reshape(-1, 4, 2)
+    length = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=-1).mean(axis=1)
+    return float(np.median(length)) * board.square_mm / float(board.marker_mm or 1)
+
+
+def _refined(
+    gray: FloatImage,
+    found: npt.ArrayLike,
+    ids: npt.ArrayLike,
+    square_px: float,
+    board: CharucoBoard,
+) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Refine corners in windows that reach no marker; leave out those that move too far."""
+    gap = (1 - float(board.marker_mm or 0) / board.square_mm) / np.sqrt(2) * square_px
+    half = int(np.clip(gap - _EDGE_BLUR_PX, _SMALLEST_WINDOW, _LARGEST_WINDOW))
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
+    before = np.asarray(found, np.float32).reshape(-1, 1, 2)
+    low, high = float(gray.min()), float(gray.max())
+    scaled = (gray - np.float32(low)) / np.float32(max(high - low, 1e-12))
+    after = cv2.cornerSubPix(scaled, before.copy(), (half, half), (-1, -1), criteria)
+    after = np.asarray(after, np.float64).reshape(-1, 2)
+    moved = np.linalg.norm(after - before.reshape(-1, 2), axis=1)
+    limit = np.array([gray.shape[1], gray.shape[0]]) - 1 - half
+    keep = (moved <= half) & np.all((after >= half) & (after <= limit), axis=1)
+    if square_px < _LEAST_SQUARE_PX:
+        keep[:] = False
+    return after[keep], np.asarray(ids, np.int64).ravel()[keep]
+
+
+def _squares(board: CharucoBoard) -> str:
+    return f"{board.columns} x {board.rows} squares"

@@ -1,0 +1,157 @@
+"""Least squares of intrinsics and poses over all views, with the covariance of the intrinsics.
+
+Z. Zhang, A flexible new technique for camera calibration, 2000, as implemented in OpenCV. The
+covariance is our own: it takes two residuals for each corner and all free parameters into account.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calibration._camera.view import BoardView
+from calibration._errors import EstimateError
+
+Array = npt.NDArray[np.float64]
+
+# The intrinsic parameters, in the order of covariances.
+PARAMETERS: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+_FIXED: Final = {
+    "k1": cv2.CALIB_FIX_K1,
+    "k2": cv2.CALIB_FIX_K2,
+    "p1": cv2.CALIB_ZERO_TANGENT_DIST,
+    "k3": cv2.CALIB_FIX_K3,
+}
+_CRITERIA: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 300, 1e-12)
+# Focal lengths relative to the larger side of the image that are tried if the views give no start.
+_STARTS: Final = (0.8, 1.6, 3.2)
+_SINGULAR: Final = 1e-13
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Intrinsics and poses.
+
+    Parameters
+    ----------
+    K
+        ``(3, 3)`` camera matrix.
+    distortion
+        ``(5,)`` coefficients k1, k2, p1, p2, k3; 0 for those that are not free.
+    covariance
+        ``(9, 9)`` of `PARAMETERS`; 0 for those that are not free. Infinite if the views do not
+        determine the free ones.
+    poses
+        Rotation vector and translation of each view, ``(3,)`` each, in OpenCV's frame.
+    residuals_px
+        ``(n, 2)`` seen minus predicted corners of each view.
+    sigma_px
+        Standard deviation of a coordinate of a corner, from the residuals.
+    """
+
+    K: Array
+    distortion: Array
+    covariance: Array
+    poses: tuple[tuple[Array, Array], ...]
+    residuals_px: tuple[Array, ...]
+    sigma_px: float
+
+    def sigma(self, name: str) -> float:
+        """Return the standard deviation of one of `PARAMETERS`."""
+        k = PARAMETERS.index(name)
+        return float(np.sqrt(self.covariance[k, k]))
+
+
+def fit(views: Sequence[BoardView], free: Sequence[str]) -> Fit:
+    """Fit K, the coefficients ``free`` of the distortion, and a pose for each view.
+
+    Raises
+    ------
+    EstimateError
+        If no camera explains the views.
+    """
+    height, width = views[0].size
+    flags = sum(flag for name, flag in _FIXED.items() if name not in free)
+    points = [view.points_mm.astype(np.float32) for view in views]
+    seen = [view.corners_px.astype(np.float32)[:, None] for view in views]
+    best = None
+    for start in (None, *_STARTS):
+        guess, more = None, 0
+        if start is not None:
+            f = start * max(width, height)
+            guess = np.array([[f, 0, (width - 1) / 2], [0, f, (height - 1) / 2], [0, 0, 1]])
+            more = cv2.CALIB_USE_INTRINSIC_GUESS
+        try:
+            rms, K, distortion, turns, shifts = cv2.calibrateCamera(
+                points, seen, (width, height), guess, None, flags=flags | more, criteria=_CRITERIA
+            )
+        except cv2.error:
+            continue
+        if np.isfinite(K).all() and np.isfinite(distortion).all() and K[0, 0] > 0 < K[1, 1]:
+            best = (K, distortion, turns, shifts) if np.isfinite(rms) else best
+            break
+    if best is None:
+        raise EstimateError(
+            "no camera explains the views of the calibration board: is it flat, and are all views "
+            "taken with the same camera, zoom and focus?"
+        )
+    K, distortion, turns, shifts = best
+    coefficients = np.asarray(distortion, np.float64).ravel()[:5]
+    poses = tuple((_vector(r), _vector(t)) for r, t in zip(turns, shifts, strict=True))
+    return _with_covariance(views, free, np.asarray(K, np.float64), coefficients, poses)
+
+
+def projected(
+    points_mm: Array, pose: tuple[Array, Array], K: Array, distortion: Array
+) -> tuple[Array, Array, Array]:
+    """Return pixels ``(n, 2)``, their derivatives by pose ``(2n, 6)`` and camera ``(2n, 9)``."""
+    seen, derivatives = cv2.projectPoints(points_mm[:, None], *pose, K, distortion)
+    jacobian = np.asarray(derivatives, np.float64)
+    return np.asarray(seen, np.float64).reshape(-1, 2), jacobian[:, :6], jacobian[:, 6:15]
+
+
+def _vector(values: npt.ArrayLike) -> Array:
+    vector: Array = np.asarray(values, np.float64).ravel()
+    return vector
+
+
+def _with_covariance(
+    views: Sequence[BoardView],
+    free: Sequence[str],
+    K: Array,
+    distortion: Array,
+    poses: tuple[tuple[Array, Array], ...],
+) -> Fit:
+    used = np.array([name in free or name in PARAMETERS[:4] for name in PARAMETERS])
+    residuals, normal = [], np.zeros((used.sum(), used.sum()))
+    squares, count = 0.0, -int(used.sum())
+    for view, pose in zip(views, poses, strict=True):
+        predicted, by_pose, by_camera = projected(view.points_mm, pose, K, distortion)
+        residual = view.corners_px - predicted
+        residuals.append(residual)
+        squares += float(np.sum(residual**2))
+        count += residual.size - 6
+        # The pose of the view is eliminated: what is left of the derivatives is orthogonal to it.
+        inner = by_camera[:, used]
+        basis, _ = np.linalg.qr(by_pose)
+        inner = inner - basis @ (basis.T @ inner)
+        normal += inner.T @ inner
+    sigma2 = squares / max(count, 1)
+    covariance = np.zeros((len(PARAMETERS), len(PARAMETERS)))
+    covariance[np.ix_(used, used)] = sigma2 * _inverse(normal)
+    return Fit(K, distortion, covariance, poses, tuple(residuals), float(np.sqrt(sigma2)))
+
+
+def _inverse(normal: Array) -> Array:
+    """Return the inverse of normal equations, infinite if they are singular."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    if values[0] < _SINGULAR:
+        return np.full(normal.shape, np.inf)
+    inverse: Array = (vectors / values) @ vectors.T / np.outer(scale, scale)
+    return inverse

@@ -1,0 +1,1 @@
+"""Flat fields from matte cards under near lights."""

@@ -1,0 +1,117 @@
+"""The smooth part of a flat: a polynomial of the image in the logarithm."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from calibration._flat.sites import Array, Bools, Sites, block_means
+
+_DEGREE = 6
+_BLOCKS = 3000
+_ROUNDS = 20
+_CAUCHY = 2.385
+# Less of the image than this does not determine a free polynomial up to its corners.
+_WHOLE = 0.98
+
+
+def smooth_part(values: npt.NDArray[np.float32], measured: Bools, sites: Sites) -> Array:
+    """Fit the smooth part of a flat field.
+
+    Parameters
+    ----------
+    values
+        Response of each pixel, the shape of the frames; its scale is free.
+    measured
+        The pixels to fit, same shape.
+    sites
+        Colours of the pixels.
+
+    Returns
+    -------
+    NDArray
+        Float64 of the same shape, 1 in the middle of the image in each colour. The logarithm is a
+        polynomial of degree 6, or if the card does not fill the image, a gradient and ``r^2`` and
+        ``r^4``. Blocks that differ from their surroundings have a low weight (Cauchy).
+    """
+    height, width = sites.shape[:2]
+    side = max(2, 2 * int(np.ceil(np.sqrt(height * width / _BLOCKS) / 2)))
+    basis = _free() if measured.mean() > _WHOLE else _radial()
+    u, v = _places(width, height)
+    rows, columns = height // side, width // side
+    at_u, at_v = (
+        places[: count * side].reshape(count, side).mean(axis=1)
+        for places, count in ((u, columns), (v, rows))
+    )
+    across, down = np.meshgrid(at_u, at_v)
+    design = _design(basis, across.ravel(), down.ravel())
+    found = np.zeros((height, width, sites.colours))
+    for c in range(sites.colours):
+        plane = sites.colour(values, c)
+        usable = sites.colour(measured, c) & sites.has(c)
+        means = block_means(plane, usable, side).reshape(rows * columns)
+        known = np.isfinite(means) & (means > 0)
+        coefficients = _robust(design[known], np.log(means[known]))
+        # The constant is the first: without it, the part is 1 in the middle.
+        matrix = np.tensordot(coefficients[1:], basis[1:], axes=1)
+        found[..., c] = np.exp(_powers(v) @ matrix.T @ _powers(u).T)
+    if len(sites.shape) == 3:
+        return found
+    if sites.cfa is None:
+        return found[..., 0]
+    mosaic = np.zeros((height, width))
+    for c in range(sites.colours):
+        mosaic += np.where(sites.has(c), found[..., c], 0.0)
+    return mosaic
+
+
+def _places(width: int, height: int) -> tuple[Array, Array]:
+    """Return columns and rows relative to the middle; a corner is at the distance 1."""
+    half = np.hypot(width, height) / 2
+    u: Array = (np.arange(width) - (width - 1) / 2) / half
+    v: Array = (np.arange(height) - (height - 1) / 2) / half
+    return u, v
+
+
+def _free() -> Array:
+    """Return coefficients ``(M, 7, 7)`` of u^i v^j: one monomial each, the constant first."""
+    orders = [pair for pair in product(range(_DEGREE + 1), repeat=2) if sum(pair) <= _DEGREE]
+    basis = np.zeros((len(orders), _DEGREE + 1, _DEGREE + 1))
+    for m, (i, j) in enumerate(orders):
+        basis[m, i, j] = 1.0
+    return basis
+
+
+def _radial() -> Array:
+    """Return coefficients ``(5, 7, 7)`` of u^i v^j: 1, u, v, r^2 and r^4."""
+    basis = np.zeros((5, _DEGREE + 1, _DEGREE + 1))
+    basis[0, 0, 0] = basis[1, 1, 0] = basis[2, 0, 1] = 1.0
+    basis[3, 2, 0] = basis[3, 0, 2] = 1.0
+    basis[4, 4, 0] = basis[4, 0, 4] = 1.0
+    basis[4, 2, 2] = 2.0
+    return basis
+
+
+def _powers(places: Array) -> Array:
+    return np.vander(places, _DEGREE + 1, increasing=True)
+
+
+def _design(basis: Array, u: Array, v: Array) -> Array:
+    design: Array = np.einsum("pi,mij,pj->pm", _powers(u), basis, _powers(v), optimize=True)
+    return design
+
+
+def _robust(design: Array, target: Array) -> Array:
+    """Return coefficients by iteratively reweighted least squares with Cauchy's weights."""
+    weights = np.ones(len(target))
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weights)
+        found = np.asarray(
+            np.linalg.lstsq(design * root[:, None], target * root, rcond=None)[0], np.float64
+        )
+        rest = target - design @ found
+        scale = max(1.4826 * float(np.median(np.abs(rest))), 1e-9)
+        weights = 1 / (1 + (rest / (_CAUCHY * scale)) ** 2)
+    return found

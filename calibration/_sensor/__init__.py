@@ -1,0 +1,1 @@
+"""Calibration of the sensor by photon transfer."""

@@ -1,0 +1,201 @@
+"""Height of surfaces under near lights, compared with closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+
+from acquisition import CameraModel, DataError, Lights, angle_deg
+from processing import NormalMap, integrate, photometric_stereo
+from processing._reconstruction.near_height import near_height
+
+SIZE = (60, 80)
+DISTANCE = 600.0
+CAMERA = CameraModel(
+    np.array([[420.0, 0, 39.5], [0, 420, 29.5], [0, 0, 1]]),
+    SIZE[1],
+    SIZE[0],
+    working_distance_mm=DISTANCE,
+)
+Y, X = np.indices(SIZE)
+DISC = (X - 39.5) ** 2 + (Y - 29.5) ** 2 < 26**2
+
+
+def dome(scale=1.0):
+    """Return 16 LEDs in two rings, 450 mm from the origin."""
+    turn = np.radians(np.arange(16) * 22.5)
+    tilt = np.radians(np.resize([25.0, 50.0], 16))
+    away = np.stack(
+        [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)], axis=1
+    )
+    return Lights(positions_mm=450.0 * scale * away, axes=-away, mu=np.ones(16))
+
+
+def plane(slope, height):
+    """Return depth and normals of a plane whose mean height over the disc is ``height``."""
+    normal = np.array([-slope[0], -slope[1], 1.0]) / math.hypot(1, *slope)
+    rays, centre = CAMERA.pixel_rays(), CAMERA.centre_mm
+    at_origin = -(centre @ normal) / (rays @ normal)
+    depth = at_origin * (DISTANCE - height) / at_origin[DISC].mean()
+    return depth, np.broadcast_to(normal, (*SIZE, 3))
+
+
+def ball(radius, height):
+    """Return depth and normals of a spherical cap whose mean height is ``height``."""
+    rays, camera_centre = CAMERA.pixel_rays(), CAMERA.centre_mm
+    low, high = height - 2 * radius, height
+    for _ in range(60):  # bisection of the height of the centre
+        middle = (low + high) / 2
+        toward = camera_centre - np.array([0, 0, middle])
+        a = (rays**2).sum(axis=-1)
+        b = rays @ toward
+        root = np.sqrt(np.maximum(b**2 - a * (toward @ toward - radius**2), 0))
+        depth = (-b - root) / a
+        if DISTANCE - depth[DISC].mean() > height:
+            high = middle
+        else:
+            low = middle
+    points = CAMERA.points_at(depth)
+    normals = points - np.array([0, 0, middle])
+    return depth, normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+SURFACES = {
+    "flat": lambda height: plane((0.0, 0.0), height),
+    "tilted": lambda height: plane((0.25, -0.1), height),
+    "cap": lambda height: ball(70.0, height),
+}
+
+
+def images(depth, normals, lights, noise=0.0, seed=0):
+    points = CAMERA.points_at(depth)
+    albedo = 0.5 + 0.2 * np.sin(X / 5) * np.cos(Y / 7)
+    vectors = lights.vectors_at(points)
+    values = albedo * np.maximum((vectors * normals).sum(axis=-1), 0)
+    rng = np.random.default_rng(seed)
+    return (values + noise * rng.normal(size=values.shape)).astype(np.float32)
+
+
+@pytest.mark.parametrize("height", [-40.0, 0.0, 6.0, 70.0])
+@pytest.mark.parametrize("kind", SURFACES)
+def test_exact_images_give_the_exact_surface(kind, height):
+    lights = dome()
+    depth, normals = SURFACES[kind](height)
+    found = near_height(images(depth, normals, lights), lights, DISC, CAMERA)
+    assert not found.warnings
+    assert found.mean_height_mm == pytest.approx(height, abs=0.05)
+    assert np.abs(found.depth - depth)[DISC].max() < 0.2
+    assert found.steps[-1].change_mm < found.steps[0].change_mm / 20 or height == 0
+
+
+@pytest.mark.parametrize("kind", ["tilted", "cap"])
+def test_normals_are_those_with_the_true_points(kind):
+    lights = dome()
+    depth, normals = SURFACES[kind](25.0)
+    values = images(depth, normals, lights, noise=0.004)
+    found = near_height(values, lights, DISC, CAMERA)
+
+    def error(at):
+        points = CAMERA.points_at(at)
+        solved = photometric_stereo(values, lights, DISC, points_mm=points, method="ls")
+        return angle_deg(solved.normal_map.normals, normals)[DISC].mean()
+
+    assert error(found.depth) < 1.01 * error(depth)
+    assert error(found.depth) < 0.5 * error(np.full(SIZE, DISTANCE))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SURFACES)
+def test_the_standard_deviation_is_that_of_the_heights(kind):
+    lights = dome()
+    depth, normals = SURFACES[kind](12.0)
+    scores = []
+    for seed in range(30):
+        values = images(depth, normals, lights, noise=0.005, seed=100 + seed)
+        found = near_height(values, lights, DISC, CAMERA)
+        scores.append((found.mean_height_mm - 12.0) / found.mean_height_sigma_mm)
+    assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.4
+    assert abs(np.mean(scores)) < 0.6
+
+
+def test_a_stated_height_is_kept():
+    lights = dome()
+    depth, normals = SURFACES["tilted"](25.0)
+    found = near_height(images(depth, normals, lights), lights, DISC, CAMERA, height_mm=25.0)
+    assert found.mean_height_mm == pytest.approx(25.0, abs=1e-3)
+    assert math.isnan(found.mean_height_sigma_mm)
+    assert np.abs(found.depth - depth)[DISC].max() < 0.1
+
+
+def test_an_object_that_rests_on_the_plane():
+    lights = dome()
+    depth, normals = SURFACES["cap"](25.0)
+    lift = float((DISTANCE - depth[DISC]).min())
+    depth, normals = SURFACES["cap"](25.0 - lift)
+    found = near_height(images(depth, normals, lights), lights, DISC, CAMERA, rests_on_plane=True)
+    heights = DISTANCE - found.depth[DISC]
+    assert np.quantile(heights, 0.005) == pytest.approx(0, abs=0.2)
+    assert found.mean_height_mm == pytest.approx(25.0 - lift, abs=0.5)
+
+
+def test_heights_that_the_images_do_not_show_are_reported():
+    """The lights are so far away that their irradiance is the same everywhere."""
+    lights = dome(scale=100.0)
+    depth, normals = SURFACES["tilted"](10.0)
+    found = near_height(images(depth, normals, lights, noise=0.01), lights, DISC, CAMERA)
+    assert [note.code for note in found.warnings] == ["height-not-determined"]
+    assert (found.depth == DISTANCE).all()
+
+
+@pytest.mark.parametrize("bad", ["noise", "one pixel", "black"])
+def test_images_without_a_surface_keep_the_plane(bad):
+    lights, mask = dome(), DISC.copy()
+    values = np.zeros((16, *SIZE), np.float32)
+    if bad == "noise":
+        values = np.random.default_rng(0).uniform(0, 1, values.shape).astype(np.float32)
+    elif bad == "one pixel":
+        mask[:] = False
+        mask[20, 30] = True
+        values += 0.3
+    found = near_height(values, lights, mask, CAMERA)
+    assert np.isfinite(found.depth).all()
+    if bad != "noise":
+        assert [note.code for note in found.warnings] == ["height-not-determined"]
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"height_mm": 900.0}, "a height of 900 mm puts the object behind lights or camera"),
+        ({"height_mm": -700.0}, "behind lights or camera: give a height from -225 to"),
+        ({"height_mm": 3.0, "rests_on_plane": True}, "give one of them"),
+    ],
+)
+def test_impossible_heights_are_refused(options, text):
+    with pytest.raises(DataError, match=text):
+        near_height(np.ones((16, *SIZE), np.float32), dome(), DISC, CAMERA, **options)
+
+
+def test_large_images_are_averaged(monkeypatch):
+    lights = dome()
+    depth, normals = SURFACES["tilted"](25.0)
+    values = images(depth, normals, lights)
+    values[3, 20:24, 30:35] = np.nan
+    monkeypatch.setattr("processing._reconstruction.near_height._PIXELS", 200)
+    found = near_height(values, lights, DISC, CAMERA)
+    assert found.mean_height_mm == pytest.approx(25.0, abs=0.3)
+    inner = (X - 39.5) ** 2 + (Y - 29.5) ** 2 < 22**2
+    assert np.abs(found.depth - depth)[inner].max() < 0.5
+
+
+def test_integration_at_an_approximate_depth():
+    depth, normals = SURFACES["cap"](25.0)
+    normal_map = NormalMap.from_vectors(normals.astype(np.float32), DISC)
+    surface = integrate(normal_map, camera=CAMERA, depth_mm=depth.astype(np.float32) + 0.5)
+    assert np.abs(surface.depth - depth - 0.5)[DISC].max() < 0.05
+    assert np.abs(surface.height - (DISTANCE - depth - 0.5))[DISC].max() < 0.05
+    for wrong in (depth[:5], -depth, depth * np.nan):
+        with pytest.raises(DataError, match="must be positive at all pixels"):
+            integrate(normal_map, camera=CAMERA, depth_mm=wrong.astype(np.float32))
+    with pytest.raises(DataError, match="require a camera with a working distance"):
+        integrate(normal_map, depth_mm=depth.astype(np.float32))
