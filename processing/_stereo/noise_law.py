@@ -38,9 +38,9 @@ class NoiseLaw:
                 f"{pluralize(images, 'image')}"
             )
         self._noise = noise
-        # The variance of a single exposure is linear, and the same for every second pixel.
+        # The variance of one exposure without a flat is linear, and alike at every second pixel.
         self._linear: Double | None = None
-        if noise.slope.shape[1] == 1 and noise.used is None:
+        if noise.slope.shape[1] == 1 and noise.used is None and noise.response is None:
             tile = np.zeros((2, 2))
             floor, unit = (
                 np.stack([noise.variance(i, tile + v) for i in range(images)]) for v in (0.0, 1.0)

@@ -44,7 +44,11 @@ def trimmed(values: Float, vectors: Float, law: Float | None = None) -> tuple[Do
 
 @numba.njit(cache=True)
 def _keep_the_middle(count: int, values: Float, above: Float, weight: Float) -> None:
-    """Write the weight 1 for samples of middle brightness and 0 for others."""
+    """Write the weight 1 for samples of middle brightness and 0 for others.
+
+    The ranks are located to 1/64 of the range. Samples so close to the darkest are left out with
+    them, also if they are more than a fifth: they are shadows.
+    """
     left_out = int(_TRIMMED * count)
     darkest = values[0]
     for k in range(count):

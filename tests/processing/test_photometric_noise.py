@@ -103,7 +103,7 @@ def test_shadows_and_highlights_in_known_noise_change_nothing_for_the_worse(meth
     assert weighted <= 1.02 * plain
 
 
-def test_merged_brackets_and_mosaics_have_a_law_for_each_pixel():
+def test_merged_brackets_mosaics_and_flats_have_a_law_for_each_pixel():
     normals, lights = _cap(40, 45), _lights(12)
     signal = 0.8 * np.einsum("hwc,nc->nhw", normals, lights.unit_directions)
     one = StackNoise.of_one_exposure(SLOPE, FLOOR, 12)
@@ -119,7 +119,10 @@ def test_merged_brackets_and_mosaics_have_a_law_for_each_pixel():
     mosaic = dataclasses.replace(
         one, pattern="RGGB", intensities=np.tile([0.25, 1.0, 0.5], (12, 1))
     )
-    for noise in (merged, mosaic):
+    flat = dataclasses.replace(
+        one, response=np.linspace(0.4, 1.0, 1600).reshape(40, 40).astype(np.float32)
+    )
+    for noise in (merged, mosaic, flat):
         variance = np.stack([noise.variance(i, image) for i, image in enumerate(signal)])
         assert np.ptp(variance / (FLOOR + SLOPE * signal)) > 0.5
         values = signal + np.random.default_rng(3).normal(size=signal.shape) * np.sqrt(variance)
