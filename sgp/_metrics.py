@@ -99,8 +99,8 @@ class NormalsMetrics(QualityMetrics):
         Annotated[
             float,
             "mm",
-            "standard deviation of this height from the residuals of the images, without errors of "
-            "the lights; absent if the height was stated",
+            "standard deviation of this height, from the scatter of residuals between pixels and "
+            "lights; absent if the height was stated",
         ]
     ]
     height_changes_mm: NotRequired[

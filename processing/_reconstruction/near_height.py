@@ -71,7 +71,7 @@ class NearHeight:
     mean_height_mm
         Mean height of the object above the working plane.
     mean_height_sigma_mm
-        Its standard deviation from the residuals of the images, without errors of the lights; NaN
+        Its standard deviation, from the scatter of residuals between pixels and between lights; NaN
         if it was given, or follows from the plane on which the object rests.
     steps
         The iteration.
@@ -267,7 +267,7 @@ class _Search:
         self._scale = max(1.4826 * float(np.median(np.abs(known))), 1e-6)
 
         def cost(height: float) -> float:
-            return float(self._costs(relative, height).mean())
+            return float(self._costs(relative, height).sum())
 
         bracket = self._bracket(cost)
         if bracket is None:
@@ -292,21 +292,31 @@ class _Search:
         return float(tried[best - 1]), float(tried[best + 1])
 
     def _sigma(self, relative: Double, height: float) -> float:
-        """Return the standard deviation of a minimum, from the scatter of the pixels' slopes."""
+        """Return the standard deviation of a minimum.
+
+        Slopes of the cost scatter between pixels by noise, and between lights also by errors of the
+        lights, which are common to all pixels (a sandwich estimate, by clusters; White, 1982).
+        """
         step = max(0.002 * self.light_distance_mm, 10 * _ACCURACY_MM)
         below, here, above = (self._costs(relative, height + shift) for shift in (-step, 0.0, step))
-        slope = (above - below) / (2 * step)
         curvature = float(np.sum(above + below - 2 * here)) / step**2
         if not curvature > 0:
             return math.inf
-        return float(np.sqrt(np.sum((slope - slope.mean()) ** 2)) / curvature)
+        slopes = (above - below) / (2 * step)
+        variances = []
+        for axis in (0, 1):
+            of_one = slopes.sum(axis=axis)
+            free = max(len(of_one) - 4, 1) / len(of_one)
+            variances.append(float(np.sum((of_one - of_one.mean()) ** 2)) / free)
+        return math.sqrt(max(variances)) / curvature
 
     def _costs(self, relative: Double, height: float) -> Double:
-        """Return the cost of each pixel at a mean height."""
+        """Return the cost of each sample ``(P, N)`` at a mean height, 0 where it is missing."""
         ratio = self._residuals(relative, height) / self._scale
         measured = np.isfinite(ratio)
-        cost = np.where(measured, np.log1p(np.where(measured, ratio, 0.0) ** 2), 0.0)
-        return np.asarray(cost.sum(axis=1) / np.maximum(measured.sum(axis=1), 1), np.float64)
+        cost = np.log1p(np.where(measured, ratio, 0.0) ** 2)
+        # A pixel counts alike, however many samples it has.
+        return np.asarray(cost / np.maximum(measured.sum(axis=1), 1)[:, None], np.float64)
 
     def _residuals(self, relative: Double, height: float) -> Double:
         """Return residuals ``(P, N)`` relative to the brightness, NaN where a sample is missing.

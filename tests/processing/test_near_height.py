@@ -110,12 +110,29 @@ def test_the_standard_deviation_is_that_of_the_heights(kind):
     lights = dome()
     depth, normals = SURFACES[kind](12.0)
     scores = []
-    for seed in range(30):
+    for seed in range(16):
         values = images(depth, normals, lights, noise=0.005, seed=100 + seed)
         found = near_height(values, lights, DISC, CAMERA)
         scores.append((found.mean_height_mm - 12.0) / found.mean_height_sigma_mm)
     assert 0.7 < np.sqrt(np.mean(np.square(scores))) < 1.4
     assert abs(np.mean(scores)) < 0.6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("intensity", "position_mm"), [(0.01, 0.0), (0.0, 3.0)])
+def test_the_standard_deviation_contains_errors_of_single_lights(intensity, position_mm):
+    lights = dome()
+    depth, normals = SURFACES["cap"](12.0)
+    scores = []
+    for seed in range(16):
+        rng = np.random.default_rng(200 + seed)
+        values = images(depth, normals, lights, noise=0.002, seed=seed)
+        values *= (1 + intensity * rng.normal(size=(16, 1, 1))).astype(np.float32)
+        moved = lights.positions_mm + position_mm * rng.normal(size=(16, 3))
+        wrong = Lights(positions_mm=moved, axes=lights.axes, mu=lights.mu)
+        found = near_height(values, wrong, DISC, CAMERA)
+        scores.append((found.mean_height_mm - 12.0) / found.mean_height_sigma_mm)
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.6
 
 
 def test_a_stated_height_is_kept():
