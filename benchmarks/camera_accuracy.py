@@ -43,7 +43,7 @@ def main():
     parser = command_line(__doc__)
     parser.add_argument("--series", type=int, default=20)
     parser.add_argument("--views", type=int, default=15)
-    parser.add_argument("--first-seed", type=int, default=500)
+    parser.add_argument("--first-seed", type=int, default=900)
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     print(f"{options.series} series of {options.views} views, {CAMERA.width} x {CAMERA.height} px")

@@ -29,6 +29,7 @@ from acquisition import (
     Calibrations,
     CameraModel,
     CapturePlan,
+    Flat,
     Labels,
     Lights,
     Manifest,
@@ -38,6 +39,7 @@ from acquisition import (
     prepare_export,
     write_camera,
     write_exr,
+    write_flat,
     write_lights,
     write_png,
     write_sensor,
@@ -325,6 +327,14 @@ def _sensors(root: Path) -> Iterator[Seed]:
     yield single(root / "sensor.json")
 
 
+def _flats(root: Path) -> Iterator[Seed]:
+    smooth = np.linspace(0.7, 1, 24 * 32, dtype=np.float32).reshape(24, 32)
+    pixel = np.random.default_rng(0).normal(1, 0.01, (24, 32)).astype(np.float32)
+    flat = Flat(smooth, pixel, "RGGB", pixel_std=0.002, gradient_std=0.001, covered=0.9)
+    write_flat(root / "flat", flat, provenance={"command": "by hand"})
+    yield folder(root / "flat", "*.json", "*.exr")
+
+
 def _camera() -> CameraModel:
     K = np.array([[1307.2, 0, 15.5], [0, 1307.2, 11.5], [0, 0, 1]])
     return CameraModel(K, 32, 24, 600.0, np.array([-0.1, 0.01, 1e-3, 0, 0]))
@@ -516,6 +526,7 @@ _MAKERS: dict[str, Callable[[Path], Iterator[Seed]]] = {
     "lights": _light_files,
     "camera": _cameras,
     "sensor": _sensors,
+    "flat": _flats,
     "plan": _plans,
     "rig": _rigs,
     "scene": _scenes,

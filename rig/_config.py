@@ -46,6 +46,9 @@ class RigConfig(BaseModel):
         How long after the end of an exposure its frame may arrive, up to 60.
     mounting
         How the camera is mounted.
+    sensor
+        File with the measured sensor of the camera, which recordings store; a path in a rig file is
+        relative to the folder of this file.
     options
         Options for the driver, which checks them.
     """
@@ -63,6 +66,7 @@ class RigConfig(BaseModel):
     frame_period_ms: Annotated[float, Field(ge=0, le=60_000)] = 0.0
     frame_timeout_s: Annotated[float, Field(gt=0, le=60)] = 2.0
     mounting: Mounting = Mounting()
+    sensor: Path | None = None
     options: dict[str, Any] = {}
 
     def __repr__(self) -> str:
@@ -108,7 +112,10 @@ def read_rig_config(path: Path) -> RigConfig:
     except UnreadableError as error:
         raise RigConfigError(f"{path}: {error}") from error
     try:
-        return RigConfig.model_validate(content)
+        config = RigConfig.model_validate(content)
     except ValidationError as error:
         message = validation_message(error, known=RigConfig.model_fields)
         raise RigConfigError(f"{path}: {message}") from error
+    if config.sensor is None:
+        return config
+    return config.model_copy(update={"sensor": path.parent / config.sensor.expanduser()})

@@ -355,10 +355,11 @@ class FlatMetrics(TypedDict):
         "smooth part in the corners, from the upper left by rows; 1 is the middle of the image",
     ]
     gradient_std: Annotated[
-        float,
+        float | None,
         "1",
         "standard deviation of a linear gradient of the flat from the middle to a corner, because "
-        "the lights may have the same",
+        "the lights may have the same; null if the lights have no standard deviations of their "
+        "positions",
     ]
     prnu: Annotated[
         float,

@@ -33,7 +33,8 @@ _DETERMINED: Final = 3.0
 # A view whose residuals are larger than those of all views by this factor contradicts them.
 _INCONSISTENT: Final = 3.0
 _OUTLIER: Final = 6.0
-_ROUNDING_PX: Final = 1e-3
+# Errors of corners that depend on the lens; residuals of this size are no contradiction.
+_USUAL_PX: Final = 0.02
 _MOST_LEFT_OUT: Final = 1 / 3
 # Standard deviation of the focal length, relative to it.
 _UNCERTAIN: Final = 0.002
@@ -142,7 +143,7 @@ def _consistent(views: Sequence[BoardView], on_progress: Progress) -> list[Mask]
         scatter = np.array([_scatter(residual) for residual in now.residuals_px])
         usual = float(np.median(scatter))
         worst = int(np.argmax(scatter))
-        if scatter[worst] <= _INCONSISTENT * max(usual, _ROUNDING_PX):
+        if scatter[worst] <= _INCONSISTENT * max(usual, _USUAL_PX):
             break
         if left_out == most or len(used) <= _FEWEST_VIEWS:
             name = views[used[worst]].name
@@ -154,7 +155,7 @@ def _consistent(views: Sequence[BoardView], on_progress: Progress) -> list[Mask]
         kept[used[worst]][:] = False
     on_progress("comparing the views", most + 1, most + 1)
     for k, residual in zip(used, now.residuals_px, strict=True):
-        limit = _OUTLIER * max(now.sigma_px, _ROUNDING_PX)
+        limit = _OUTLIER * max(now.sigma_px, _USUAL_PX)
         inside = np.linalg.norm(residual, axis=1) <= limit
         if inside.sum() >= FEWEST_CORNERS:
             kept[k][:] = inside

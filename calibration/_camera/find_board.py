@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._camera.board import DICTIONARIES, CharucoBoard, dictionary_named
+from calibration._camera.refine import refined_corners
 from calibration._camera.view import BoardView
 from calibration._errors import DataError, EstimateError
 from calibration._radiance.luma import luma
@@ -25,9 +26,6 @@ _SMALLEST_PX: Final = 32
 # Corners further than this share of a square from a plane's perspective belong to another board.
 _MISFIT: Final = 0.15
 _LEAST_SQUARE_PX: Final = 8.0
-# Half of the window in which a corner is refined, in pixels.
-_SMALLEST_WINDOW, _LARGEST_WINDOW = 2, 10
-_EDGE_BLUR_PX: Final = 1.5
 
 
 def find_board(
@@ -84,15 +82,14 @@ def find_board(
     keep = np.flatnonzero(ids < board.markers)
     corners, ids = [corners[k] for k in keep], ids[keep]
     _check_fit(name, board, corners, ids)
-    settings = cv2.aruco.CharucoParameters()
-    detector = cv2.aruco.CharucoDetector(board.in_opencv(), settings)
-    found, found_ids, _, _ = detector.detectBoard(
-        shown, markerCorners=corners, markerIds=ids.astype(np.int32)[:, None]
-    )
-    count = 0 if found_ids is None else len(found_ids)
-    if count:
-        places, which = _refined(gray, found, found_ids, _square_px(board, corners), board)
-        count = len(which)
+    side = _square_px(board, corners)
+    if side < _LEAST_SQUARE_PX:
+        raise EstimateError(
+            f"{name}: the squares of the calibration board have sides of {side:.1f} pixels, fewer "
+            f"than {_LEAST_SQUARE_PX:g}: bring the board closer, or print larger squares"
+        )
+    which, places = _corners(gray, shown, board, corners, ids)
+    count = len(which)
     if count < FEWEST_CORNERS:
         raise EstimateError(
             f"{name}: shows {pluralize(count, 'corner')} of the calibration board, fewer than "
@@ -152,6 +149,26 @@ def _why_no_board(shown: Bytes, board: CharucoBoard, count: int) -> str:
     )
 
 
+def _corners(
+    gray: FloatImage,
+    shown: Bytes,
+    board: CharucoBoard,
+    markers: list[Any],
+    ids: npt.NDArray[np.int64],
+) -> tuple[npt.NDArray[np.int64], Array]:
+    """Return indices and places of the corners between the given markers."""
+    detector = cv2.aruco.CharucoDetector(board.in_opencv())
+    found, found_ids, _, _ = detector.detectBoard(
+        shown, markerCorners=markers, markerIds=ids.astype(np.int32)[:, None]
+    )
+    which = np.zeros(0, np.int64) if found_ids is None else found_ids.ravel().astype(np.int64)
+    if len(which) < FEWEST_CORNERS:
+        return which, np.zeros((len(which), 2))
+    places = refined_corners(gray, board, which, np.asarray(found, np.float64).reshape(-1, 2))
+    good = np.isfinite(places[:, 0])
+    return which[good], places[good]
+
+
 def _check_fit(
     name: str, board: CharucoBoard, corners: list[Any], ids: npt.NDArray[np.int64]
 ) -> None:
@@ -175,30 +192,6 @@ def _square_px(board: CharucoBoard, corners: list[Any]) -> float:
     sides = np.asarray(corners, np.float64).reshape(-1, 4, 2)
     length = np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=-1).mean(axis=1)
     return float(np.median(length)) * board.square_mm / float(board.marker_mm or 1)
-
-
-def _refined(
-    gray: FloatImage,
-    found: npt.ArrayLike,
-    ids: npt.ArrayLike,
-    square_px: float,
-    board: CharucoBoard,
-) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Refine corners in windows that reach no marker; leave out those that move too far."""
-    gap = (1 - float(board.marker_mm or 0) / board.square_mm) / np.sqrt(2) * square_px
-    half = int(np.clip(gap - _EDGE_BLUR_PX, _SMALLEST_WINDOW, _LARGEST_WINDOW))
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
-    before = np.asarray(found, np.float32).reshape(-1, 1, 2)
-    low, high = float(gray.min()), float(gray.max())
-    scaled = (gray - np.float32(low)) / np.float32(max(high - low, 1e-12))
-    after = cv2.cornerSubPix(scaled, before.copy(), (half, half), (-1, -1), criteria)
-    after = np.asarray(after, np.float64).reshape(-1, 2)
-    moved = np.linalg.norm(after - before.reshape(-1, 2), axis=1)
-    limit = np.array([gray.shape[1], gray.shape[0]]) - 1 - half
-    keep = (moved <= half) & np.all((after >= half) & (after <= limit), axis=1)
-    if square_px < _LEAST_SQUARE_PX:
-        keep[:] = False
-    return after[keep], np.asarray(ids, np.int64).ravel()[keep]
 
 
 def _squares(board: CharucoBoard) -> str:

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import Calibrated, DataError, Flat, Lights, Source, source_setup
-from calibration._flat.card import measure_card
+from calibration._flat.card import CardField, measure_card
 from calibration._flat.combine import combine
 from calibration._flat.sites import Sites
 from calibration._flat.smooth import smooth_part
@@ -19,6 +20,10 @@ from rig import Notice, Progress, check_type, no_progress, pluralize
 
 # A card that leaves less than this open is as large as the image.
 _WHOLE = 0.999
+# Weights of smooth parts fade over this part of the image beyond the card.
+_FADE, _LEAST_WEIGHT = 8, 1e-3
+# Smooth parts are compared at about this many places in each direction.
+_SAMPLES = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,22 +141,23 @@ def calibrate_flat(
     if mask is not None and mask.shape != sites.shape[:2]:
         raise DataError(f"a mask of the shape {mask.shape} for images of {sites.shape[:2]}")
     fields = [measure_card(source, lights, z_mm, mask, on_progress) for source in recordings]
-    logarithms = [np.log(smooth_part(one.response, one.measured, sites)) for one in fields]
-    smooth = np.exp(np.mean(logarithms, axis=0))
-    measured = np.stack([one.measured for one in fields])
+    logarithms = [smooth_part(one.response, one.measured, sites) for one in fields]
+    for one, log in zip(fields, logarithms, strict=True):
+        np.divide(one.response, np.exp(log), out=one.response)
     pixel = combine(
-        [one.response / np.exp(log) for one, log in zip(fields, logarithms, strict=True)],
+        [one.response for one in fields],
         [one.variance for one in fields],
-        measured,
+        [one.measured for one in fields],
         sites,
     )
-    covered = float(measured.any(axis=0).mean())
+    smooth = np.exp(_mean(logarithms, [one.measured for one in fields]))
+    covered = float(np.logical_or.reduce([one.measured for one in fields]).mean())
     flat = Flat(
-        smooth.astype(np.float32),
+        smooth,
         pixel.values,
         first.cfa,
         pixel.std,
-        float(np.mean([one.gradient_std for one in fields])),
+        _gradient_std(fields),
         covered,
         Calibrated(first.recorded_utc or datetime.now(UTC), source_setup(first)),
     )
@@ -172,14 +178,37 @@ def calibrate_flat(
     )
 
 
-def _uneven(logarithms: Sequence[npt.NDArray[np.float64]]) -> float:
+def _gradient_std(fields: Sequence[CardField]) -> float | None:
+    """Return the mean: the errors of the lights are those of all recordings."""
+    known = [one.gradient_std for one in fields if one.gradient_std is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _mean(
+    logarithms: Sequence[npt.NDArray[np.float32]], measured: Sequence[npt.NDArray[np.bool_]]
+) -> npt.NDArray[np.float32]:
+    """Return the mean of smooth parts; where one recording shows no card, the others count."""
+    if all(one.mean() >= _WHOLE for one in measured):
+        return np.asarray(np.mean(logarithms, axis=0), np.float32)
+    total, weights = np.zeros_like(logarithms[0]), np.zeros_like(logarithms[0])
+    side = max(total.shape[:2]) // _FADE
+    for log, one in zip(logarithms, measured, strict=True):
+        # The weight fades over some distance: a step would be in the flat.
+        weight = cv2.blur(one.astype(np.float32), (side, side)) + np.float32(_LEAST_WEIGHT)
+        total += weight * log
+        weights += weight
+    return total / weights
+
+
+def _uneven(logarithms: Sequence[npt.NDArray[np.float32]]) -> float:
     """Return the rms difference between smooth parts, without their mean and gradient."""
-    mean = np.mean(logarithms, axis=0)
-    rows, columns = np.indices(mean.shape[:2]) / max(mean.shape)
+    step = max(1, max(logarithms[0].shape) // _SAMPLES)
+    parts = np.stack([log[::step, ::step] for log in logarithms]).astype(np.float64)
+    rows, columns = np.indices(parts.shape[1:3]) / max(parts.shape[1:3])
     design = np.stack([np.ones_like(rows), rows, columns], axis=-1).reshape(-1, 3)
     rest = []
-    for log in logarithms:
-        plane = (log - mean).reshape(len(design), -1)
+    for part in parts - parts.mean(axis=0):
+        plane = part.reshape(len(design), -1)
         fitted = design @ np.linalg.lstsq(design, plane, rcond=None)[0]
         rest.append(float(np.mean((plane - fitted) ** 2)))
     return float(np.sqrt(np.sum(rest) / max(len(rest) - 1, 1)))

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Stack
+from calibration._flat.small_card import SmallCard
 
-Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 # Vignetting rarely leaves less than this of the light; what is darker is not the card.
@@ -20,8 +21,10 @@ _MOST_SATURATED = 0.005
 _LEAST_COVERED = 0.5
 
 
-def card_area(stack: Stack, lights: Lights, points_mm: Array, place: str) -> Bools:
-    """Return the pixels ``(H, W)`` that show the card.
+def card_area(
+    card: SmallCard, ids: Sequence[str], lights: Lights, z_mm: float, place: str
+) -> Bools:
+    """Return the blocks ``(h, w)`` that show the card.
 
     They are the largest region whose reflectance, judged with the given lights, is at least 0.3 of
     that of its brightest part.
@@ -32,6 +35,7 @@ def card_area(stack: Stack, lights: Lights, points_mm: Array, place: str) -> Boo
         If the card covers less than half of the image, or more than 0.5 % of it are saturated under
         a light.
     """
+    points_mm = card.camera.points_on_plane(z_mm)
     height, width = points_mm.shape[:2]
     side = max(1, max(height, width) // _BINS)
     rows, columns = height // side, width // side
@@ -43,7 +47,7 @@ def card_area(stack: Stack, lights: Lights, points_mm: Array, place: str) -> Boo
         * np.asarray(lights.intensities).mean(axis=1)[:, None, None]
     )
     total = np.zeros((rows, columns))
-    for image in stack.values:
+    for image in card.values:
         gray = image if image.ndim == 2 else image.mean(axis=2)
         # A saturated sample is at least white.
         filled = np.nan_to_num(gray[cut], nan=1.0)
@@ -66,13 +70,12 @@ def card_area(stack: Stack, lights: Lights, points_mm: Array, place: str) -> Boo
             f"{place}: the card covers {covered:.0%} of the image, at least {_LEAST_COVERED:.0%} "
             "are required: use a larger card, or one without a dark pattern"
         )
-    _check_saturation(stack, area, place)
+    _check_saturation(card, ids, area, place)
     return area
 
 
-def _check_saturation(stack: Stack, area: Bools, place: str) -> None:
-    for name, image in zip(stack.ids, stack.values, strict=True):
-        lost = ~np.isfinite(image if image.ndim == 2 else image.sum(axis=2))
+def _check_saturation(card: SmallCard, ids: Sequence[str], area: Bools, place: str) -> None:
+    for name, lost in zip(ids, card.lost, strict=True):
         share = float(lost[area].mean())
         if share > _MOST_SATURATED:
             raise EstimateError(

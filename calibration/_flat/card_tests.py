@@ -17,11 +17,11 @@ _PART = 0.002
 _FEWEST = 4
 # Exponents of highlights, from a broad sheen to a sharp reflection.
 _LOBES = (8.0, 32.0, 128.0, 512.0)
-# Gloss moves with the lights by this much; a sheen makes the middle too bright by about three times
-# its size.
+# Sizes of highlights relative to the matte light; the smooth part is wrong by about .14 of them.
 _GLOSS, _SHEEN = 0.01, 0.0015
 _SIGNIFICANT = 10.0
 _LIMIT = 0.5
+_ROUNDS = 10
 
 
 def check_card(fitted: FittedSurfaces, camera: CameraModel, place: str) -> tuple[Notice, ...]:
@@ -78,9 +78,12 @@ def _gloss(
 ) -> tuple[float, int, int]:
     """Return the largest brightening by a highlight, with its light and block; 0 without gloss.
 
-    The highlight of Blinn (1977) is fitted to the residuals, with what strengths and albedo take
-    from it subtracted.
+    The highlight of Blinn (1977) is fitted to the residuals, without what strengths, patterns and
+    axes of the lights and the albedo have taken from it.
     """
+    _, _, _, columns = fitted.fit.residuals()
+    of_light = np.concatenate([np.ones_like(columns[:1]), columns]) * known  # (4, K, P)
+    taken = [np.linalg.pinv(of_light[:, k].T) for k in range(of_light.shape[1])]
     points = fitted.blocks.points_mm
     light = np.asarray(fitted.lights.positions_mm)[:, None] - points
     light /= np.linalg.norm(light, axis=2, keepdims=True)
@@ -95,8 +98,9 @@ def _gloss(
         # Relative to the matte light, which decreases with the cosine.
         lobe = np.where(known, cosine**exponent / np.maximum(facing, 0.05), 0.0)
         seen = lobe.copy()
-        for _ in range(2):
-            seen -= seen.sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1), 1)[:, None]
+        for _ in range(_ROUNDS):
+            for i, inverse in enumerate(taken):
+                seen[i] -= (inverse @ seen[i]) @ of_light[:, i]
             seen -= seen.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
             seen *= known
         power = float(np.sum(seen**2))

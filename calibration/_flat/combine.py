@@ -10,8 +10,11 @@ import numpy.typing as npt
 
 from calibration._flat.sites import Array, Bools, Sites
 
+FloatImage = npt.NDArray[np.float32]
+
 # Values of two recordings that differ by more standard deviations show a stain of the card.
 _STAIN = 5.0
+_ROWS = 128
 # Below this share of its surroundings a pixel is dead, or behind something opaque.
 _DEAD = 0.2
 
@@ -44,9 +47,9 @@ class PixelPart:
 
 
 def combine(
-    parts: Sequence[Array],
-    variances: Sequence[npt.NDArray[np.float32]],
-    measured: Bools,
+    parts: Sequence[FloatImage],
+    variances: Sequence[FloatImage],
+    measured: Sequence[Bools],
     sites: Sites,
 ) -> PixelPart:
     """Average recordings of a card that was moved between them.
@@ -58,53 +61,81 @@ def combine(
     variances
         Their relative variances.
     measured
-        ``(S, ...)`` bool, where they were measured.
+        Where they were measured.
     sites
         Colours of the pixels; the mean of each is 1.
     """
-    where = measured
-    values = np.stack([_levelled(part, on, sites) for part, on in zip(parts, where, strict=True)])
-    precision = np.where(where, 1 / np.maximum(np.stack(variances), 1e-12), 0.0)
-    total = precision.sum(axis=0)
-    known = total > 0
-    mean = (precision * np.where(where, values, 0.0)).sum(axis=0) / np.where(known, total, 1.0)
-    noise = 1 / np.median(total[known])
-    card, stains = None, 0
+    levels = [_levels(part, on, sites) for part, on in zip(parts, measured, strict=True)]
+    spread, texture = 0.0, None
     if len(parts) > 1:
-        both = where.all(axis=0)
-        highest, lowest = values.max(axis=0), values.min(axis=0)
-        difference = values[0] - values[1]
-        spread = _robust_std(difference[both])
-        stained = both & (highest - lowest > _STAIN * max(spread, 1e-9))
-        nearest = np.take_along_axis(values, np.abs(values - 1).argmin(axis=0)[None], axis=0)[0]
-        mean = np.where(stained, nearest, mean)
-        stains = int(stained.sum())
-        of_noise = sum(float(np.median(of_one[both])) for of_one in variances[:2])
-        texture = max(spread**2 - of_noise, 0.0) / 2
-        card = float(np.sqrt(texture / len(parts)))
-    dead = known & (mean < _DEAD)
+        both = measured[0] & measured[1]
+        spread = _spread(parts, levels, both, sites)
+        noise_of_two = sum(float(np.median(of_one[both])) for of_one in variances[:2])
+        texture = float(np.sqrt(max(spread**2 - noise_of_two, 0.0) / 2 / len(parts)))
+    result, total = np.ones(sites.shape, np.float32), np.zeros(sites.shape, np.float32)
+    stains = 0
+    for top in range(0, sites.shape[0], _ROWS):
+        rows = slice(top, min(top + _ROWS, sites.shape[0]))
+        values = _levelled(parts, levels, sites, rows)
+        on = np.stack([of_one[rows] for of_one in measured])
+        least = np.maximum(np.stack([of_one[rows] for of_one in variances]), 1e-12)
+        precision = np.where(on, 1 / least, 0.0)
+        total[rows] = precision.sum(axis=0)
+        weighted = (precision * values).sum(axis=0)
+        mean = weighted / np.where(total[rows] > 0, precision.sum(axis=0), 1.0)
+        if len(parts) > 1:
+            apart = values.max(axis=0) - values.min(axis=0)
+            stained = on.all(axis=0) & (apart > _STAIN * max(spread, 1e-9))
+            nearest = np.abs(values - 1).argmin(axis=0)[None]
+            mean = np.where(stained, np.take_along_axis(values, nearest, axis=0)[0], mean)
+            stains += int(stained.sum())
+        result[rows] = mean
+    known = total > 0
+    noise = 1 / float(np.median(total[known]))
+    dead = known & (result < _DEAD)
     keep = known & ~dead
-    spread_of_all = float(np.std(mean[keep])) ** 2 - noise - (card or 0.0) ** 2
-    result = np.where(keep, mean, 1.0)
+    spread_of_all = float(np.std(result[keep], dtype=np.float64)) ** 2
+    spread_of_all -= noise + (texture or 0.0) ** 2
+    result[~keep] = 1
     return PixelPart(
-        result.astype(np.float32),
+        result,
         float(np.sqrt(noise)),
         float(np.sqrt(max(spread_of_all, 0.0))),
-        card,
+        texture,
         stains,
         int(dead.sum()),
     )
 
 
-def _levelled(part: Array, where: Bools, sites: Sites) -> Array:
-    """Divide each colour by its mean: neither exposure nor colours are part of a flat."""
+def _levels(part: FloatImage, where: Bools, sites: Sites) -> Array:
+    """Return the mean of each colour: neither exposure nor colours are part of a flat."""
     means = np.ones(sites.colours)
     for c in range(sites.colours):
-        plane, on = sites.colour(part, c), sites.colour(where, c)
-        on = on & sites.has(c)
-        means[c] = float(np.mean(plane[on])) if on.any() else 1.0
-    return part / np.broadcast_to(sites.of_pixels(means), part.shape)
+        on = sites.colour(where, c) & sites.has(c)
+        if on.any():
+            means[c] = float(np.mean(sites.colour(part, c)[on], dtype=np.float64))
+    return means
 
 
-def _robust_std(values: Array) -> float:
-    return 1.4826 * float(np.median(np.abs(values - np.median(values)))) if values.size else 0.0
+def _levelled(
+    parts: Sequence[FloatImage], levels: Sequence[Array], sites: Sites, rows: slice
+) -> Array:
+    """Return some rows of the parts, ``(S, rows, ...)``, divided by their levels."""
+    pairs = zip(parts, levels, strict=True)
+    return np.stack([part[rows] / sites.of_pixels(level, rows) for part, level in pairs])
+
+
+def _spread(
+    parts: Sequence[FloatImage], levels: Sequence[Array], both: Bools, sites: Sites
+) -> float:
+    """Return the robust standard deviation of the difference between the first two parts."""
+    differences = []
+    for top in range(0, sites.shape[0], _ROWS):
+        rows = slice(top, min(top + _ROWS, sites.shape[0]))
+        first, second = _levelled(parts[:2], levels[:2], sites, rows)
+        differences.append((first - second)[both[rows]].astype(np.float32))
+    values = np.concatenate(differences)
+    if not values.size:
+        return 0.0
+    values -= np.median(values)
+    return 1.4826 * float(np.median(np.abs(values, out=values), overwrite_input=True))

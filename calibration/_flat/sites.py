@@ -63,7 +63,8 @@ class Sites:
         height, width = self.shape[:2]
         if self.cfa is None:
             return np.ones((height, width), np.bool_)
-        return self.of_pixels(np.arange(3) == colour) > 0
+        tile = np.array([name == "RGB"[colour] for name in self.cfa]).reshape(2, 2)
+        return np.tile(tile, (-(-height // 2), -(-width // 2)))[:height, :width]
 
 
 def block_means(values: npt.NDArray[np.floating], where: Bools, side: int) -> Array:

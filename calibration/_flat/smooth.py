@@ -17,8 +17,10 @@ _CAUCHY = 2.385
 _WHOLE = 0.98
 
 
-def smooth_part(values: npt.NDArray[np.float32], measured: Bools, sites: Sites) -> Array:
-    """Fit the smooth part of a flat field.
+def smooth_part(
+    values: npt.NDArray[np.float32], measured: Bools, sites: Sites
+) -> npt.NDArray[np.float32]:
+    """Fit the logarithm of the smooth part of a flat field.
 
     Parameters
     ----------
@@ -32,9 +34,10 @@ def smooth_part(values: npt.NDArray[np.float32], measured: Bools, sites: Sites) 
     Returns
     -------
     NDArray
-        Float64 of the same shape, 1 in the middle of the image in each colour. The logarithm is a
-        polynomial of degree 6, or if the card does not fill the image, a gradient and ``r^2`` and
-        ``r^4``. Blocks that differ from their surroundings have a low weight (Cauchy).
+        Logarithm of the smooth part, float32 of the same shape, 0 in the middle of the image in
+        each colour: a polynomial of degree 6, or if the card does not fill the image, a gradient
+        and ``r^2`` and ``r^4``. Blocks that differ from their surroundings have a low weight
+        (Cauchy).
     """
     height, width = sites.shape[:2]
     side = max(2, 2 * int(np.ceil(np.sqrt(height * width / _BLOCKS) / 2)))
@@ -47,24 +50,18 @@ def smooth_part(values: npt.NDArray[np.float32], measured: Bools, sites: Sites) 
     )
     across, down = np.meshgrid(at_u, at_v)
     design = _design(basis, across.ravel(), down.ravel())
-    found = np.zeros((height, width, sites.colours))
+    found = np.zeros(sites.shape, np.float32)
     for c in range(sites.colours):
         plane = sites.colour(values, c)
         usable = sites.colour(measured, c) & sites.has(c)
         means = block_means(plane, usable, side).reshape(rows * columns)
         known = np.isfinite(means) & (means > 0)
         coefficients = _robust(design[known], np.log(means[known]))
-        # The constant is the first: without it, the part is 1 in the middle.
+        # The constant is the first: without it, the logarithm is 0 in the middle.
         matrix = np.tensordot(coefficients[1:], basis[1:], axes=1)
-        found[..., c] = np.exp(_powers(v) @ matrix.T @ _powers(u).T)
-    if len(sites.shape) == 3:
-        return found
-    if sites.cfa is None:
-        return found[..., 0]
-    mosaic = np.zeros((height, width))
-    for c in range(sites.colours):
-        mosaic += np.where(sites.has(c), found[..., c], 0.0)
-    return mosaic
+        of_colour = (_powers(v) @ matrix.T).astype(np.float32) @ _powers(u).T.astype(np.float32)
+        np.copyto(sites.colour(found, c), of_colour, where=sites.has(c))
+    return found
 
 
 def _places(width: int, height: int) -> tuple[Array, Array]:

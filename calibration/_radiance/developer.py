@@ -68,7 +68,7 @@ class Developer:
         self._linear = Linearizer(source, reader)
         self._response = None if source.flat is None else source.flat.response
         self._noise = signal_noise(source, self._linear)
-        white = None if self._noise is None else Law(self._noise.shot, self._noise.constant)
+        white = None if self._noise is None else self._noise.of_frame
         self._clear_of_white = clear_of_white(white)
         self._references = References(source, self._linear, sorted(set(known)))
         self._ratios = BracketRatios()

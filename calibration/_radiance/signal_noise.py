@@ -26,15 +26,21 @@ _KNOWN = 0.1
 
 @dataclass(frozen=True)
 class SignalNoise:
-    """Variance of a frame at signal s, 1 at white: ``shot * s + constant``.
+    """Variance of a frame at signal s, 1 at white: ``shot * (s - offset) + constant``.
 
     Here the signal contains dark current and the light of the room. ``origin`` is ``sensor`` or
-    ``repeats``.
+    ``repeats``. ``offset`` is the signal without electrons: 0 if the black level is known.
     """
 
     shot: float
     constant: float
     origin: str
+    offset: float = 0.0
+
+    @property
+    def of_frame(self) -> Law:
+        """Law of a single frame, as a function of the whole signal."""
+        return Law(self.shot, self.constant - self.shot * self.offset)
 
     def law(self, share: float, repeats: int, level: float, references: int) -> Law:
         """Return the law of the mean of repeats, less the mean of references, over the exposure.
@@ -50,7 +56,7 @@ class SignalNoise:
         references
             Number of frames whose mean is subtracted; 0 if nothing is.
         """
-        dark = (self.shot * max(level, 0.0) + self.constant) / share**2
+        dark = (self.shot * max(level - self.offset, 0.0) + self.constant) / share**2
         common = dark / references if references else 0.0
         return Law(self.shot / (share * repeats), dark / repeats + common)
 
@@ -63,15 +69,36 @@ def signal_noise(source: Source, linear: Linearizer) -> SignalNoise | None:
     if source.transfer != LINEAR or not np.isfinite(source.white_level):
         return None
     if source.noise is not None:
-        return _of_sensor(source.noise, source.white_level - source.black_level)
+        return _of_sensor(source, source.noise, linear)
     pairs = _repeats(source)
-    return _of_repeats(pairs, linear) if pairs else None
+    return _of_repeats(pairs, linear, source.black_level) if pairs else None
 
 
-def _of_sensor(noise: NoiseModel, span_dn: float) -> SignalNoise:
+def _of_sensor(source: Source, noise: NoiseModel, linear: Linearizer) -> SignalNoise:
+    span_dn = source.white_level - source.black_level
     gain_span = noise.electrons_per_dn * span_dn
     constant = (noise.read_noise_e / gain_span) ** 2 + 1 / (12 * span_dn**2)
-    return SignalNoise(1 / gain_span, constant, "sensor")
+    offset = 0.0 if source.black_level else _dark_offset(source, noise, linear)
+    return SignalNoise(1 / gain_span, constant, "sensor", offset)
+
+
+def _dark_offset(source: Source, noise: NoiseModel, linear: Linearizer) -> float:
+    """Return the signal of dark frames without dark current; 0 without dark frames.
+
+    Sensors have a black level above 0, so a stated black level of 0 is one that was not known.
+    """
+    offsets = []
+    for time_us in sorted({f.exposure_us for f in source.frames if f.role == "light"}, key=_number):
+        dark = linear.dark_signal(time_us)
+        if dark is not None:
+            current_e = noise.dark_current_e_per_s * (time_us or 0.0) / 1e6
+            current = current_e / (noise.electrons_per_dn * source.white_level)
+            offsets.append(float(np.median(dark[::5])) - current)
+    return max(min(offsets, default=0.0), 0.0)
+
+
+def _number(time_us: float | None) -> float:
+    return time_us or 0.0
 
 
 def _repeats(source: Source) -> list[tuple[Frame, Frame]]:
@@ -84,8 +111,14 @@ def _repeats(source: Source) -> list[tuple[Frame, Frame]]:
     return [pairs[i] for i in range(0, len(pairs), max(1, len(pairs) // _PAIRS))]
 
 
-def _of_repeats(pairs: list[tuple[Frame, Frame]], linear: Linearizer) -> SignalNoise | None:
-    """Fit the variance of differences against the signal; None if they do not determine it."""
+def _of_repeats(
+    pairs: list[tuple[Frame, Frame]], linear: Linearizer, black_level: float
+) -> SignalNoise | None:
+    """Fit the variance of differences against the signal; None if they do not determine it.
+
+    The variance without light may not be negative. If the black level is not known, the lowest
+    level of the references stands for it: its shot noise is part of the constant.
+    """
     signals, squares = zip(*(_differences(one, other, linear) for one, other in pairs), strict=True)
     signal, difference = np.concatenate(signals), np.concatenate(squares)
     order = np.argsort(signal)
@@ -98,7 +131,9 @@ def _of_repeats(pairs: list[tuple[Frame, Frame]], linear: Linearizer) -> SignalN
     # If all signals are alike, noise alone assigns the samples to the bins.
     if not variance.min() > 0 or np.var(signal) < _SPREAD * np.median(variance):
         return None
-    design = np.stack([level, np.ones_like(level)], axis=1)
+    levels = [linear.reference_level(one.exposure_us)[0] for one, _ in pairs]
+    offset = 0.0 if black_level else max(min(levels), 0.0)
+    design = np.stack([level - offset, np.ones_like(level)], axis=1)
     fitted = variance
     for _ in range(3):
         sigma = fitted * np.sqrt(2 / count)
@@ -107,7 +142,7 @@ def _of_repeats(pairs: list[tuple[Frame, Frame]], linear: Linearizer) -> SignalN
     covariance = np.linalg.inv((design / sigma[:, None]).T @ (design / sigma[:, None]))
     if not coefficients[0] > covariance[0, 0] ** 0.5 / _KNOWN:
         return None
-    return SignalNoise(float(coefficients[0]), float(coefficients[1]), "repeats")
+    return SignalNoise(float(coefficients[0]), float(coefficients[1]), "repeats", offset)
 
 
 def _differences(one: Frame, other: Frame, linear: Linearizer) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -67,21 +68,34 @@ class DarkFrames:
         """Sum of the squared deviations of the exposure times from their mean."""
         return float(np.sum((self.time_s - self.middle_s) ** 2))
 
-    @property
+    @cached_property
     def current_dn_per_s(self) -> float:
         """Mean slope of the good pixels."""
-        return float(self.slope[self.good].mean(dtype=np.float64))
+        return float(np.mean(self.slope, dtype=np.float64, where=self.good))
+
+    @cached_property
+    def level_dn(self) -> float:
+        """Mean level of the good pixels."""
+        return float(np.mean(self.level, dtype=np.float64, where=self.good))
+
+    @property
+    def level_variance(self) -> float:
+        """Variance of the levels of the good pixels, DN^2."""
+        squares = [
+            np.sum((self.level[rows][self.good[rows]] - self.level_dn) ** 2, dtype=np.float64)
+            for rows in row_bands(len(self.level))
+        ]
+        return float(np.sum(squares)) / int(self.good.sum())
 
     @property
     def black_dn(self) -> float:
         """Mean grey value of the good pixels at an exposure time of 0."""
-        level = float(self.level[self.good].mean(dtype=np.float64))
-        return level - self.current_dn_per_s * self.middle_s
+        return self.level_dn - self.current_dn_per_s * self.middle_s
 
-    def image(self, time_s: float) -> Image:
-        """Return the expected dark frame of an exposure time."""
+    def image(self, time_s: float, rows: slice = slice(None)) -> Image:
+        """Return rows of the expected dark frame of an exposure time."""
         away = np.float32(time_s - self.middle_s if self.sloped else 0.0)
-        return self.level + away * self.slope
+        return self.level[rows] + away * self.slope[rows]
 
     def leverage(self, time_s: float) -> float:
         """Return the variance of `image` relative to the temporal variance of a frame."""
@@ -119,8 +133,9 @@ def dark_frames(frames: Sequence[Frame], on_progress: Progress = no_progress) ->
         time_s = np.full_like(time_s, time_s.mean())
     sloped = np.ptp(time_s) > 0
     away = time_s - time_s.mean() if sloped else np.zeros_like(time_s)
-    first = frames[0].read().astype(np.float32)
-    total, product, squares = (np.zeros(first.shape) for _ in range(3))
+    first = frames[0].read()
+    # Differences from the first frame are so small that single precision is enough.
+    total, product, squares = (np.zeros(first.shape, np.float32) for _ in range(3))
     for done, (frame, shift) in enumerate(zip(frames, away, strict=True), 1):
         pixels = frame.read()
         if np.mean(pixels == 0) > _CLIPPED:
@@ -129,29 +144,40 @@ def dark_frames(frames: Sequence[Frame], on_progress: Progress = no_progress) ->
                 "their noise: raise the black level of the camera"
             )
         for rows in row_bands(len(pixels)):
-            part = pixels[rows] - first[rows].astype(np.float64)
+            part = pixels[rows].astype(np.float32) - first[rows]
             total[rows] += part
-            product[rows] += shift * part
+            product[rows] += np.float32(shift) * part
             squares[rows] += part * part
         on_progress("dark frames", done, len(frames))
     spread = float(away @ away)
-    level = (first + total / len(frames)).astype(np.float32)
-    slope = (product / spread if sloped else product).astype(np.float32)
-    residual = squares - total**2 / len(frames)
-    if sloped:
-        residual -= product**2 / spread
+    level, slope, residual = total, product, squares
+    for rows in row_bands(len(first)):
+        residual[rows] -= total[rows] ** 2 / np.float32(len(frames))
+        level[rows] = first[rows] + total[rows] / np.float32(len(frames))
+        if sloped:
+            residual[rows] -= product[rows] ** 2 / np.float32(spread)
+            slope[rows] /= np.float32(spread)
+    del first, pixels
     free = len(frames) - 1 - int(sloped)
-    noise = max(float(np.median(residual)) / free, 1 / 12)
+    noise = max(float(np.median(_sample(residual))) / free, 1 / 12)
     good = _inliers(level, (noise / len(frames)) ** 0.5)
     if sloped:
         good &= _inliers(slope, (noise / spread) ** 0.5)
-    means = np.array([np.mean(frame.read()[good], dtype=np.float64) for frame in frames])
-    return DarkFrames(time_s, means, level, slope, good, float(residual[good].mean()))
+    means = np.array([np.mean(frame.read(), dtype=np.float64, where=good) for frame in frames])
+    mean_residual = float(np.mean(residual, dtype=np.float64, where=good))
+    return DarkFrames(time_s, means, level, slope, good, mean_residual)
 
 
 def _inliers(values: Image, least_sigma: float) -> npt.NDArray[np.bool_]:
-    sample = values[:: max(1, len(values) // 400)]
+    sample = _sample(values)
     middle = float(np.median(sample))
     sigma = max(1.4826 * float(np.median(np.abs(sample - middle))), least_sigma)
-    inside: npt.NDArray[np.bool_] = np.abs(values - np.float32(middle)) <= _DEVIATIONS * sigma
+    inside = np.zeros(values.shape, np.bool_)
+    for rows in row_bands(len(values)):
+        inside[rows] = np.abs(values[rows] - np.float32(middle)) <= _DEVIATIONS * sigma
     return inside
+
+
+def _sample(values: Image) -> Image:
+    """Return rows that are spread over an image."""
+    return values[:: max(1, len(values) // 400)]

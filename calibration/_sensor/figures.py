@@ -95,10 +95,9 @@ def _dark_current(dark: DarkFrames, gain: Gain) -> Measured | None:
 
 def _dsnu(dark: DarkFrames, gain: Gain) -> Measured:
     """Return the spatial deviation of the mean dark frame, less that of its temporal noise."""
-    level = dark.level[dark.good].astype(np.float64)
-    total = float(level.var())
+    total = dark.level_variance
     squared = total - dark.residual / dark.free / len(dark.time_s)
-    in_dn = _root(squared, (2 / level.size) ** 0.5 * total)
+    in_dn = _root(squared, (2 / int(dark.good.sum())) ** 0.5 * total)
     sigma = float(np.hypot(in_dn.sigma, in_dn.value * gain.sigma / gain.dn_per_e))
     return Measured(in_dn.value / gain.dn_per_e, sigma / gain.dn_per_e)
 

@@ -125,8 +125,8 @@ def _check_raw(source: Source) -> None:
     unknown = next((f for f in source.frames if not f.exposure_us), None)
     if unknown is not None:
         raise DataError(
-            f"{unknown.path}: the exposure time is not known: record a session, or import images "
-            "that state it"
+            f"{unknown.path}: the exposure time is not known: record a session, or import the "
+            "images with the plan of the series"
         )
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import row_bands
+from acquisition import RowReader, row_bands
 from calibration._errors import DataError, EstimateError
 from calibration._sensor.dark_frames import DarkFrames
 from calibration._sensor.recorded_series import Repeats, Series
@@ -20,6 +21,9 @@ Image = npt.NDArray[np.float32]
 # which the pattern of the pixels is taken.
 _ZONES_AT = 0.5
 _PATTERN_FROM, _PATTERN_TO = 0.2, 0.75
+# Rows of a band of the pattern, and those around it that its box and median need in a mosaic; even,
+# so that a band begins with the same colours.
+_PATTERN_ROWS, _MARGIN = 512, 2 * (BOX // 2 + 3)
 # A lamp that varies more cannot be corrected reliably.
 _MOST_FLICKER = 0.1
 
@@ -84,19 +88,20 @@ def series_points(series: Series, dark: DarkFrames, cfa: str | None, end_dn: int
             "exposure times"
         )
     shown = min(usable, key=lambda i: abs(levels[i] - _ZONES_AT * top))
-    field = _mean(series.exposures[shown]) - dark.image(series.exposures[shown].time_s)
-    labels, count = zone_labels(field, dark.good, cfa)
+    labels, count = zone_labels(_field(series.exposures[shown], dark), dark.good, cfa)
     shape = (len(series.exposures), count)
     signal, variance, white, freedom = (np.zeros(shape) for _ in range(4))
     flicker, flicker_noise = np.zeros(shape[0]), np.zeros(shape[0])
     pattern = _Pattern(dark, labels, count, cfa)
     for t, exposure in enumerate(series.exposures):
-        seen = _Seen(exposure, dark, labels, count, end_dn)
+        shows_pixels = levels[t] > _PATTERN_FROM * top and tops[t] < _PATTERN_TO * top
+        total = pattern.signal if shows_pixels else None
+        seen = _Seen(exposure, dark, labels, count, end_dn, total)
         signal[t], variance[t], white[t] = seen.signal, seen.variance, seen.white
         freedom[t] = seen.pixels * (len(exposure.frames) - 1)
         flicker[t], flicker_noise[t] = seen.flicker, seen.flicker_noise
-        if levels[t] > _PATTERN_FROM * top and tops[t] < _PATTERN_TO * top:
-            pattern.add(seen, exposure)
+        if shows_pixels:
+            pattern.add_noise(seen, exposure)
     worst = int(np.argmax(flicker - 5 * flicker_noise))
     if flicker[worst] > _MOST_FLICKER + 5 * flicker_noise[worst]:
         raise EstimateError(
@@ -113,52 +118,78 @@ def _level(exposure: Repeats, dark: DarkFrames) -> tuple[float, float]:
     """Return the median and the 99th percentile of the first frame, above dark."""
     pixels = exposure.frames[0].read()
     step = max(1, len(pixels) // 256)
-    above = pixels[::step] - dark.image(exposure.time_s)[::step]
+    above = pixels[::step] - dark.image(exposure.time_s, slice(None, None, step))
     middle, high = np.percentile(above, [50, 99])
     return float(middle), float(high)
 
 
-def _mean(exposure: Repeats) -> Image:
-    total = np.zeros(exposure.frames[0].shape)
+def _field(exposure: Repeats, dark: DarkFrames) -> Image:
+    """Return the mean of the repeats above dark."""
+    total = np.zeros(exposure.frames[0].shape, np.float32)
     for frame in exposure.frames:
         total += frame.read()
-    return (total / len(exposure.frames)).astype(np.float32)
+    for rows in row_bands(len(total)):
+        total[rows] /= np.float32(len(exposure.frames))
+        total[rows] -= dark.image(exposure.time_s, rows)
+    return total
 
 
 class _Seen:
     """Figures of the repeats of one exposure."""
 
     def __init__(
-        self, exposure: Repeats, dark: DarkFrames, labels: Labels, count: int, end_dn: int
+        self,
+        exposure: Repeats,
+        dark: DarkFrames,
+        labels: Labels,
+        count: int,
+        end_dn: int,
+        total: Image | None,
     ) -> None:
-        frames = [frame.read() for frame in exposure.frames]
-        unlit = dark.image(exposure.time_s)
-        inside = labels >= 0
-        means = np.array([float(np.mean(one[inside], dtype=np.float64)) for one in frames])
-        above = means - float(np.mean(unlit[inside], dtype=np.float64))
-        # A lamp that flickers makes a frame brighter as a whole: all get the same mean.
-        shares = np.ones(len(frames))
-        if above.min() > 0:
-            shares = above.mean() / above
-        self.image = np.zeros(unlit.shape, np.float32)
-        sums = np.zeros((3, count))
-        for rows in row_bands(len(unlit)):
-            zone = labels[rows]
-            used = zone >= 0
-            where = zone[used]
-            part = np.stack([one[rows] for one in frames]).astype(np.float32) - unlit[rows]
-            part *= shares[:, None, None].astype(np.float32)
-            mean = part.mean(axis=0)
-            self.image[rows] = mean
-            spread = ((part - mean) ** 2).sum(axis=0) / (len(frames) - 1)
-            clipped = np.mean([one[rows] >= end_dn for one in frames], axis=0)
-            for k, values in enumerate((mean, spread, clipped)):
-                sums[k] += np.bincount(where, weights=values[used], minlength=count)
-        self.pixels = np.bincount(labels[inside], minlength=count).astype(np.float64)
+        """Read the frames; their mean is added to ``total``."""
+        frames = exposure.frames
+        sums, pixels = np.zeros((3, count)), np.zeros(count)
+        with RowReader() as reader:
+            means, unlit = _means(exposure, dark, labels, reader)
+            above = means - unlit
+            # A lamp that flickers makes a frame brighter as a whole: all get the same mean.
+            shares = np.ones(len(frames), np.float32)
+            if above.min() > 0:
+                shares = (above.mean() / above).astype(np.float32)
+            for rows in row_bands(len(labels)):
+                used = labels[rows] >= 0
+                where = labels[rows][used]
+                raw = [reader.rows(one, rows.start, rows.stop) for one in frames]
+                part: Image = np.stack(raw).astype(np.float32)
+                clipped = (part >= end_dn).mean(axis=0)
+                part -= dark.image(exposure.time_s, rows)
+                part *= shares[:, None, None]
+                mean = part.mean(axis=0)
+                if total is not None:
+                    total[rows] += mean
+                spread = ((part - mean) ** 2).sum(axis=0) / (len(frames) - 1)
+                for k, values in enumerate((mean, spread, clipped)):
+                    sums[k] += np.bincount(where, weights=values[used], minlength=count)
+                pixels += np.bincount(where, minlength=count)
+        self.pixels = pixels
         self.signal, self.variance, self.white = sums / np.maximum(self.pixels, 1)
         level = max(above.mean(), 1e-9)
         self.flicker = float(above.std(ddof=1) / level)
-        self.flicker_noise = float((self.variance.mean() / inside.sum()) ** 0.5 / level)
+        self.flicker_noise = float((self.variance.mean() / pixels.sum()) ** 0.5 / level)
+
+
+def _means(
+    exposure: Repeats, dark: DarkFrames, labels: Labels, reader: RowReader
+) -> tuple[Array, float]:
+    """Return the mean of each repeat and of the dark frame in all zones."""
+    sums, unlit, pixels = np.zeros(len(exposure.frames)), 0.0, 0
+    for rows in row_bands(len(labels)):
+        used = labels[rows] >= 0
+        for k, frame in enumerate(exposure.frames):
+            sums[k] += reader.rows(frame, rows.start, rows.stop)[used].sum(dtype=np.float64)
+        unlit += float(dark.image(exposure.time_s, rows)[used].sum(dtype=np.float64))
+        pixels += int(used.sum())
+    return sums / pixels, unlit / pixels
 
 
 class _Pattern:
@@ -166,12 +197,11 @@ class _Pattern:
 
     def __init__(self, dark: DarkFrames, labels: Labels, count: int, cfa: str | None) -> None:
         self._dark, self._labels, self._count, self._cfa = dark, labels, count, cfa
-        self._signal = np.zeros(labels.shape, np.float32)
+        self.signal = np.zeros(labels.shape, np.float32)
         self._noise = np.zeros(count)
         self._times: list[float] = []
 
-    def add(self, seen: _Seen, exposure: Repeats) -> None:
-        self._signal += seen.image
+    def add_noise(self, seen: _Seen, exposure: Repeats) -> None:
         self._noise += seen.variance / len(exposure.frames)
         self._times.append(exposure.time_s)
 
@@ -179,14 +209,16 @@ class _Pattern:
         """Return the variance of the response, and the reciprocal of its variance."""
         if not self._times:
             return 0.0, 0.0
-        labels, count = self._labels, self._count
-        inside = labels >= 0
-        where = labels[inside]
-        pixels = np.bincount(where, minlength=count)
-        signal = np.bincount(where, weights=self._signal[inside], minlength=count) / pixels
-        pattern = relative_pattern(self._signal, self._dark.good, self._cfa)[inside]
+        pixels, light, squares = np.zeros((3, self._count))
+        for rows, pattern in self._patterns():
+            used = self._labels[rows] >= 0
+            where = self._labels[rows][used]
+            squared = pattern[used].astype(np.float64) ** 2
+            pixels += np.bincount(where, minlength=self._count)
+            light += np.bincount(where, self.signal[rows][used], self._count)
+            squares += np.bincount(where, squared, self._count)
+        signal = light / pixels
         # The box leaves this share of the variance of single pixels.
-        squares = np.bincount(where, weights=pattern.astype(np.float64) ** 2, minlength=count)
         total = squares / (pixels * (1 - 1 / BOX**2))
         # All exposures have the same errors of the dark frame in common.
         middle = float(np.mean(self._times))
@@ -194,3 +226,12 @@ class _Pattern:
         squared = total - (self._noise + common) / signal**2
         weight = pixels / (2 * total**2)
         return float(weight @ squared / weight.sum()), float(weight.sum())
+
+    def _patterns(self) -> Iterator[tuple[slice, Image]]:
+        """Yield bands of rows and their pattern, which needs the rows around them."""
+        height = len(self.signal)
+        for first in range(0, height, _PATTERN_ROWS):
+            last = min(first + _PATTERN_ROWS, height)
+            window = slice(max(first - _MARGIN, 0), min(last + _MARGIN, height))
+            pattern = relative_pattern(self.signal[window], self._dark.good[window], self._cfa)
+            yield slice(first, last), pattern[first - window.start : last - window.start]

@@ -15,7 +15,7 @@ from calibration._spheres.average_directions import orthographic_lights, perspec
 from calibration._spheres.known_places import known_places
 from calibration._spheres.marked import Mask
 from calibration._spheres.outline_noise import cone_of
-from calibration._spheres.placed import off_the_plane, place
+from calibration._spheres.placed import off_the_plane, one_off_the_plane, place
 from calibration._spheres.positioned_lights import positioned_lights
 from calibration._spheres.recording import Circle, SeenSpheres, seen_in
 from calibration._spheres.recordings_agree import light_difference
@@ -241,7 +241,7 @@ def _calibrate(
         return perspective_lights(shown, cones, camera, warnings)
     radii_mm = np.concatenate(known)
     placed = place(cones, radii_mm, camera)
-    warnings += off_the_plane(placed, camera)
+    warnings += off_the_plane(placed, camera) + one_off_the_plane(placed, camera, images)
     if len(images) > 1:
         return positioned_lights(shown, cones, radii_mm, camera, warnings)
     left_out = [notice for one in seen for notice in one.left_out]

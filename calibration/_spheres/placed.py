@@ -18,6 +18,10 @@ from rig import Notice, pluralize
 # fraction of the working distance, the radius is probably wrong. A wrong radius also scales the
 # positions of the lights, which no residual would show.
 _FARTHEST_SHARE = 0.05
+# A sphere whose height differs from that of the others by more than this share of the distance,
+# and by four standard deviations, does not rest on the same plane. A pedestal of 5 mm appears as
+# one of 12 mm, because what the sphere mirrors is farther away than supposed.
+_OWN_SHARE, _SIGMAS = 0.01, 4.0
 _SAME_SIZE = 0.08
 # Share of the systematic variance of the radius that all outlines of a recording have in common:
 # where the edge is within a blurred step. In rendered scenes, radii scatter by .02 px about a mean
@@ -119,3 +123,29 @@ def off_the_plane(placed: KnownSpheres, camera: CameraModel) -> list[Notice]:
         "radius or the working distance is wrong, and so are the positions of the lights"
     )
     return [Notice("spheres-off-the-plane", text)]
+
+
+def one_off_the_plane(
+    placed: KnownSpheres, camera: CameraModel, images: list[SphereImage]
+) -> list[Notice]:
+    """Return a warning about the sphere that is farthest above or below the others, if one is.
+
+    Of two spheres, it is the upper one.
+    """
+    if len(images) < 2:
+        return []
+    heights = placed.centres_mm[:, 2] - placed.radii_mm
+    variances = np.diag(placed.covariance_mm2)[2::3]
+    others = [np.delete(np.arange(len(heights)), k) for k in range(len(heights))]
+    above = [float(heights[k] - np.median(heights[rest])) for k, rest in enumerate(others)]
+    worst = max(range(len(above)), key=lambda k: (round(abs(above[k]), 6), above[k]))
+    sigma = float(np.sqrt(variances[worst] + np.median(variances[others[worst]])))
+    if not abs(above[worst]) > max(_OWN_SHARE * camera.centre_mm[2], _SIGMAS * sigma):
+        return []
+    text = (
+        f"its radius places {places([images[worst]])} {abs(above[worst]):.0f} +- {sigma:.0f} mm "
+        f"{'above' if above[worst] > 0 else 'below'} the others: it has another radius, or does "
+        "not rest on the working plane, and then its outline is wrong, too: lay it on the plane, "
+        "check its radius, or leave it out"
+    )
+    return [Notice("sphere-off-the-plane", text)]

@@ -16,11 +16,12 @@ Region = npt.NDArray[np.bool_]
 # Levels of the two contours of a saturated highlight, relative to white. Pixels bias the first one
 # more, glare the second one.
 _LEVELS = (0.85, 0.6)
-# Variance of a coordinate, times the radius of the core, from the positions of the pixels.
-_PIXELS_PX3 = (0.01, 0.004)
-# Error by glare, from the shift between the levels: at most twice the shift (weak glare moves both)
-# and at most a quarter of it plus a fiftieth of the radius (strong glare moves the lower one far).
-_WEAK_GLARE, _STRONG_GLARE, _GLARE_RADII = 2.0, 0.25, 0.02
+# Standard deviation of a coordinate by the positions of the pixels, times the radius of the core.
+_PIXELS_PX2 = (0.134, 0.085)
+# Error by glare, from the shift between the levels beyond its noise: at most six times the shift
+# (weak glare moves both) and at most a quarter of it plus .02 of the radius (strong glare moves
+# the lower one far).
+_WEAK_GLARE, _STRONG_GLARE, _GLARE_RADII = 6.0, 0.25, 0.02
 # The centre moves further by this share of the motion from the lower level to the upper one.
 _BEYOND, _LONGEST_RADII = 0.3, 0.1
 _STEP_PX = 0.25
@@ -74,11 +75,12 @@ def saturated_spot(image: Image, region: Region, white: float) -> Spot:
     lower, _, wider = _contour_fit(image, region, _LEVELS[1] * white)
     moved = lower - upper
     shift = float(np.linalg.norm(moved)) / np.sqrt(2)
-    glare = min(_WEAK_GLARE * shift, _STRONG_GLARE * shift + _GLARE_RADII * radius)
-    variance += _PIXELS_PX3[0] / max(radius, 0.5)
-    wider += _PIXELS_PX3[1] / max(radius, 0.5)
+    variance += (_PIXELS_PX2[0] / max(radius, 0.5)) ** 2
+    wider += (_PIXELS_PX2[1] / max(radius, 0.5)) ** 2
     noise = variance + wider
-    wider += shift**2
+    shown = shift**3 / (shift**2 + noise)
+    glare = min(_WEAK_GLARE * shown, _STRONG_GLARE * shown + _GLARE_RADII * radius)
+    wider += shown**2
     share = variance / (variance + wider)
     # Beyond its noise, the motion between the levels is that of glare, which also acts above it.
     beyond = _BEYOND * max(1 - noise / max(shift**2, 1e-12), 0.0)

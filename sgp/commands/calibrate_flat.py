@@ -116,7 +116,7 @@ def _metrics(found: calibration.FlatCalibration) -> FlatMetrics:
     smooth = flat.smooth if flat.smooth.ndim == 2 else flat.smooth.mean(axis=2)
     return {
         "corners": smooth[[0, 0, -1, -1], [0, -1, 0, -1]].tolist(),
-        "gradient_std": flat.gradient_std or 0.0,
+        "gradient_std": flat.gradient_std,
         "prnu": found.prnu,
         "pixel_std": flat.pixel_std or 0.0,
         "card_std": found.card_std,
@@ -133,11 +133,14 @@ def _lines(found: calibration.FlatCalibration) -> list[str]:
     """Return the block for the terminal: what was found, and how sure."""
     figures = _metrics(found)
     corners = figures["corners"]
+    gradient = "its gradient is not sure: the lights have no standard deviations of their positions"
+    if figures["gradient_std"] is not None:
+        gradient = f"a gradient of {figures['gradient_std']:.2%} (std) may be that of the lights"
     lines = [
         f"flat from {rig.pluralize(figures['frames'], 'frame')} of {figures['lights']} lights, "
         f"the card covers {figures['covered']:.1%} of the image",
         f"  smooth part: corners at {min(corners):.1%} to {max(corners):.1%} of the middle; "
-        f"a gradient of {figures['gradient_std']:.2%} (std) may be that of the lights",
+        f"{gradient}",
         f"  pixel part: {figures['prnu']:.2%} among the pixels, std by noise "
         f"{figures['pixel_std']:.2%}",
     ]

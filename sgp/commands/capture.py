@@ -80,7 +80,7 @@ def run(
         File of calibrated lights to store with the session.
     sensor
         sensor.json of `sgp calibrate sensor` to store with the session: noise, black level and
-        white level.
+        white level; default: that of the rig file, if it names one.
     skip_check
         Skip the checks of disk, rig and picture before the recording.
     dry_run
@@ -90,7 +90,7 @@ def run(
     check_folder(out)
     goal = metering.goal()
     stored_lights = None if lights is None else acquisition.read_lights(lights)
-    measured = None if sensor is None else acquisition.read_sensor(sensor)
+    measured = _measured_sensor(sensor, rig_name)
     with rigs.open_rig(rig_name) as opened:
         model = None if camera is None else acquisition.read_camera(camera, _upright_size(opened))
         chosen, left_out = chosen_plan(plan, opened.config)
@@ -330,6 +330,20 @@ def info(
         write_session_sheet(sheet, opened)
         result.outputs["sheet"] = sheet
     return result
+
+
+def _measured_sensor(option: Path | None, rig_name: str) -> acquisition.MeasuredSensor | None:
+    """Return the sensor of the option, or else that of the rig file, if it names one."""
+    if option is not None:
+        return acquisition.read_sensor(option)
+    configured = rigs.find_rig_config(rig_name).sensor
+    if configured is None:
+        return None
+    try:
+        return acquisition.read_sensor(configured)
+    except (acquisition.DataError, acquisition.MissingPathError) as error:
+        error.add_note(f"`sensor` in {rig_name} names it")
+        raise
 
 
 def _opened(again: ResumeCommand, *, retake_damaged: bool) -> acquisition.Session:

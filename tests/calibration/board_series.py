@@ -45,10 +45,16 @@ def poses(seed: int, count: int = 15, tilt_deg: tuple[float, float] = (15, 40)) 
     return found
 
 
-def shot(pose: Pose, key: int, lens: Lens | None = None) -> npt.NDArray[np.float32]:
+def shot(
+    pose: Pose,
+    key: int,
+    lens: Lens | None = None,
+    printed: ChArUco = PRINT,
+    sheet_mm: tuple[float, float] = SHEET_MM,
+) -> npt.NDArray[np.float32]:
     """Return an image with blur, shot noise and read noise, in electrons."""
     lens = lens or Lens.of(CAMERA, sharp=False)
-    image = board_view(lens, PRINT, *pose, sheet_mm=SHEET_MM)
+    image = board_view(lens, printed, *pose, sheet_mm=sheet_mm)
     rng = np.random.default_rng(key)
     noisy = rng.poisson(image * _ELECTRONS) + rng.normal(0, _READ_E, image.shape)
     return noisy.astype(np.float32)

@@ -100,6 +100,21 @@ def _frame(light, sensor, key, pattern, role, name):
     return Frame(NOWHERE / f"{name}.tif", name, pixels.shape, role, 0, EXPOSURE_US, lambda: pixels)
 
 
+def gloss(made, size, roughness=0.3):
+    """Return highlights ``(K, H, W)`` relative to the matte light, of a range ``size``.
+
+    They have the distribution of Trowbridge and Reitz (1975).
+    """
+    points = made.camera.points_on_plane()
+    light = np.asarray(made.lights.positions_mm)[:, None, None] - points
+    light /= np.linalg.norm(light, axis=-1, keepdims=True)
+    eye = made.camera.centre_mm - points
+    half = light + eye / np.linalg.norm(eye, axis=-1, keepdims=True)
+    square = half[..., 2] ** 2 / np.sum(half**2, axis=-1)
+    lobe = (1 + square * (roughness**2 - 1)) ** -2 / light[..., 2]
+    return lobe * size / np.ptp(lobe)
+
+
 def rms(found, true):
     """Return the relative rms deviation, up to one factor."""
     ratio = found / true

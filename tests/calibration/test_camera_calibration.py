@@ -74,6 +74,7 @@ def test_without_errors_the_camera_is_exact(distortion, free) -> None:
         assert abs(done.camera.distortion[0] - distortion[0]) < 1e-3
 
 
+@pytest.mark.slow
 def test_deviations_are_right() -> None:
     ratio = np.sqrt(np.mean(pulls(range(300, 320)) ** 2, axis=0))
     assert np.all((ratio > 0.7) & (ratio < 1.3)), ratio
@@ -89,7 +90,7 @@ def test_deviations_are_right() -> None:
 )
 def test_deviations_of_other_lenses_are_right(distortion) -> None:
     camera = replace(CAMERA, distortion=np.array(distortion, float))
-    ratio = np.sqrt(np.mean(pulls(range(400, 440), camera) ** 2, axis=0))
+    ratio = np.sqrt(np.mean(pulls(range(400, 420), camera) ** 2, axis=0))
     assert np.all((ratio > 0.7) & (ratio < 1.3)), ratio
 
 
@@ -99,8 +100,8 @@ def test_fifteen_rendered_views() -> None:
     K = done.camera.K
     assert abs(K[0, 0] / CAMERA.K[0, 0] - 1) < 5e-4
     assert abs(K[1, 1] / CAMERA.K[1, 1] - 1) < 5e-4
-    assert np.abs(K[:2, 2] - CAMERA.K[:2, 2]).max() < 0.5
-    assert done.sigma_px < 0.05
+    assert np.abs(K[:2, 2] - CAMERA.K[:2, 2]).max() < 0.3
+    assert done.sigma_px < 0.02
     plane = find_working_plane(done, find_board(shot(FLAT, 3), BOARD))
     assert abs(plane.camera.working_distance_mm - 600) < 0.5
     assert abs(plane.mm_per_px - 600 / CAMERA.focal_px) < 1e-3
@@ -241,10 +242,10 @@ def test_views_that_no_camera_explains() -> None:
 
 @pytest.mark.slow
 def test_a_lens_of_the_simulator_that_is_sharp_gives_the_same_corners() -> None:
-    """Blur moves no corner: sharp and blurred views agree to a few hundredths of a pixel."""
+    """Blur moves no corner: sharp and blurred views agree to .03 px."""
     pose = poses(12)[0]
     soft = find_board(shot(pose, 1), BOARD)
     sharp = find_board(shot(pose, 1, Lens.of(CAMERA)), BOARD)
     ids, a, b = np.intersect1d(soft.ids, sharp.ids, return_indices=True)
     assert len(ids) > 30
-    assert np.sqrt(np.mean((soft.corners_px[a] - sharp.corners_px[b]) ** 2)) < 0.08
+    assert np.sqrt(np.mean((soft.corners_px[a] - sharp.corners_px[b]) ** 2)) < 0.03

@@ -37,8 +37,8 @@ def test_kinds_of_images(image, truth, changed) -> None:
     ids, a, b = np.intersect1d(view.ids, truth.ids, return_indices=True)
     assert len(ids) == len(view.ids) >= 40
     apart = view.corners_px[a] - truth.corners_px[b]
-    assert np.sqrt(np.mean(apart**2)) < 0.06
-    assert np.abs(apart.mean(axis=0)).max() < 0.02
+    assert np.sqrt(np.mean(apart**2)) < 0.02
+    assert np.abs(apart.mean(axis=0)).max() < 0.005
 
 
 def test_a_partly_visible_board(image, truth) -> None:

@@ -1,5 +1,6 @@
 """Flats from rendered cards, against the vignetting and the response that were simulated."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from acquisition import DataError, LightErrors, Lights, NoiseModel, crop
 from calibration import EstimateError, calibrate_flat, calibrate_intensities, linear_stack
 from calibration._intensities.surface import MatteSurface
-from tests.calibration.card_recordings import SENSOR, card, recorded, response, rms
+from tests.calibration.card_recordings import SENSOR, card, gloss, recorded, response, rms
 
 WIDTH = 160
 
@@ -182,6 +183,60 @@ def test_a_card_that_would_spoil_the_flat_gets_one_line(name):
     with pytest.raises(EstimateError, match=f"^/nowhere: .*{message}") as caught:
         calibrate_flat(recorded(made, 14, **options), made.lights)
     assert "\n" not in str(caught.value)
+
+
+def glossy(size):
+    """Return a recording of a card with a coat, and its lights."""
+    made = small(leds=16)
+    coat = gloss(made, size)
+    return recorded(made, 30, change=lambda k, light: light * (1 + coat[k])), made
+
+
+def test_a_glossy_card_is_refused():
+    source, made = glossy(0.1)
+    message = "^/nowhere: the card is glossy: .*% brighter where it mirrors a light, .*matte card$"
+    with pytest.raises(EstimateError, match=message):
+        calibrate_flat(source, made.lights)
+
+
+def test_a_slight_sheen_is_named():
+    source, made = glossy(0.007)
+    found = calibrate_flat(source, made.lights)
+    (sheen,) = (notice.text for notice in found.warnings if notice.code == "flat-card-sheen")
+    (size,) = (float(figure) / 100 for figure in re.findall(r"([\d.]+)%", sheen))
+    assert size == pytest.approx(0.007, rel=0.3)
+    assert rms(found.flat.smooth, made.vignetting) < 0.2 * size
+
+
+def test_a_gradient_is_not_sure_if_errors_of_the_positions_are_not_known():
+    made = small()
+    assert calibrate_flat(recorded(made, 31), made.lights).flat.gradient_std is None
+
+
+def test_a_small_card_counts_where_it_is():
+    """Of two cards, each of which leaves another part of the image open."""
+    made = small(leds=16)
+    sources = []
+    for n, open_part in enumerate((np.s_[:, :30], np.s_[:, -30:])):
+        area = np.ones(made.camera.size)
+        area[open_part] = 0.03
+        sources.append(recorded(made, 32 + n, texture=area))
+    found = calibrate_flat(sources, made.lights)
+    assert found.flat.covered == 1
+    assert rms(found.flat.smooth, made.vignetting) < 0.001
+    assert found.prnu == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_large_card_is_averaged_before_the_fit(monkeypatch):
+    """The lights are fitted to blocks of pixels, here of 3 x 3."""
+    made = small()
+    source = recorded(made, 34)
+    whole = calibrate_flat(source, made.lights).flat
+    monkeypatch.setattr("calibration._flat.small_card._SHORTER", 40)
+    monkeypatch.setattr("calibration._flat.small_card._BAND", 100_000)
+    blocks = calibrate_flat(source, made.lights).flat
+    assert rms(blocks.response, whole.response) < 2e-4
+    assert blocks.covered == 1
 
 
 def test_recordings_that_cannot_be_used_are_named():

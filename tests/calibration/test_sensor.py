@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import calibration._sensor.series_points as series_points_module
 from acquisition import SRGB, DataError, NoiseModel, Setup
 from calibration import EstimateError, calibrate_sensor
 from tests.calibration.emva_peer import reference_figures
@@ -14,15 +15,15 @@ PLAIN = NoiseModel(
     2.5, 3.0, 64.0, 12, prnu=0.01, dsnu_e=2.0, dark_current_e_per_s=100.0, full_well_e=9000.0
 )
 CASES = {
-    "12 bit": (PLAIN, {}),
     "the corners get 40 % less light": (PLAIN, {"fall": 0.4}),
+    "colour mosaic": (PLAIN, {"filters": (0.5, 1.0, 1.0, 0.4), "levels": 30, "top": 2.0}),
+    "a lamp that flickers by 1 %": (PLAIN, {"flicker": 0.01}),
+    "12 bit": (PLAIN, {}),
     "the converter ends first": (replace(PLAIN, full_well_e=None), {"fall": 0.2}),
     "hot pixels": (
         replace(PLAIN, hot_pixel_fraction=0.003, hot_pixel_e_per_s=30_000.0),
         {"fall": 0.2},
     ),
-    "colour mosaic": (PLAIN, {"filters": (0.5, 1.0, 1.0, 0.4), "levels": 30, "top": 2.0}),
-    "a lamp that flickers by 1 %": (PLAIN, {"flicker": 0.01}),
     "four repeats": (replace(PLAIN, electrons_per_dn=0.8, full_well_e=2500.0), {"repeats": 4}),
     "10 bit": (NoiseModel(12.0, 20.0, 20.0, 10, prnu=0.008, dsnu_e=15.0), {"fall": 0.3}),
 }
@@ -49,7 +50,11 @@ def truth(sensor, name):
     return getattr(sensor, name)
 
 
-@pytest.mark.parametrize("name", CASES)
+# The first three show most; the others take time.
+@pytest.mark.parametrize(
+    "name",
+    [name if k < 3 else pytest.param(name, marks=pytest.mark.slow) for k, name in enumerate(CASES)],
+)
 def test_the_figures_of_simulated_sensors_are_found(name):
     sensor, options = CASES[name]
     estimate = measured(sensor, 401, **options)
@@ -94,6 +99,7 @@ def with_stack(sensor, seed):
     return source([*pairs.frames, *frames], sensor)
 
 
+@pytest.mark.slow
 def test_the_reference_package_finds_the_same_on_the_same_images(tmp_path):
     recording = with_stack(replace(PLAIN, dark_current_e_per_s=2000.0), 403)
     estimate, reference = calibrate_sensor([recording]), reference_figures(tmp_path, 12, recording)
@@ -165,6 +171,21 @@ def test_two_recordings_are_used_together():
     alone, both = calibrate_sensor([one]).sensor, calibrate_sensor([one, other]).sensor
     assert both.electrons_per_dn.sigma < 0.85 * alone.electrons_per_dn.sigma
     assert both.electrons_per_dn.value == pytest.approx(2.5, rel=0.01)
+
+
+@pytest.mark.parametrize("cfa", [None, "RGGB"])
+def test_the_pattern_of_large_frames_is_taken_from_bands_of_rows(monkeypatch, cfa):
+    recording = replace(small(levels=12), cfa=cfa)
+    whole = calibrate_sensor([recording]).sensor.prnu
+    monkeypatch.setattr(series_points_module, "_PATTERN_ROWS", 14)
+    assert calibrate_sensor([recording]).sensor.prnu.value == pytest.approx(whole.value, rel=1e-6)
+
+
+def test_frames_of_many_rows_are_sampled_by_rows():
+    sensor = replace(PLAIN, dark_current_e_per_s=1000.0)
+    found = calibrate_sensor([card(sensor, 413, size=(1100, 64), levels=14)]).sensor
+    for figure, bar in BARS.items():
+        assert getattr(found, figure).value == pytest.approx(truth(sensor, figure), rel=2 * bar)
 
 
 def small(**options):

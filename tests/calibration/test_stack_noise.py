@@ -92,6 +92,38 @@ def test_the_predicted_noise_is_the_actual_one_in_every_decile(name):
     assert np.all(np.abs(bias) < 5 * np.array(scatter) + 3e-5)
 
 
+UNSTATED = {
+    "one exposure": (SENSOR, {}),
+    "two brackets of two, dark current": (WARM, {"shares": (1.0, 1 / 32), "repeats": 2}),
+    "one exposure, from repeats": (SENSOR, {"repeats": 2, "model": False}),
+    "light of the room, from repeats": (
+        SENSOR,
+        {"repeats": 2, "model": False, "shares": (1.0, 1 / 4), "ambient": 0.05},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", UNSTATED)
+def test_a_black_level_that_is_not_stated_is_not_shot_noise(name):
+    """Dark frames show the offset of the samples, which has no noise."""
+    sensor, options = UNSTATED[name]
+    top = (0.85 - options.get("ambient", 0.0)) / min(options.get("shares", (1.0,)))
+    radiance = np.tile(np.geomspace(0.005, top, 80), (64, 1))
+    stacks = []
+    for seed in range(16):
+        made = recording(sensor, radiance, seed=seed, **options)
+        noise = None if made.noise is None else replace(made.noise, black_level_dn=0.0)
+        stacks.append(linear_stack(replace(made, noise=noise, black_level=0.0)))
+    values = np.stack([stack.values[0] for stack in stacks]).astype(float)
+    actual = values.var(axis=0, ddof=1)
+    signal = values.mean(axis=0)
+    predicted = np.mean([stack.noise.variance(0, signal) for stack in stacks], axis=0)
+    parts = [slice(start, start + 16) for start in range(0, 80, 16)]
+    ratio = [(predicted[:, s].mean() / actual[:, s].mean()) ** 0.5 for s in parts]
+    assert min(ratio) > 0.95
+    assert max(ratio) < 1.05
+
+
 @pytest.mark.parametrize("sensor", [SENSOR, SMALL_WELL], ids=["12,000 e", "2,000 e"])
 def test_the_mean_near_white_of_a_longer_bracket_is_right(sensor):
     """Even patches around the white level of the longest bracket, where samples are clipped."""

@@ -73,6 +73,19 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "calibration/test_radiance.py",
     ),
     "calibration/_radiance/raw_stack.py": ("calibration/test_raw_stack.py",),
+    "calibration/_flat/combine.py": ("calibration/test_flat.py",),
+    "calibration/_flat/card_tests.py": ("calibration/test_flat.py",),
+    **{
+        f"calibration/_sensor/{name}.py": ("calibration/test_sensor.py",)
+        for name in (
+            "dark_frames",
+            "figures",
+            "photon_transfer",
+            "recorded_series",
+            "series_points",
+            "zones",
+        )
+    },
     f"{_SPHERES}/calibrate.py": _WHOLE_CALIBRATION,
     f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),

@@ -15,6 +15,7 @@ import pytest
 from acquisition import read_camera, read_image, write_camera, write_png
 from calibration import CharucoBoard, find_board, read_board
 from sgp._record import read_record
+from simulator import ChArUco, Lens
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, poses, shot
 
 SIZE = ("--squares", "11x8", "--square-mm", "20")
@@ -139,6 +140,7 @@ def test_images_of_different_sizes(sgp, views, tmp_path) -> None:
     assert "part.png: 640 x 480 pixels, but" in done.err
 
 
+@pytest.mark.slow
 def test_the_lens_of_a_recording(sgp, views, tmp_path) -> None:
     """A session whose camera has another lens than the camera that is given."""
     small = CAMERA.downscaled(16)
@@ -230,6 +232,7 @@ def check_scale(page: np.ndarray, board: CharucoBoard, density: float) -> None:
     assert np.abs(apart).max() < 1 / density
 
 
+@pytest.mark.slow
 def test_the_png_has_its_true_size(sgp, tmp_path) -> None:
     done = sgp(
         "calibrate", "board", "--squares", "5x4", "--square-mm", "12", "--out", tmp_path / "b.png"
@@ -269,6 +272,7 @@ def test_files_are_not_overwritten(sgp, tmp_path) -> None:
     assert (tmp_path / "b.pdf").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_the_board_of_a_file_with_a_measured_size(sgp, views, tmp_path) -> None:
     page = tmp_path / "b.png"
     sgp("calibrate", "board", "--square-mm", "15", "--out", page)
@@ -279,3 +283,29 @@ def test_the_board_of_a_file_with_a_measured_size(sgp, views, tmp_path) -> None:
     assert done.code == 0, done.err
     assert abs(read_camera(tmp_path / "out" / "camera.json").working_distance_mm - 600) < 1.5
     assert BOARD.square_mm == 20.0
+
+
+@pytest.mark.slow
+def test_recordings_of_the_simulated_board(sgp, tmp_path) -> None:
+    """Sessions are views and the working plane, also those of a colour sensor."""
+    done = sgp("simulate", "charuco", "--led-count", "4", "--out", tmp_path / "gray")
+    assert done.code == 0, done.err
+    text = (tmp_path / "gray" / "derived" / "truth" / "scene.toml").read_text()
+    scene = tmp_path / "gray" / "derived" / "truth" / "mosaic.toml"
+    scene.write_text(text.replace("[lens]", '[lens]\ncfa = "RGGB"'))
+    done = sgp("simulate", scene, "--out", tmp_path / "mosaic")
+    assert done.code == 0, done.err
+    truth = read_camera(tmp_path / "gray" / "derived" / "truth" / "camera.json")
+    lens, board = Lens.of(truth), ChArUco(10, 8, 26.0)
+    for k, pose in enumerate(poses(52, 6, (20, 40))):
+        save(tmp_path / "shots" / f"V{k}.png", shot(pose, k, lens, board, (300.0, 250.0)))
+    for plane, other in (("gray", "mosaic"), ("mosaic", "gray")):
+        words = ("--squares", "10x8", "--square-mm", "26", "--working-plane", tmp_path / plane)
+        out = tmp_path / f"from {plane}"
+        sources = (tmp_path / "shots", tmp_path / other)
+        done = sgp("calibrate", "camera", *sources, *words, "--out", out)
+        assert done.code == 0, done.err
+        camera = read_camera(out / "camera.json")
+        assert abs(camera.K[0, 0] / truth.K[0, 0] - 1) < 5e-4
+        assert abs(camera.working_distance_mm - 600) < 0.5
+        assert read_record(out / "calibration.json").metrics["views"] == 7, done.err

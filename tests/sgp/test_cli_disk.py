@@ -38,7 +38,18 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated session, and results computed from it."""
     root = tmp_path_factory.mktemp("made")
     lights = f"--lights {root}/sim/derived/truth/lights.json"
+    (root / "grey.toml").write_text(
+        'name = "grey"\ndriver = "simulated"\nleds = 1\n[options]\nscene = "white-plane"\n'
+        'width = 80\nheight = 64\ncamera = "inside"\nrealtime = false\n',
+        encoding="utf-8",
+    )
+    (root / "series.toml").write_text(
+        f'leds = "0-0"\nexposures_us = {[500 * n for n in range(1, 82, 8)]}\nrepeats = 2\n',
+        encoding="utf-8",
+    )
+    series = f"--rig {root}/grey.toml --plan {root}/series.toml --skip-check"
     for line in (
+        f"capture run {root}/grey {series}",
         f"simulate coin --out {root}/sim --size 64x52 --led-count 6",
         f"simulate white-plane --out {root}/card --size 64x52 --led-count 6",
         f"normals {root}/sim {lights} --out {root}/normals",
@@ -79,6 +90,7 @@ def writers(made: Path, disk: Path) -> list[str]:
         f"project {made}/surface/surface.ply --out {disk}/project",
         f"calibrate intensities {made}/sim {lights} --out {disk}/card.json",
         f"calibrate flat {made}/card {lights} --out {disk}/flat",
+        f"calibrate sensor {made}/grey --out {disk}/sensor",
         f"rig snap {rig} --led 1 --out {disk}/snap.tif",
         f"demo --out {disk}/demo",
     ]

@@ -20,6 +20,18 @@ scene = "coin"
 width = 64
 height = 52
 """
+GREY = """
+name = "grey"
+driver = "simulated"
+leds = 1
+[options]
+scene = "white-plane"
+width = 80
+height = 64
+camera = "inside"
+realtime = false
+"""
+SERIES = f'leds = "0-0"\nexposures_us = {[500 * n for n in range(1, 82, 8)]}\nrepeats = 2\n'
 PLAN = "leds = [0, 1, 2, 3]\nexposures_us = [5000.0]\n"
 # A complete session loses COMPLETE and its last line, so that its last frame has no line.
 CUT_OFF = """
@@ -51,6 +63,8 @@ REST = """
     capture export {root}/sim --format exr --out {root}/exr
     capture export {root}/sim --lights {lights} --format alicevision --out {root}/alicevision
     calibrate intensities {root}/sim --lights {lights} --out {root}/card.json
+    capture run {root}/grey --rig {root}/grey.toml --plan {root}/series.toml --skip-check
+    calibrate sensor {root}/grey --out {root}/sensor
     simulate spheres --out {root}/spheres --size 320x256 --led-count 6 --exposure-us 9000
     calibrate spheres {root}/spheres --out {root}/lights.json
     run {root}/sim --lights {lights} --out {root}/run
@@ -88,6 +102,8 @@ def test_no_writer_follows_planted_links(tmp_path: Path, kind: str, text: str, n
     victims.mkdir()
     (root / "rig.toml").write_text(RIG, encoding="utf-8")
     (root / "plan.toml").write_text(PLAN, encoding="utf-8")
+    (root / "grey.toml").write_text(GREY, encoding="utf-8")
+    (root / "series.toml").write_text(SERIES, encoding="utf-8")
     program = Path(__file__).with_name("planting.py")
     done = subprocess.run(
         [sys.executable, program, root, victims, kind, json.dumps(commands(text, root))],

@@ -91,7 +91,7 @@ EXAMPLES: list[tuple[object, str]] = [
     (processing.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
      "Mesh(vertices=float32[3, 3], faces=int32[1, 3], unit='px')"),
     (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, ONES, HEIGHT, QUALITY, ERROR,
-                               (ONES, ONES), ()),
+                               (ONES, ONES), None, ()),
      f"Reconstruction(/in, {NORMALS!r}, height in mm, mean error 8.39 deg)"),
     (simulator.scene_named("coin"), "Scene(Coin, 36 lights, 0 spheres, 640 x 512 px)"),
     (simulator.Lens(camera=CAMERA),

@@ -1,0 +1,97 @@
+"""Images of a card, averaged over blocks while bands of rows are read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel
+from calibration._flat.sites import Bools, Sites
+from calibration._radiance.banded_stack import BandedStack
+
+# The shorter side of the averaged images is at least as long; smaller images are not averaged.
+_SHORTER = 256
+# Bytes of the samples of all lights in a band.
+_BAND = 32_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class SmallCard:
+    """Block means of a recording of a card.
+
+    Parameters
+    ----------
+    values
+        ``(N, h, w)`` or ``(N, h, w, 3)`` linear samples; NaN where one of a block is missing. The
+        sites of a mosaic are averaged by colour.
+    lost
+        ``(N, h, w)`` share of the pixels of each block that are saturated.
+    camera
+        Camera of these images.
+    side
+        Pixels of a block in each direction; even for a mosaic.
+    """
+
+    values: npt.NDArray[np.float32]
+    lost: npt.NDArray[np.float32]
+    camera: CameraModel
+    side: int
+
+    @classmethod
+    def read(cls, stack: BandedStack, camera: CameraModel, sites: Sites) -> SmallCard:
+        """Read all bands of a stack and average them."""
+        height, width = sites.shape[:2]
+        site = 1 if sites.cfa is None else 2
+        side = site * max(1, min(height, width) // (site * _SHORTER))
+        rows, columns = height // side, width // side
+        many = len(stack.ids)
+        shape = (many, rows, columns) if sites.colours == 1 else (many, rows, columns, 3)
+        values = np.full(shape, np.nan, np.float32)
+        lost = np.zeros((many, rows, columns), np.float32)
+        for place, band in stack.bands(band_rows(stack, side)):
+            count = (place.stop - place.start) // side
+            part = slice(place.start // side, place.start // side + count)
+            for k, image in enumerate(band.values):
+                cut = image[: count * side, : columns * side]
+                missing = ~np.isfinite(cut if cut.ndim == 2 else cut.sum(axis=2))
+                lost[k, part] = _means(missing, side)
+                values[k, part] = _means(_colours(cut, sites), side // site)
+        return cls(values, lost, camera.downscaled(side), side)
+
+    def reduced(self, mask: Bools) -> Bools:
+        """Return the blocks of which all pixels of a mask ``(H, W)`` are True."""
+        _, rows, columns = self.lost.shape
+        cut = mask[: rows * self.side, : columns * self.side]
+        whole: Bools = _means(cut, self.side) == 1
+        return whole
+
+    def enlarged(self, blocks: Bools, shape: tuple[int, ...]) -> Bools:
+        """Return the pixels ``(H, W)`` of blocks; those that fill no block are like the nearest."""
+        whole = blocks.repeat(self.side, axis=0).repeat(self.side, axis=1)
+        missing = [(0, shape[i] - whole.shape[i]) for i in range(2)]
+        return np.pad(whole, missing, mode="edge")
+
+
+def band_rows(stack: BandedStack, side: int) -> int:
+    """Return a number of rows for bands, a multiple of a side."""
+    of_row = 4 * int(np.prod(stack.shape)) // stack.shape[1]
+    return side * max(1, _BAND // (of_row * side))
+
+
+def _colours(image: npt.NDArray[np.float32], sites: Sites) -> npt.NDArray[np.float32]:
+    """Return the colours of the 2 x 2 sites of a mosaic; other images as they are."""
+    if sites.cfa is None:
+        return image
+    colours = np.zeros((image.shape[0] // 2, image.shape[1] // 2, 3), np.float32)
+    for i, name in enumerate(sites.cfa):
+        share = np.float32(1 / sites.cfa.count(name))
+        colours[..., "RGB".index(name)] += image[i // 2 :: 2, i % 2 :: 2] * share
+    return colours
+
+
+def _means(image: npt.NDArray[np.generic], side: int) -> npt.NDArray[np.float32]:
+    rows, columns = image.shape[0] // side, image.shape[1] // side
+    blocks = image.reshape(rows, side, columns, side, *image.shape[2:])
+    return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64), np.float32)
