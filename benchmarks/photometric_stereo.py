@@ -1,8 +1,9 @@
 """Cost of photometric stereo, in copies of its stack, and its accuracy on real captures.
 
 CPU seconds are those of all threads together; NUMBA_NUM_THREADS sets their number. "peak MiB" is
-the growth of the resident memory. "numpy pinv" is plain least squares on the same stack. The
-accuracy part runs if the variable SGP_DATA names the folder of the data.
+the growth of the resident memory. "numpy pinv" and "float64 lstsq" are plain least squares on the
+same stack. The accuracy part runs if the variable SGP_DATA names the folder of the data; the row
+of 36 lights is the mean of three random choices.
 """
 
 import os
@@ -13,8 +14,9 @@ import numpy as np
 from harness import command_line, copy_s, measured
 
 from acquisition import Lights, read_source
-from calibration import linear_stack
+from calibration import StackNoise, linear_stack
 from processing import angular_error, photometric_stereo
+from processing._stereo.method import METHODS
 
 MIB = 2.0**20
 
@@ -59,18 +61,30 @@ def cost(lights, megapixels):
     x, y = np.meshgrid(np.linspace(-70, 70, side), np.linspace(70, -70, side))
     points = np.stack([x, y, 0 * x], axis=2)
     rows = {
-        "ls": lambda: photometric_stereo(values, distant, mask, method="ls"),
+        **{
+            method: lambda method=method: photometric_stereo(values, distant, mask, method=method)
+            for method in METHODS
+        },
         "ls, saturated samples": lambda: photometric_stereo(saturated, distant, mask, method="ls"),
         "ls, near LEDs": lambda: photometric_stereo(
             values, leds, mask, method="ls", points_mm=points
         ),
-        "cauchy": lambda: photometric_stereo(values, distant, mask, method="cauchy"),
         "cauchy, near LEDs": lambda: photometric_stereo(
             values, leds, mask, method="cauchy", points_mm=points
         ),
+        "best, near LEDs": lambda: photometric_stereo(
+            values, leds, mask, method="best", points_mm=points
+        ),
+        "cauchy, known noise": lambda: photometric_stereo(
+            values, distant, mask, method="cauchy", noise=noise
+        ),
         "numpy pinv": lambda: naive(values, directions),
+        "float64 lstsq": lambda: np.linalg.lstsq(
+            directions, values.reshape(len(values), -1).astype(np.float64), rcond=None
+        ),
     }
-    for method in ("ls", "cauchy"):
+    noise = StackNoise.of_one_exposure(0, 1e-4, lights)
+    for method in METHODS:
         photometric_stereo(values[:, :1], distant, mask[:1], method=method)  # compiles
     copy = copy_s(values)
     print(
@@ -87,29 +101,34 @@ def cost(lights, megapixels):
 
 
 def accuracy(folder):
-    print(f"\n{'mean angular error, deg':24}{'ls':>8}{'cauchy':>8}")
+    print(f"\n{'mean angular error, deg':24}" + "".join(f"{name:>9}" for name in METHODS))
     for name in ("bearPNG", "catPNG"):
         source = read_source(folder / name)
         stack = linear_stack(source)
-        for picked in (96, 36):
-            errors = []
-            for seed in range(1 if picked == 96 else 3):
-                rng = np.random.default_rng(seed)
-                kept = np.sort(rng.choice(96, picked, replace=False))
-                errors.append(
-                    [
-                        angular_error(
-                            photometric_stereo(
-                                stack.values[kept], stack.lights.take(kept), source.mask, method=m
-                            ).normal_map,
-                            source.normals_truth,
-                            source.mask,
-                        ).mae_deg
-                        for m in ("ls", "cauchy")
-                    ]
-                )
-            ls, cauchy = np.mean(errors, axis=0)
-            print(f"{f'{name}, {picked} lights':24}{ls:8.2f}{cauchy:8.2f}")
+        choices = {
+            "96 lights": [np.arange(96)],
+            "lights 20 to 96": [np.arange(20, 96)],
+            "36 lights": [
+                np.sort(np.random.default_rng(seed).choice(96, 36, replace=False))
+                for seed in range(3)
+            ],
+        }
+        for text, choice in choices.items():
+            errors = [
+                [
+                    angular_error(
+                        photometric_stereo(
+                            stack.values[kept], stack.lights.take(kept), source.mask, method=method
+                        ).normal_map,
+                        source.normals_truth,
+                        source.mask,
+                    ).mae_deg
+                    for method in METHODS
+                ]
+                for kept in choice
+            ]
+            row = "".join(f"{error:9.2f}" for error in np.mean(errors, axis=0))
+            print(f"{f'{name}, {text}':24}{row}")
 
 
 def main():

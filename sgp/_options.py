@@ -200,7 +200,9 @@ class SourceOptions(RecordingOptions):
     Parameters
     ----------
     method
-        ls (plain least squares) or cauchy (gives shadows and highlights a low weight).
+        ls (plain least squares), trimmed (without the darkest and brightest fifth of the samples),
+        cauchy (gives shadows and highlights a low weight), or best (also fits the reflectance;
+        most accurate on surfaces that are not matte, and takes about three times as long).
     channel
         gray, rgb (one solution per channel, averaged), or mosaic (the normal of every site of a
         colour mosaic from its own samples, without interpolation between pixels).

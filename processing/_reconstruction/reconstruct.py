@@ -222,7 +222,13 @@ def reconstruct(
         )
     else:
         stereo = photometric_stereo(
-            gray, lights, mask, method=method, points_mm=points_mm, on_progress=on_progress
+            gray,
+            lights,
+            mask,
+            method=method,
+            points_mm=points_mm,
+            noise=stack.noise,
+            on_progress=on_progress,
         )
         del gray
     used = stack.ids

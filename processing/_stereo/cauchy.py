@@ -10,68 +10,43 @@ import numpy as np
 from processing._stereo.pixel_algebra import (
     Double,
     Float,
+    law_or_alike,
     rms_residual,
     usable_samples,
     weighted_solution,
 )
+from processing._stereo.ranks import MAD_TO_SIGMA, ranked
+from processing._stereo.reweighted import reweighted
 
-# Compiled in: processing/_stereo/pixel_algebra.py 87fdffe001a6
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
 
 _ITERATIONS = 10
-# 1 / (0.75 quantile of the normal distribution): converts the median of |r| into a standard
-# deviation.
-_MAD_TO_SIGMA = 1.4826
-# Number of halvings that locate the median to 1 part in 250, a tenth of its own noise.
-_HALVINGS = 8
-# The iteration ends at a step of 1e-5 of the vector's length (0.0006 degree).
-_STEP2 = 1e-10
+# The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).
+_STEP2 = 1e-8
 # Smallest scale of the weights, relative to the vector's length: exact data has no spread.
 _SCALE_FLOOR = 1e-6
 
 
-def cauchy(values: Float, vectors: Float) -> tuple[Double, Double]:
+def cauchy(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
     """Solve ``value = max(vector . m, 0)`` by reweighted least squares.
 
     The iteration starts at the least-squares solution. It takes up to 10 steps with the weight
     ``1 / (1 + (r / s)^2)``, where s is the scaled median of ``|r|`` (Holland and Welsch, 1977).
+    If the law of the noise is known, pixels whose residuals are noise end with weighted least
+    squares, see `reweighted`.
 
     This is an `Estimator`; see there for the parameters and the result.
     """
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))
-    _solve_pixels(values, vectors, scaled, rms)
+    _solve_pixels(values, vectors, *law_or_alike(law, values.shape[1]), scaled, rms)
     return scaled, rms
 
 
 @numba.njit(cache=True)
-def _count_up_to(values: Float, count: int, limit: np.float32) -> int:
-    found = np.int32(0)
-    for k in range(count):
-        found += np.int32(values[k] <= limit)
-    return int(found)
-
-
-@numba.njit(cache=True)
-def _median(values: Float, count: int, guess: np.float32) -> np.float32:
-    """Return the upper median of positive values by bisection, starting at a guess above 0.
-
-    The code branches once per halving and not per sample, so it is four times as fast as a
-    selection algorithm.
-    """
-    low, high = np.float32(0), guess
-    while high < np.inf and _count_up_to(values, count, high) <= count // 2:
-        low, high = high, 2 * high
-    for _ in range(_HALVINGS):
-        middle = np.float32(0.5) * (low + high)
-        if _count_up_to(values, count, middle) > count // 2:
-            high = middle
-        else:
-            low = middle
-    return high
-
-
-@numba.njit(cache=True)
-def _reweighted(
+def _iterated(
     count: int, usable: Float, shading: Float, deviation: Float, m0: float, m1: float, m2: float
 ) -> tuple[float, float, float]:
     """Refine the least-squares solution (m0, m1, m2) of ``v = max(l . m, 0)``.
@@ -92,8 +67,8 @@ def _reweighted(
         for k in range(count):
             shading[k] = lx[k] * x + ly[k] * y + lz[k] * z
             deviation[k] = abs(v[k] - max(shading[k], zero))
-        guess = _median(deviation, count, max(guess, floor))
-        per_scale = one / (np.float32(_MAD_TO_SIGMA) * guess + floor)
+        guess = ranked(deviation, count, count // 2, max(guess, floor))
+        per_scale = one / (np.float32(MAD_TO_SIGMA) * guess + floor)
         weight = shading
         for k in range(count):
             ratio = deviation[k] * per_scale
@@ -108,17 +83,35 @@ def _reweighted(
     return m0, m1, m2
 
 
+@numba.njit(cache=True)
+def cauchy_pixel(
+    count: int, usable: Float, known: bool, scratch: Float
+) -> tuple[bool, float, float, float]:
+    """Return whether the samples of one pixel determine the scaled normal, and its components.
+
+    For the parameters see `reweighted`.
+    """
+    scratch[0, :count] = 1.0
+    solved, m0, m1, m2 = weighted_solution(count, usable, scratch[0])
+    if solved:
+        m0, m1, m2 = _iterated(count, usable, scratch[0], scratch[1], m0, m1, m2)
+        if known:
+            _, m0, m1, m2 = reweighted(count, usable, scratch, m0, m1, m2)
+    return solved, m0, m1, m2
+
+
 @numba.njit(parallel=True, cache=True)
-def _solve_pixels(values: Float, vectors: Float, scaled: Double, rms: Double) -> None:
+def _solve_pixels(
+    values: Float, vectors: Float, law: Float, known: bool, scaled: Double, rms: Double
+) -> None:
     pixels, lights = values.shape
     for block in numba.prange((pixels + 255) // 256):
-        usable = np.zeros((4, lights), np.float32)
-        scratch = np.ones((2, lights), np.float32)
+        usable = np.zeros((6, lights), np.float32)
+        scratch = np.zeros((3, lights), np.float32)
         for p in range(256 * block, min(256 * (block + 1), pixels)):
-            count = usable_samples(values[p], vectors[p if len(vectors) > 1 else 0], usable)
-            scratch[0, :count] = 1.0
-            solved, m0, m1, m2 = weighted_solution(count, usable, scratch[0])
+            of = p if len(vectors) > 1 else 0
+            count = usable_samples(values[p], vectors[of], law[p if len(law) > 1 else 0], usable)
+            solved, m0, m1, m2 = cauchy_pixel(count, usable, known, scratch)
             if solved:
-                m0, m1, m2 = _reweighted(count, usable, scratch[0], scratch[1], m0, m1, m2)
                 rms[p] = rms_residual(count, usable, m0, m1, m2)
             scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from processing._stereo.best import best
 from processing._stereo.cauchy import cauchy
 from processing._stereo.least_squares import least_squares
 from processing._stereo.method import Method
 from processing._stereo.pixel_algebra import Double, Float
+from processing._stereo.trimmed import trimmed
 
 
 class Estimator(Protocol):
@@ -18,7 +20,9 @@ class Estimator(Protocol):
     the lights are near.
     """
 
-    def __call__(self, values: Float, vectors: Float, /) -> tuple[Double, Double]:
+    def __call__(
+        self, values: Float, vectors: Float, law: Float | None = None, /
+    ) -> tuple[Double, Double]:
         """Return the scaled normals and the residuals of P pixels under N lights.
 
         Parameters
@@ -28,6 +32,9 @@ class Estimator(Protocol):
             if a sample was not measured.
         vectors
             ``(1, 3, N)`` float32 light vectors (x, y, z) that all pixels share, or ``(P, 3, N)``.
+        law
+            ``(1, 2, N)`` or ``(P, 2, N)`` float32: variance of a sample without light, and its
+            increase per value; None if the noise is not known.
 
         Returns
         -------
@@ -40,4 +47,9 @@ class Estimator(Protocol):
         ...
 
 
-ESTIMATORS: dict[Method, Estimator] = {"ls": least_squares, "cauchy": cauchy}
+ESTIMATORS: dict[Method, Estimator] = {
+    "ls": least_squares,
+    "trimmed": trimmed,
+    "cauchy": cauchy,
+    "best": best,
+}

@@ -11,26 +11,34 @@ from processing._stereo.pixel_algebra import (
     ANY_ORDER,
     Double,
     Float,
+    law_or_alike,
     rms_residual,
     usable_samples,
     weighted_solution,
 )
+from processing._stereo.reweighted import reweighted
 
-# Compiled in: processing/_stereo/pixel_algebra.py 87fdffe001a6
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
 
 
-def least_squares(values: Float, vectors: Float) -> tuple[Double, Double]:
+def least_squares(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
     """Solve ``value = vector . m`` by least squares, attached shadows included.
+
+    If the law of the noise is known, pixels whose residuals are noise are solved again with its
+    weights, see `reweighted`.
 
     This is an `Estimator`; see there for the parameters and the result.
     """
     # If all pixels share the lights, the inverse is the same for all pixels without a missing
     # sample.
-    shared = vectors[0].astype(np.float64)
-    inverse = np.linalg.pinv(shared @ shared.T).astype(np.float64)
+    inverse = np.zeros((0, 3))
+    if len(vectors) == 1:
+        shared = vectors[0].astype(np.float64)
+        inverse = np.ascontiguousarray(np.linalg.pinv(shared @ shared.T))
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))
-    _solve_pixels(values, vectors, inverse, scaled, rms)
+    _solve_pixels(values, vectors, *law_or_alike(law, values.shape[1]), inverse, scaled, rms)
     return scaled, rms
 
 
@@ -47,30 +55,43 @@ def _sums(values: Float, vectors: Float) -> tuple[float, float, float, float]:
     return bx, by, bz, vv
 
 
+@numba.njit(cache=True)
+def _pixel(
+    values: Float, vectors: Float, law: Float, known: bool, inverse: Double, usable: Float,
+    scratch: Float,
+) -> tuple[float, float, float, float]:  # fmt: skip
+    """Return the scaled normal of one pixel and the rms residual."""
+    if not known and len(inverse):
+        b0, b1, b2, vv = _sums(values, vectors)
+        if math.isfinite(vv):
+            m0 = inverse[0, 0] * b0 + inverse[0, 1] * b1 + inverse[0, 2] * b2
+            m1 = inverse[1, 0] * b0 + inverse[1, 1] * b1 + inverse[1, 2] * b2
+            m2 = inverse[2, 0] * b0 + inverse[2, 1] * b1 + inverse[2, 2] * b2
+            explained = m0 * b0 + m1 * b1 + m2 * b2
+            return m0, m1, m2, math.sqrt(max(vv - explained, 0.0) / len(values))
+    count = usable_samples(values, vectors, law, usable)
+    scratch[0, :count] = 1.0
+    solved, m0, m1, m2 = weighted_solution(count, usable, scratch[0])
+    if not solved:
+        return 0.0, 0.0, 0.0, 0.0
+    if known:
+        _, m0, m1, m2 = reweighted(count, usable, scratch, m0, m1, m2)
+    return m0, m1, m2, rms_residual(count, usable, m0, m1, m2)
+
+
 @numba.njit(parallel=True, cache=True)
 def _solve_pixels(
-    values: Float, vectors: Float, inverse: Double, scaled: Double, rms: Double
-) -> None:
+    values: Float, vectors: Float, law: Float, known: bool, inverse: Double,
+    scaled: Double, rms: Double,
+) -> None:  # fmt: skip
     pixels, lights = values.shape
     for block in numba.prange((pixels + 255) // 256):
-        usable = np.zeros((4, lights), np.float32)
-        ones = np.ones(lights, np.float32)
+        usable = np.zeros((6, lights), np.float32)
+        scratch = np.zeros((3, lights), np.float32)
         for p in range(256 * block, min(256 * (block + 1), pixels)):
-            solved, m0, m1, m2, deviation = False, 0.0, 0.0, 0.0, 0.0
-            complete = False
-            if len(vectors) == 1:
-                b0, b1, b2, vv = _sums(values[p], vectors[0])
-                complete = math.isfinite(vv)
-            if complete:
-                m0 = inverse[0, 0] * b0 + inverse[0, 1] * b1 + inverse[0, 2] * b2
-                m1 = inverse[1, 0] * b0 + inverse[1, 1] * b1 + inverse[1, 2] * b2
-                m2 = inverse[2, 0] * b0 + inverse[2, 1] * b1 + inverse[2, 2] * b2
-                deviation = math.sqrt(max(vv - (m0 * b0 + m1 * b1 + m2 * b2), 0.0) / lights)
-            else:
-                of = p if len(vectors) > 1 else 0
-                count = usable_samples(values[p], vectors[of], usable)
-                solved, m0, m1, m2 = weighted_solution(count, usable, ones)
-                if solved:
-                    deviation = rms_residual(count, usable, m0, m1, m2)
-            scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2
+            x, y, z, deviation = _pixel(
+                values[p], vectors[p if len(vectors) > 1 else 0], law[p if len(law) > 1 else 0],
+                known, inverse, usable, scratch,
+            )  # fmt: skip
+            scaled[p, 0], scaled[p, 1], scaled[p, 2] = x, y, z
             rms[p] = deviation

@@ -4,5 +4,5 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-Method = Literal["ls", "cauchy"]
+Method = Literal["ls", "trimmed", "cauchy", "best"]
 METHODS: tuple[Method, ...] = get_args(Method)

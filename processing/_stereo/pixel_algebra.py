@@ -28,13 +28,26 @@ _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
 ANY_ORDER = {"reassoc", "contract", "nsz"}
 
 
-@numba.njit(cache=True)
-def usable_samples(values: Float, vectors: Float, usable: Float) -> int:
-    """Copy the finite samples of one pixel and their light vectors; return their number.
+def law_or_alike(law: Float | None, lights: int) -> tuple[Float, bool]:
+    """Return a law of the noise and whether it is known; an unknown one weights all samples alike.
 
-    ``values`` is ``(N,)``, ``vectors`` ``(3, N)``, ``usable`` ``(4, N)``: value, x, y, z.
+    See `Estimator`.
     """
-    v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
+    if law is not None:
+        return law, True
+    alike = np.zeros((1, 2, lights), np.float32)
+    alike[:, 0] = 1
+    return alike, False
+
+
+@numba.njit(cache=True)
+def usable_samples(values: Float, vectors: Float, law: Float, usable: Float) -> int:
+    """Copy the finite samples of one pixel, their light vectors and noise; return their number.
+
+    ``values`` is ``(N,)``, ``vectors`` ``(3, N)``, ``law`` ``(2, N)``, and ``usable`` ``(6, N)``:
+    value, x, y, z, variance without light and per value.
+    """
+    v, lx, ly, lz, floor, slope = usable[0], usable[1], usable[2], usable[3], usable[4], usable[5]
     count = 0
     for i in range(len(values)):
         if math.isfinite(values[i]):
@@ -42,6 +55,8 @@ def usable_samples(values: Float, vectors: Float, usable: Float) -> int:
             lx[count] = vectors[0, i]
             ly[count] = vectors[1, i]
             lz[count] = vectors[2, i]
+            floor[count] = law[0, i]
+            slope[count] = law[1, i]
             count += 1
     return count
 

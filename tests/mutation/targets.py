@@ -118,7 +118,19 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "processing/test_photometric_stereo.py",
             "processing/test_photometric_near.py",
         )
-        for name in ("cauchy", "least_squares", "light_model", "pixel_algebra")
+        for name in ("cauchy", "least_squares", "light_model", "pixel_algebra", "trimmed")
+    },
+    **{
+        f"processing/_stereo/{name}.py": (
+            "processing/test_photometric_best.py",
+            "processing/test_photometric_stereo.py",
+        )
+        for name in ("best", "least_trimmed", "reflectance_fit")
+    },
+    "processing/_stereo/ranks.py": ("processing/test_photometric_stereo.py",),
+    **{
+        f"processing/_stereo/{name}.py": ("processing/test_photometric_noise.py",)
+        for name in ("noise_law", "reweighted")
     },
     "processing/_stereo/photometric_stereo.py": (
         "processing/test_photometric_stereo.py",

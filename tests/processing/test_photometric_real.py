@@ -27,8 +27,12 @@ def _capture(name):
     [
         pytest.param("bearPNG", "ls", 8.34, 8.44, id="bear-ls"),
         pytest.param("catPNG", "ls", 8.36, 8.46, id="cat-ls"),
-        pytest.param("bearPNG", "cauchy", 5.0, 6.4, id="bear-cauchy"),
-        pytest.param("catPNG", "cauchy", 5.0, 7.2, id="cat-cauchy"),
+        pytest.param("bearPNG", "cauchy", 5.0, 6.15, id="bear-cauchy"),
+        pytest.param("catPNG", "cauchy", 5.0, 7.0, id="cat-cauchy"),
+        pytest.param("bearPNG", "trimmed", 6.0, 6.3, id="bear-trimmed"),
+        pytest.param("catPNG", "trimmed", 6.9, 7.17, id="cat-trimmed"),
+        pytest.param("bearPNG", "best", 3.5, 4.6, id="bear-best"),
+        pytest.param("catPNG", "best", 3.5, 4.7, id="cat-best"),
     ],
 )
 def test_mean_angular_error_on_diligent(name, method, lowest, highest):

@@ -164,7 +164,7 @@ def test_normals_rotate_with_the_scene_and_ignore_brightness(method, seed, scale
         scale * values[order], Lights(directions[order] @ turn.T), mask, method=method
     )
     turned = first.normal_map.normals @ turn.T
-    # Rounding can change the median of |r| by one step of the bisection, 1 part in 250.
+    # Rounding can change the median of |r| by one step of the bisection, 1 part in 64.
     tolerance = 1e-3 if method == "ls" else 0.1
     assert angle_deg(second.normal_map.normals, turned).max() < tolerance
     if method == "ls":

@@ -1,0 +1,111 @@
+"""Least trimmed squares, then a reflectance of two coefficients: the most accurate estimator."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from processing._stereo.cauchy import cauchy_pixel
+from processing._stereo.least_trimmed import (
+    Triples,
+    bright_samples,
+    least_trimmed,
+    light_triples,
+    rank_of_spread,
+)
+from processing._stereo.pixel_algebra import (
+    Double,
+    Float,
+    law_or_alike,
+    rms_residual,
+    usable_samples,
+    weighted_solution,
+)
+from processing._stereo.reflectance_fit import reflectance_fit
+from processing._stereo.reweighted import reweighted
+
+# Compiled in: processing/_stereo/cauchy.py 45273ba8f525
+# Compiled in: processing/_stereo/least_trimmed.py 6488b5e06f2f
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/reflectance_fit.py 8a7fcddf207b
+# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
+
+# With fewer samples the subsets that agree are too small: `cauchy` is used.
+_FEWEST = 12
+
+
+def best(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
+    """Solve by least trimmed squares, then fit ``v = max(l . n, 0) (c0 + c1 (h . n)^2)``.
+
+    Pixels whose residuals are noise keep the Lambertian model; those with fewer than 12 samples are
+    solved by `cauchy`. The camera is in direction z.
+
+    This is an `Estimator`; see there for the parameters and the result.
+    """
+    scaled = np.zeros((len(values), 3))
+    rms = np.zeros(len(values))
+    triples = light_triples(values.shape[1])
+    _solve_pixels(values, vectors, *law_or_alike(law, values.shape[1]), triples, scaled, rms)
+    return scaled, rms
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _best_pixel(
+    count: int, usable: Float, known: bool, triples: Triples, bright: Float, scratch: Float,
+    gram: Double,
+) -> tuple[bool, float, float, float]:  # fmt: skip
+    if count < _FEWEST:
+        return cauchy_pixel(count, usable, known, scratch)
+    scratch[0, :count] = 1.0
+    solved, m0, m1, m2 = weighted_solution(count, usable, scratch[0])
+    length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
+    if not (solved and 0 < length < np.inf):
+        return solved, m0, m1, m2
+    found = bright_samples(count, usable, bright)
+    if found < 4:
+        return cauchy_pixel(count, usable, known, scratch)
+    if known:
+        noise, n0, n1, n2 = reweighted(count, usable, scratch, m0, m1, m2)
+        if noise:
+            return True, n0, n1, n2
+    per = np.float32(1 / length)
+    for k in range(found):
+        bright[0, k] *= per
+    x, y, z, spread = least_trimmed(
+        found, bright, triples, scratch, m0 / length, m1 / length, m2 / length
+    )
+    m0, m1, m2 = x * length, y * length, z * length
+    if known:
+        noise, m0, m1, m2 = reweighted(count, usable, scratch, m0, m1, m2)
+        if noise:
+            return True, m0, m1, m2
+    if not x * x + y * y + z * z > 0:
+        return True, m0, m1, m2
+    for k in range(count):
+        usable[0, k] *= per
+    x, y, z = reflectance_fit(count, usable, rank_of_spread(found), spread, scratch, gram, x, y, z)
+    for k in range(count):
+        usable[0, k] /= per
+    return True, x * length, y * length, z * length
+
+
+@numba.njit(parallel=True, cache=True)
+def _solve_pixels(
+    values: Float, vectors: Float, law: Float, known: bool, triples: Triples,
+    scaled: Double, rms: Double,
+) -> None:  # fmt: skip
+    pixels, lights = values.shape
+    for block in numba.prange((pixels + 255) // 256):
+        usable = np.zeros((6, lights), np.float32)
+        bright = np.zeros((4, lights), np.float32)
+        scratch = np.zeros((10, lights), np.float32)
+        gram = np.zeros((5, 4))
+        for p in range(256 * block, min(256 * (block + 1), pixels)):
+            of = p if len(vectors) > 1 else 0
+            count = usable_samples(values[p], vectors[of], law[p if len(law) > 1 else 0], usable)
+            solved, m0, m1, m2 = _best_pixel(count, usable, known, triples, bright, scratch, gram)
+            if solved:
+                rms[p] = rms_residual(count, usable, m0, m1, m2)
+            scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2

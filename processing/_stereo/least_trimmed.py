@@ -1,0 +1,145 @@
+"""Least trimmed squares: the scaled normal that agrees best with a part of the samples."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from processing._stereo.pixel_algebra import ANY_ORDER, Float, weighted_solution
+from processing._stereo.ranks import count_up_to, ranked
+
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+
+Triples = npt.NDArray[np.int64]
+
+# Candidates per pixel, and the number of triples that are drawn to find as many.
+_CANDIDATES = 40
+_DRAWN = 120
+# Least determinant of the unit vectors of a triple.
+_DETERMINANT = 0.05
+# Share of the samples that determine the spread, and their least number.
+_SHARE = 0.4
+_LEAST_RANK = 5
+_CONCENTRATIONS = 5
+# Samples up to this multiple of the spread are fitted in a concentration step.
+_REACH = 1.5
+# Samples below this share of the mean show no light: an attached or a cast shadow.
+_DARK = 0.05
+
+
+@lru_cache(maxsize=8)
+def light_triples(lights: int) -> Triples:
+    """Return ``(T, 3)`` fixed random triples of different lights."""
+    rng = np.random.default_rng(0)
+    return np.argsort(rng.uniform(size=(_DRAWN, lights)), axis=1)[:, :3].astype(np.int64)
+
+
+@numba.njit(cache=True)
+def bright_samples(count: int, usable: Float, bright: Float) -> int:
+    """Copy the samples that show light, in the form of `usable_samples`; return their number.
+
+    A dark sample would agree with every normal that faces away from its light, so that a normal
+    could be found that explains only shadows.
+    """
+    total = 0.0
+    for k in range(count):
+        total += max(usable[0, k], np.float32(0))
+    limit = np.float32(_DARK * total / count)
+    found = 0
+    for k in range(count):
+        for i in range(4):
+            bright[i, found] = usable[i, k]
+        found += int(usable[0, k] > limit)
+    return found
+
+
+@numba.njit(cache=True)
+def rank_of_spread(count: int) -> int:
+    """Return the rank, from 0, of the deviation that is the spread of ``count`` samples."""
+    return min(max(int(_SHARE * count), _LEAST_RANK), count - 1)
+
+
+@numba.njit(cache=True, fastmath=ANY_ORDER)
+def _deviations(
+    count: int, usable: Float, m0: float, m1: float, m2: float, deviation: Float
+) -> None:
+    x, y, z, zero = np.float32(m0), np.float32(m1), np.float32(m2), np.float32(0)
+    v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
+    for k in range(count):
+        deviation[k] = abs(v[k] - max(lx[k] * x + ly[k] * y + lz[k] * z, zero))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def least_trimmed(
+    count: int, usable: Float, triples: Triples, scratch: Float, m0: float, m1: float, m2: float
+) -> tuple[float, float, float, np.float32]:
+    """Return the solution with the smallest spread of the residuals, and this spread.
+
+    The candidates are the start (m0, m1, m2) and the solutions of random triples of lights
+    (Rousseeuw, 1984); the winner is concentrated (Rousseeuw and Van Driessen, 2006): least squares
+    over the samples that agree, while the spread decreases.
+
+    Parameters
+    ----------
+    count, usable
+        Samples that show light, see `bright_samples`, in a unit in which the albedo is about 1.
+    triples
+        Triples of indices of all N lights; those of this pixel are in proportion.
+    scratch
+        At least 2 rows of ``count`` elements.
+    m0, m1, m2
+        A first solution.
+    """
+    v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
+    deviation, weight = scratch[0], scratch[1]
+    lights = usable.shape[1]
+    rank = rank_of_spread(count)
+    _deviations(count, usable, m0, m1, m2, deviation)
+    spread = ranked(deviation, count, rank, np.float32(0.1))
+    tried = 0
+    for t in range(len(triples)):
+        a, b, c = triples[t]
+        if count < lights:
+            a, b, c = a * count // lights, b * count // lights, c * count // lights
+        ax, ay, az, bx, by, bz = lx[a], ly[a], lz[a], lx[b], ly[b], lz[b]
+        cx, cy, cz = lx[c], ly[c], lz[c]
+        # Cramer's rule with the cross products of the vectors.
+        px, py, pz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        det = ax * px + ay * py + az * pz
+        size2 = (ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz)
+        size2 *= cx * cx + cy * cy + cz * cz
+        if not det * det >= np.float32(_DETERMINANT**2) * size2:
+            continue
+        tried += 1
+        if tried > _CANDIDATES:
+            break
+        fa, fb, fc = v[a] / det, v[b] / det, v[c] / det
+        z = fa * pz + fb * (cx * ay - cy * ax) + fc * (ax * by - ay * bx)
+        if not z > 0:
+            continue
+        x = fa * px + fb * (cy * az - cz * ay) + fc * (ay * bz - az * by)
+        y = fa * py + fb * (cz * ax - cx * az) + fc * (az * bx - ax * bz)
+        _deviations(count, usable, x, y, z, deviation)
+        if count_up_to(deviation, count, spread) > rank:
+            spread = ranked(deviation, count, rank, spread)
+            m0, m1, m2 = float(x), float(y), float(z)
+    for _ in range(_CONCENTRATIONS):
+        x, y, z = np.float32(m0), np.float32(m1), np.float32(m2)
+        limit = np.float32(_REACH) * spread
+        for k in range(count):
+            shading = lx[k] * x + ly[k] * y + lz[k] * z
+            agrees = shading > 0 and abs(v[k] - shading) <= limit
+            weight[k] = np.float32(1) if agrees else np.float32(0)
+        solved, n0, n1, n2 = weighted_solution(count, usable, weight)
+        if not solved:
+            break
+        _deviations(count, usable, n0, n1, n2, deviation)
+        found = ranked(deviation, count, rank, spread)
+        if not found < spread:
+            break
+        m0, m1, m2, spread = n0, n1, n2, found
+    return m0, m1, m2, spread
