@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Frame, Linearizer, Reduction, RowReader, Source, row_bands
+from acquisition import DataError, Frame, Linearizer, RowReader, Source, row_bands
 from calibration._radiance.bracket_ratios import BracketRatios
 from calibration._radiance.brackets import (
     BLOOMING_PX,
@@ -19,8 +18,7 @@ from calibration._radiance.brackets import (
     grown,
     merge,
 )
-from calibration._radiance.demosaic import check_pattern, demosaic, site_factors
-from calibration._radiance.luma import luma
+from calibration._radiance.image_form import ImageForm, divided
 from calibration._radiance.references import References
 from calibration._radiance.signal_noise import signal_noise
 from calibration._radiance.stack_noise import StackNoise
@@ -36,7 +34,6 @@ Bools = npt.NDArray[np.bool_]
 # A bracket of at least this share of the exposure time replaces samples close to white.
 _REPLACES = 1 / 16
 _ALL = slice(None)
-_SITES = ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 class Developer:
@@ -56,7 +53,7 @@ class Developer:
         reader: RowReader | None = None,
     ) -> None:
         self._source = source
-        self._channel = channel
+        self._form = ImageForm(source, channel)
         exposures = [frame.exposure_us for frame in lit]
         known = [exposure for exposure in exposures if exposure is not None]
         if known and (len(known) < len(lit) or min(known) <= 0):
@@ -89,24 +86,14 @@ class Developer:
         return (*self._references.notices, *self._ratios.notices)
 
     @property
-    def _independent(self) -> bool:
-        """Whether every pixel of an image is from one pixel of the frames."""
-        mosaic = self._source.cfa is not None and self._channel != "mosaic"
-        return not mosaic and self._source.reduction is None
-
-    @property
     def pattern(self) -> str | None:
         """Colours of the first 2 x 2 pixels of the images of a mosaic, row by row."""
-        cfa, reduction = self._source.cfa, self._source.reduction
-        if cfa is None or self._channel != "mosaic":
-            return None
-        y, x = (0, 0) if reduction is None else (reduction.y % 2, reduction.x % 2)
-        return "".join(cfa[2 * ((row + y) % 2) + (column + x) % 2] for row, column in _SITES)
+        return self._form.pattern
 
     def used(self, tasks: Sequence[Task], rows: slice) -> npt.NDArray[np.uint8] | None:
         """Return an array for the brackets in use at some rows, if the noise depends on them."""
         most = max(len(_brackets(frames)) for frames, _ in tasks)
-        if self._noise is None or not self._independent or not 1 < most <= 8:
+        if self._noise is None or not self._form.independent or not 1 < most <= 8:
             return None
         width_and_colours = tasks[0][0][0].shape[1:]
         return np.zeros((len(tasks), rows.stop - rows.start, *width_and_colours), np.uint8)
@@ -128,42 +115,19 @@ class Developer:
                     clear = self._replaced(repeats, brackets[b + 1 :])
                     highest = self._clear_of_white if clear else 1.0
                     limit[i, b] = (highest - level) / self._share(repeats[0])
-        first = tasks[0][0][0]
-        mosaic = self._source.cfa if self.pattern is None else None
-        colour = len(first.shape) == 3 or mosaic is not None
-        reduction = self._source.reduction
-        step, at = (
-            (1, (0, 0)) if reduction is None else (reduction.factor, (reduction.y, reduction.x))
-        )
-        if mosaic is None:
-            factor = np.full((1, 1, 3), 1 / step**2)
-        else:
-            factor = site_factors(mosaic, at, step)
         intensities = np.array([intensity for _, intensity in tasks])
         return StackNoise(
             slope,
             floor,
             limit,
             intensities,
-            factor,
-            colour,
+            self._form.site_factor(),
+            self._form.colour(tasks[0][0][0]),
             self._noise.origin,
             used,
             self.pattern,
-            self._response_of_images(),
+            self._form.response(),
         )
-
-    def _response_of_images(self) -> FloatImage | None:
-        """Return by what the signal was divided at each pixel of the images.
-
-        Interpolated and averaged pixels have the mean of those from which they were made.
-        """
-        response, reduction = self._response, self._source.reduction
-        if response is None:
-            return None
-        if self._source.cfa is not None and self._channel != "mosaic":
-            response = demosaic(response, self._source.cfa)
-        return response if reduction is None else reduction.mean(response)
 
     def _law(self, repeats: list[Frame]) -> Law:
         """Return the law of the mean of repeats, in units of radiance."""
@@ -190,33 +154,17 @@ class Developer:
         ones of the frames, says whether bracket b counts at a sample.
         """
         wanted = slice(0, self._source.size[0]) if rows is None else rows
-        if len(frames) == 1 and self._independent:
+        if len(frames) == 1 and self._form.independent:
             if used is not None:
                 used[...] = 1
             return self._in_bands(frames[0], intensity, wanted, out)
-        window, cut = self._window(wanted)
+        window, cut = self._form.window(wanted)
         merged = self._merged(_brackets(frames), window, used)
-        image = self._colour(merged, intensity, frames[0], window.start, cut)
+        image = self._form.image(merged, intensity, frames[0], window.start, cut)
         if out is None:
             return image
         out[...] = image
         return out
-
-    def _window(self, rows: slice) -> tuple[slice, Reduction | None]:
-        """Return the rows of the frames that rows of an image need, and the image's part of them.
-
-        Demosaicing needs neighbours, and begins at the first site of the mosaic. The part is None
-        if it is everything.
-        """
-        height, width = self._source.frames[0].shape[:2]
-        whole = self._source.reduction or Reduction(0, 0, width, height)
-        first, last = (whole.y + row * whole.factor for row in (rows.start, rows.stop))
-        top, bottom = first, last
-        if self._source.cfa is not None and self._channel != "mosaic":
-            top, bottom = max(first - 1, 0) // 2 * 2, min(last + 1, height)
-        if self._source.reduction is None and (top, bottom) == (first, last):
-            return rows, None
-        return slice(top, bottom), replace(whole, y=first - top, height=last - first)
 
     def _in_bands(
         self, frame: Frame, intensity: Array, rows: slice, out: FloatImage | None
@@ -225,7 +173,7 @@ class Developer:
         pixels = self._linear.pixels(frame, rows)
         for band in row_bands(len(pixels)):
             radiance = self._alone(frame, pixels, (band, _ALL), rows.start)
-            image = self._colour(radiance, intensity, frame, rows.start + band.start)
+            image = self._form.image(radiance, intensity, frame, rows.start + band.start)
             if out is None:
                 out = np.zeros((len(pixels), *image.shape[1:]), np.float32)
             out[band] = image
@@ -259,7 +207,7 @@ class Developer:
         self, frame: Frame, pixels: Pixels, intensity: Array, part: tuple[Index, Index]
     ) -> FloatImage:
         """Return the linear values of a part of a frame that `keeps_raw`, as in its image."""
-        return self._divided(self._alone(frame, pixels, part), intensity)
+        return divided(self._alone(frame, pixels, part), intensity)
 
     def _merged(
         self, brackets: list[list[Frame]], rows: slice, used: npt.NDArray[np.uint8] | None
@@ -346,53 +294,6 @@ class Developer:
             total += self._linear.part(frame, of_one, (band, _ALL), top)[0]
         total /= np.float32(sum(self._share(frame) for frame in repeats))
         return total
-
-    def _colour(
-        self,
-        image: FloatImage,
-        intensity: Array,
-        frame: Frame,
-        top: int,
-        cut: Reduction | None = None,
-    ) -> FloatImage:
-        """Return an image from radiance that begins at row ``top`` of the frames."""
-        if self._channel == "mosaic":
-            return self._sites(image, intensity, frame, top, cut)
-        if image.ndim == 2 and self._source.cfa is not None:
-            image = demosaic(image, self._source.cfa)
-        if cut is not None:
-            image = cut.mean(image)
-        if image.ndim == 2:
-            if self._channel == "rgb":
-                raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
-            return self._divided(image, intensity)
-        image /= intensity.astype(np.float32)
-        return image if self._channel == "rgb" else luma(image)
-
-    def _sites(
-        self, image: FloatImage, intensity: Array, frame: Frame, top: int, cut: Reduction | None
-    ) -> FloatImage:
-        """Divide every site of a mosaic by the intensity in its colour."""
-        cfa = self._source.cfa
-        if cfa is None or image.ndim != 2:
-            raise DataError(f"{frame.path}: the image has no colour mosaic: use gray")
-        check_pattern(cfa)
-        if cut is not None and cut.factor > 1:
-            raise DataError(
-                f"{frame.path}: averages of pixels have no single colour filter: use gray, or the "
-                "full resolution"
-            )
-        for row, column in _SITES:
-            colour = cfa[2 * ((row + top) % 2) + column]
-            image[row::2, column::2] /= np.float32(intensity["RGB".index(colour)])
-        return image if cut is None else cut.cut(image).copy()
-
-    @staticmethod
-    def _divided(image: FloatImage, intensity: Array) -> FloatImage:
-        strength = np.float32(intensity.mean())
-        if strength != 1:
-            image /= strength
-        return image
 
 
 def _brackets(frames: list[Frame]) -> list[list[Frame]]:
