@@ -110,7 +110,9 @@ class StackNoise:
         if not self.colour:
             strength = self._strength(image, values.shape, first_row) * flat
             variance = self._of_radiance(image, values * strength, used)
-            return np.asarray(variance * self.site_factor[0, 0, 0] / strength**2)
+            if self.site_factor.shape[:2] == (1, 1):
+                return np.asarray(variance * self.site_factor[0, 0, 0] / strength**2)
+            return np.asarray(variance * self._sites(values.shape, first_row)[..., 0] / strength**2)
         # Gray values are the luma of a neutral surface: all channels have the gray value.
         gray = values.ndim == 2
         strength = self.intensities[image] * (flat[..., None] if flat.ndim == 2 else flat)
@@ -165,6 +167,18 @@ class StackNoise:
             limit=self.limit[indices],
             intensities=self.intensities[indices],
             used=None if self.used is None else self.used[indices],
+        )
+
+    def of_colour(self, channel: int) -> StackNoise:
+        """Return the law of one channel (0 red, 1 green, 2 blue) of images in colour."""
+        used, response = self.used, self.response
+        return replace(
+            self,
+            intensities=np.repeat(self.intensities[:, [channel]], 3, axis=1),
+            site_factor=np.repeat(self.site_factor[..., [channel]], 3, axis=2),
+            colour=False,
+            used=None if used is None else used[..., channel],
+            response=response if response is None or response.ndim == 2 else response[..., channel],
         )
 
     def rows(self, first: int, last: int) -> StackNoise:

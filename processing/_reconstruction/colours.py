@@ -75,6 +75,7 @@ def stereo_of_colours(
                 mask,
                 method=method,
                 points_mm=points_mm,
+                noise=None if noise is None else noise.of_colour(channel),
                 on_progress=of_channel,
             )
         except EstimateError as error:

@@ -1,6 +1,7 @@
 """Stacks in bands of rows: equal to the complete stack, and safe if files change."""
 
 import os
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -309,3 +310,16 @@ def test_dark_frames_that_are_brighter_than_the_images_are_named(tmp_path, read,
         writer.complete()
     with pytest.raises(EstimateError, match=r"frames are as bright as all 3 images: check which"):
         read(read_source(tmp_path / "s"))
+
+
+@pytest.mark.parametrize("kind", ["colour", "brackets of a mosaic", "averages of a mosaic"])
+def test_the_law_of_one_channel_is_that_of_the_colours(tmp_path, kind):
+    source = SOURCES[kind](tmp_path / "recording")
+    if source.noise is None:
+        source = replace(source, noise=SENSOR.value())
+    stack = linear_stack(source, channel="rgb")
+    for i, image in enumerate(stack.values):
+        expected = stack.noise.variance(i, image)
+        for channel in range(3):
+            found = stack.noise.of_colour(channel).variance(i, image[..., channel])
+            np.testing.assert_allclose(found, expected[..., channel], rtol=1e-12)
