@@ -83,7 +83,8 @@ def positioned_lights(
         weighed = np.where(used, sigma_px, np.inf)
         tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
         warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
-    warnings += _doubtful(names, located, undecided)
+    doubtful = _doubtful(located)
+    warnings += _doubts_about_lights(names, located, doubtful, undecided)
     dropped = int(np.sum(seen & ~used))
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"
@@ -96,7 +97,7 @@ def positioned_lights(
         )
         warnings.append(Notice("lights-uncertain", text))
     errors = LightErrors(
-        located.refined.covariance_mm2,
+        _widened(located, doubtful, np.where(used, sigma_px, np.nan)),
         residual_px=located.residuals_px,
         spheres=used.sum(axis=1),
     )
@@ -105,8 +106,27 @@ def positioned_lights(
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
 
 
-def _doubtful(
-    names: tuple[str, ...], located: LocatedLights, undecided: npt.NDArray[np.bool_]
+def _doubtful(located: LocatedLights) -> npt.NDArray[np.bool_]:
+    """Return the lights whose spheres disagree by far more than those of the others."""
+    residuals = located.residuals_px
+    limit = max(_DOUBTFUL_PX, _DOUBTFUL_RATIO * float(np.median(residuals)))
+    return np.asarray(residuals > limit, np.bool_)
+
+
+def _widened(located: LocatedLights, doubtful: npt.NDArray[np.bool_], sigma_px: Array) -> Array:
+    """Return the covariances; those of doubtful lights grow to what their residuals show."""
+    stated = np.sqrt(np.nanmean(sigma_px[doubtful] ** 2, axis=1))
+    covariance = located.refined.covariance_mm2.copy()
+    growth = np.maximum(located.residuals_px[doubtful] / stated, 1) ** 2
+    covariance[doubtful] *= growth[:, None, None]
+    return covariance
+
+
+def _doubts_about_lights(
+    names: tuple[str, ...],
+    located: LocatedLights,
+    doubtful: npt.NDArray[np.bool_],
+    undecided: npt.NDArray[np.bool_],
 ) -> list[Notice]:
     """Return notices about lights with several possible highlights, or whose spheres disagree."""
     notices = []
@@ -117,15 +137,13 @@ def _doubtful(
             "more spheres"
         )
         notices.append(Notice("highlights-undecided", text))
-    residuals = located.residuals_px
-    limit = max(_DOUBTFUL_PX, _DOUBTFUL_RATIO * float(np.median(residuals)))
-    doubtful = residuals > limit
     if doubtful.any():
+        residuals = located.residuals_px
         text = (
             f"{_named(names, doubtful)}: the highlights on the spheres disagree by up to "
             f"{residuals.max():.1f} px, those of the other lights by "
-            f"{np.median(residuals):.2f} px: one of them is not the light; do not trust its "
-            "position"
+            f"{np.median(residuals):.2f} px: at least one of the spots is not the "
+            "reflection of the light; do not trust its position"
         )
         notices.append(Notice("light-doubtful", text))
     return notices

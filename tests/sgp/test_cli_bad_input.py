@@ -129,7 +129,7 @@ def test_normals_refuses(sgp, recording, spoil, code, words):
         pytest.param(["capture", "verify", "nowhere"], "nowhere", id="missing session"),
         pytest.param(["capture", "info", "nowhere"], "nowhere", id="missing session info"),
         pytest.param(["calibrate", "spheres", "no", "--out", "l.json"], "no", id="no spheres"),
-        pytest.param(["normals", ".", "--out", "o", "--method", "best"], "best", id="method"),
+        pytest.param(["normals", ".", "--out", "o", "--method", "bets"], "bets", id="method"),
         pytest.param(["rig", "check", "--rig", "unicorn"], "unicorn", id="unknown rig"),
         pytest.param(
             ["calibrate", "spheres", ".", "--mask", "m", "--sphere", "9,9,5", "--out", "l.json"],
