@@ -359,7 +359,7 @@ def test_a_light_whose_two_highlights_disagree_is_named(monkeypatch):
     [notice] = [notice for notice in result.warnings if notice.code == "light-doubtful"]
     assert notice.text.startswith("light L04: the highlights on the spheres disagree by up to ")
     deviation = np.sqrt(np.trace(result.lights.errors.covariances, axis1=1, axis2=2))
-    truth = LIGHTS.positions_mm
-    off = np.linalg.norm(result.lights.positions_mm - truth, axis=1)
+
+    off = np.linalg.norm(result.lights.positions_mm - LIGHTS, axis=1)
     assert deviation[4] > 5 * np.median(deviation)
     assert off[4] < 3 * deviation[4]
