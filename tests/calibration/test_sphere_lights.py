@@ -359,7 +359,6 @@ def test_a_light_whose_two_highlights_disagree_is_named(monkeypatch):
     [notice] = [notice for notice in result.warnings if notice.code == "light-doubtful"]
     assert notice.text.startswith("light L04: the highlights on the spheres disagree by up to ")
     deviation = np.sqrt(np.trace(result.lights.errors.covariances, axis1=1, axis2=2))
-
     off = np.linalg.norm(result.lights.positions_mm - LIGHTS, axis=1)
     assert deviation[4] > 5 * np.median(deviation)
     assert off[4] < 3 * deviation[4]
