@@ -27,6 +27,11 @@ Mask = npt.NDArray[np.bool_]
 _PIXELS = 60_000
 # Pixels that show the mean height.
 _SAMPLED = 2500
+# The albedo and the normal of a pixel explain three samples at any height, and a fourth one hardly
+# tests them. Samples count as lit above a share of the brightest one.
+_FEWEST_LIT = 5
+_LIT = 0.05
+_FEWEST_PIXELS = 20
 _MOST_STEPS = 10
 # The iteration ends when the surface moves by less, relative to the working distance.
 _SETTLED = 1e-5
@@ -237,9 +242,10 @@ class _Search:
     def __init__(
         self, coarse: _Coarse, lights: Lights, distance: float, limits: tuple[float, float]
     ) -> None:
-        pixels = np.flatnonzero(coarse.mask)
-        self._pixels = pixels[:: max(1, len(pixels) // _SAMPLED)]
         flat = coarse.values.reshape(len(coarse.values), -1)
+        pixels = np.flatnonzero(coarse.mask)
+        pixels = pixels[_lit(flat[:, pixels]) >= _FEWEST_LIT]
+        self._pixels = pixels[:: max(1, len(pixels) // _SAMPLED)]
         self._values = np.ascontiguousarray(flat[:, self._pixels][:, None])
         measured = np.maximum(np.nan_to_num(self._values[:, 0]), 0)
         self._brightness = np.maximum(measured.mean(axis=0), np.finfo(np.float32).tiny)[:, None]
@@ -257,6 +263,8 @@ class _Search:
 
     def moved(self, depth: Double) -> tuple[Double, float]:
         """Return the depth at the best mean height, and the standard deviation of the height."""
+        if len(self._pixels) < _FEWEST_PIXELS:
+            return depth, math.inf
         shape = depth.reshape(-1)[self._pixels]
         mean = float(shape.mean())
         relative = shape / mean
@@ -339,6 +347,12 @@ class _Search:
         residuals = samples - albedo[:, None] * shading
         residuals[albedo == 0] = np.nan
         return np.asarray(residuals / self._brightness, np.float64)
+
+
+def _lit(samples: Float) -> npt.NDArray[np.intp]:
+    """Return the number of lights that reach each pixel, from samples ``(N, P)``."""
+    bright = np.nan_to_num(samples, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.asarray((bright > _LIT * bright.max(axis=0)).sum(axis=0), np.intp)
 
 
 def _filled(depth: Double, inside: Mask) -> Double:

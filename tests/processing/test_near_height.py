@@ -164,6 +164,32 @@ def test_heights_that_the_images_do_not_show_are_reported():
     assert (found.depth == DISTANCE).all()
 
 
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_few_lights_do_not_show_the_height(count):
+    """Three samples are explained at any height."""
+    lights = dome().take(list(range(0, 16, 16 // count))[:count])
+    depth, normals = SURFACES["tilted"](25.0)
+    values = images(depth, normals, lights, noise=0.004)
+    found = near_height(values, lights, DISC, CAMERA)
+    if count < 5:
+        assert [note.code for note in found.warnings] == ["height-not-determined"]
+        assert (found.depth == DISTANCE).all()
+    else:
+        assert abs(found.mean_height_mm - 25.0) < 4 * found.mean_height_sigma_mm
+    stated = near_height(values, lights, DISC, CAMERA, height_mm=25.0)
+    assert np.abs(stated.depth - depth)[DISC].max() < 3
+
+
+def test_pixels_that_few_lights_reach_do_not_count():
+    lights = dome()
+    depth, normals = SURFACES["tilted"](25.0)
+    values = images(depth, normals, lights)
+    values[4:, :, :40] = 0.0
+    found = near_height(values, lights, DISC, CAMERA, height_mm=None)
+    assert np.isfinite(found.depth).all()
+    assert not found.warnings
+
+
 @pytest.mark.parametrize("bad", ["noise", "one pixel", "black"])
 def test_images_without_a_surface_keep_the_plane(bad):
     lights, mask = dome(), DISC.copy()
