@@ -104,6 +104,8 @@ def add_scale(
     axes: Axes, shown: ScalarMappable, unit: str, extend: str, ticks: Sequence[float] | None = None
 ) -> None:
     """Add a colour scale to the right of a panel's slot."""
+    from matplotlib.ticker import ScalarFormatter
+
     slot = axes.get_position(original=True)
     width = _figure(axes).get_size_inches()[0]
     box = (
@@ -114,6 +116,10 @@ def add_scale(
     )
     scale = axes.figure.add_axes(box, label="scale")
     bar = axes.figure.colorbar(shown, cax=scale, extend=extend, ticks=ticks)
+    if isinstance(bar.formatter, ScalarFormatter):
+        # Complete numbers, not the differences to one above the scale.
+        bar.formatter.set_useOffset(False)
+        bar.update_ticks()
     bar.set_label(unit, fontsize=9, labelpad=2)
     bar.ax.tick_params(labelsize=8)
 

@@ -133,7 +133,7 @@ def _lines(found: calibration.FlatCalibration) -> list[str]:
     """Return the block for the terminal: what was found, and how sure."""
     figures = _metrics(found)
     corners = figures["corners"]
-    gradient = "its gradient is not sure: the lights have no standard deviations of their positions"
+    gradient = "its gradient is unknown: the lights have no standard deviations of their positions"
     if figures["gradient_std"] is not None:
         gradient = f"a gradient of {figures['gradient_std']:.2%} (std) may be that of the lights"
     lines = [
