@@ -19,9 +19,10 @@ _SPOKES_TOGETHER = 3
 # Errors of the model that all spokes share, of place and radius; measured on simulated boards. They
 # grow for smaller spheres, of which fewer pixels are compared.
 _SHARED_SIGMA_PX, _SMALL_PX = 0.04, 25.0
-# The tails of the blur mix the plane into the limb, which makes radii too small by this. Two pixels
-# farther inside they do not, but there the errors are twice as large.
-_TAILS_PX = 0.02
+# The tails of the blur mix the plane into the limb, which makes radii too small by this, up to the
+# radius in px; those of larger spheres are not. Two pixels farther inside the tails end, but there
+# the errors are twice as large.
+_TAILS_PX, _TAILS_UP_TO_PX = 0.02, 60.0
 _FIT_ROUNDS = 12
 _CLOSE_PX, _CONVERGED_PX = 0.03, 0.004
 _FEWEST_DIFFERENCES = 100
@@ -86,7 +87,8 @@ def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> FittedBall | None:
     ball = trial.balls(trial.unknowns[None])
     if not plane.compare(ball).share[0] > mirror.share - 0.1:
         return None
-    return FittedBall(replace(ball, radii_px=ball.radii_px + _TAILS_PX), covariance)
+    tails = _TAILS_PX * min(1.0, _TAILS_UP_TO_PX / size) ** 2
+    return FittedBall(replace(ball, radii_px=ball.radii_px + tails), covariance)
 
 
 class _MirrorFit:
