@@ -81,7 +81,8 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
     if "mean_height_mm" not in metrics:
         return []
     sigma = metrics.get("mean_height_sigma_mm")
-    known = "" if sigma is None else f" (sd {sigma:.2g})"
+    # Gloss would shift the height that explains the images best.
+    known = "" if sigma is None else f" (sd {sigma:.2g}, if it is matte)"
     return [f"mean height {metrics['mean_height_mm']:.2f} mm above the working plane{known}"]
 
 

@@ -1,0 +1,148 @@
+"""Search for the mean height at which a surface explains its images under near lights best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize_scalar
+
+from acquisition import Lights
+from calibration import EstimateError
+from processing._reconstruction.coarse_images import CoarseImages
+from processing._stereo.light_model import LightModel
+from processing._stereo.photometric_stereo import photometric_stereo
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+
+# Pixels that show the mean height.
+_SAMPLED = 2500
+# The albedo and the normal of a pixel explain three samples at any height, and a fourth one hardly
+# tests them. Samples count as lit above a share of the brightest one.
+_FEWEST_LIT = 5
+_LIT = 0.05
+_FEWEST_PIXELS = 20
+_TRIED = 21
+_ACCURACY_MM = 0.01
+
+
+class MeanHeightSearch:
+    """Finds the mean height of a surface of known shape."""
+
+    def __init__(
+        self, coarse: CoarseImages, lights: Lights, distance: float, limits: tuple[float, float]
+    ) -> None:
+        flat = coarse.values.reshape(len(coarse.values), -1)
+        pixels = np.flatnonzero(coarse.mask)
+        pixels = pixels[_lit(flat[:, pixels]) >= _FEWEST_LIT]
+        self._pixels = pixels[:: max(1, len(pixels) // _SAMPLED)]
+        self._values = np.ascontiguousarray(flat[:, self._pixels][:, None])
+        measured = np.maximum(np.nan_to_num(self._values[:, 0]), 0)
+        self._brightness = np.maximum(measured.mean(axis=0), np.finfo(np.float32).tiny)[:, None]
+        self._rays = coarse.rays.reshape(-1, 3)[self._pixels]
+        self._centre = coarse.camera.centre_mm
+        self._lights = lights
+        self._distance = distance
+        self._limits = limits
+        positions = np.asarray(lights.positions_mm)
+        self.light_distance_mm = float(np.mean(np.linalg.norm(positions, axis=1)))
+        self._scale = 1.0
+        self._spacing = (limits[1] - limits[0]) / (_TRIED - 1)
+        # The best mean height so far.
+        self._found: float | None = None
+
+    def moved(self, depth: Double) -> tuple[Double, float]:
+        """Return the depth at the best mean height, and the standard deviation of the height."""
+        if len(self._pixels) < _FEWEST_PIXELS:
+            return depth, math.inf
+        shape = depth.reshape(-1)[self._pixels]
+        mean = float(shape.mean())
+        relative = shape / mean
+        residuals = self._residuals(relative, self._distance - mean)
+        known = residuals[np.isfinite(residuals)]
+        if not known.size:
+            return depth, math.inf
+        self._scale = max(1.4826 * float(np.median(np.abs(known))), 1e-6)
+
+        def cost(height: float) -> float:
+            return float(self._costs(relative, height).sum())
+
+        bracket = self._bracket(cost)
+        if bracket is None:
+            return depth, math.inf
+        height = float(
+            minimize_scalar(
+                cost, bounds=bracket, method="bounded", options={"xatol": _ACCURACY_MM}
+            ).x
+        )
+        self._found = height
+        return depth * ((self._distance - height) / mean), self._sigma(relative, height)
+
+    def _bracket(self, cost: Callable[[float], float]) -> tuple[float, float] | None:
+        """Return heights around the best one; None if it is at a limit."""
+        if self._found is not None:
+            # The surface has moved by a few millimetres since.
+            return self._found - self._spacing / 2, self._found + self._spacing / 2
+        tried = np.linspace(*self._limits, _TRIED)
+        best = int(np.argmin([cost(height) for height in tried]))
+        if best in (0, _TRIED - 1):
+            return None
+        return float(tried[best - 1]), float(tried[best + 1])
+
+    def _sigma(self, relative: Double, height: float) -> float:
+        """Return the standard deviation of a minimum.
+
+        Slopes of the cost scatter between pixels by noise, and between lights also by errors of the
+        lights, which are common to all pixels (a sandwich estimate, by clusters; White, 1982).
+        """
+        step = max(0.002 * self.light_distance_mm, 10 * _ACCURACY_MM)
+        below, here, above = (self._costs(relative, height + shift) for shift in (-step, 0.0, step))
+        curvature = float(np.sum(above + below - 2 * here)) / step**2
+        if not curvature > 0:
+            return math.inf
+        slopes = (above - below) / (2 * step)
+        variances = []
+        for axis in (0, 1):
+            of_one = slopes.sum(axis=axis)
+            free = max(len(of_one) - 4, 1) / len(of_one)
+            variances.append(float(np.sum((of_one - of_one.mean()) ** 2)) / free)
+        return math.sqrt(max(variances)) / curvature
+
+    def _costs(self, relative: Double, height: float) -> Double:
+        """Return the cost of each sample ``(P, N)`` at a mean height, 0 where it is missing."""
+        ratio = self._residuals(relative, height) / self._scale
+        measured = np.isfinite(ratio)
+        cost = np.log1p(np.where(measured, ratio, 0.0) ** 2)
+        # A pixel counts alike, however many samples it has.
+        return np.asarray(cost / np.maximum(measured.sum(axis=1), 1)[:, None], np.float64)
+
+    def _residuals(self, relative: Double, height: float) -> Double:
+        """Return residuals ``(P, N)`` relative to the brightness, NaN where a sample is missing.
+
+        Residuals relative to the albedo would be smaller at lower heights, as is the irradiance.
+        """
+        depth = relative * (self._distance - height)
+        points = (self._centre + depth[:, None] * self._rays)[None]
+        every = np.ones(points.shape[:2], np.bool_)
+        try:
+            solved = photometric_stereo(
+                self._values, self._lights, every, method="cauchy", points_mm=points
+            )
+        except EstimateError:
+            return np.full((len(depth), len(self._values)), np.nan)
+        model = LightModel(self._lights, points, every)
+        samples, vectors = model.samples(self._values, np.arange(len(depth)))
+        normals, albedo = solved.normal_map.normals[0], solved.albedo[0]
+        shading = np.maximum(np.einsum("pc,pcn->pn", normals, vectors), 0)
+        residuals = samples - albedo[:, None] * shading
+        residuals[albedo == 0] = np.nan
+        return np.asarray(residuals / self._brightness, np.float64)
+
+
+def _lit(samples: Float) -> npt.NDArray[np.intp]:
+    """Return the number of lights that reach each pixel, from samples ``(N, P)``."""
+    bright = np.nan_to_num(samples, nan=0.0, posinf=0.0, neginf=0.0)
+    return np.asarray((bright > _LIT * bright.max(axis=0)).sum(axis=0), np.intp)
