@@ -64,3 +64,4 @@ from ._surface.integration import surface_scale as surface_scale
 from ._surface.mesh import Mesh as Mesh
 from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh
+from ._surface.solid import solid_mesh as solid_mesh

@@ -121,7 +121,17 @@ class SeparationMetrics(TypedDict):
     ]
 
 
-class SurfaceMetrics(TypedDict):
+class MeshMetrics(TypedDict, total=False):
+    """Figures of meshes with fewer triangles than the surface."""
+
+    triangles: Annotated[int, "", "triangles of each mesh, if a number was requested"]
+    deviation_rms: Annotated[float, "`unit`", "distance of such a mesh from the surface, rms"]
+    deviation_largest: Annotated[
+        float, "`unit`", "largest distance of such a mesh from the surface"
+    ]
+
+
+class SurfaceMetrics(MeshMetrics):
     """Figures of a surface."""
 
     unit: Annotated[Literal["mm", "px"], "", "unit of heights; `px` if the scale is not known"]

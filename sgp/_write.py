@@ -16,6 +16,7 @@ from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
+from sgp._write_meshes import write_meshes
 
 _WRITERS = 2  # files that are encoded at the same time
 _MAPS, _SURFACE = MapOptions(), SurfaceOptions()
@@ -161,22 +162,21 @@ def write_surface(
         acquisition.write_exr(result.outputs[name], values[name])
     acquisition.write_mask(result.outputs["mask"], height_map.mask)
     _write_height_picture(folder / "height.png", height_map, result)
-    for suffix in shown("writing meshes", options.formats()):
-        path, *others = processing.write_mesh(
-            folder / f"surface.{suffix}",
-            height_map,
-            normals=normal_map,
-            colours=colours,
-            normal_texture=options.normal_texture,
-        )
-        result.outputs[suffix] = path
-        result.outputs |= {f"{suffix}_{other.suffix[1:]}": other for other in others}
+    meshes, figures, notices = write_meshes(folder, height_map, normal_map, options, colours)
+    result.outputs |= meshes
+    result.warnings += notices
     metrics = surface_metrics(height_map)
-    result.metrics = metrics
+    result.metrics = {**metrics, **figures}
     result.summary = [
         f"height range {metrics['height_range']:.4g} {metrics['unit']}, "
         f"{metrics['vertices']} vertices"
     ]
+    if "deviation_rms" in figures:
+        result.summary.append(
+            f"meshes of {figures['triangles']} triangles, {figures['deviation_rms']:.2g} "
+            f"{metrics['unit']} rms and at most {figures['deviation_largest']:.2g} "
+            f"{metrics['unit']} from the surface"
+        )
     return result
 
 
