@@ -15,8 +15,8 @@ from calibration._spheres.spots import without_nan
 from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
 
 _SAMPLE_PX, _CELL_PX = 0.5, 0.25
-# The profiles reach inward and outward by shares of the radius, within limits in px.
-_INWARD, _OUTWARD = (0.1, 2.5, 5.0), (0.15, 4.0, 8.0)
+# The profiles reach inward by a share of the radius, within limits.
+_INWARD, _INWARD_PX, _OUTWARD_PX = 0.1, (2.5, 5.0), 8.0
 # Beyond the innermost sample, blur mixes in what is farther inside.
 _DEEPER_PX = 3.0
 _SPACING_PX, _FEWEST_ANGLES, _MOST_ANGLES = 2.0, 90, 540
@@ -33,7 +33,7 @@ _LEAST_SEEN = 0.3
 _SMOOTHED = 0.7
 # Errors of the model on an even plane, and by the contrast of a texture.
 _MODEL_PX, _BY_TEXTURE_PX = 0.005, (3.0, 3.0, 6.0)
-_MOST_MOVE_PX = 1.0
+_MOST_MOVE_PX, _LARGEST_PX = 1.0, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def fit_limb(values: Images, plane: MirroredPlane, ball: Balls) -> LimbFit | Non
     Returns
     -------
     LimbFit or None
-        None if too little of the outline is seen, or the fit does not converge.
+        None if the edge does not determine the outline to half a pixel.
     """
     profiles = _Profiles(values, plane, ball)
     blur, reflectance = _USUAL_BLUR_PX, _USUAL_REFLECTANCE
@@ -94,7 +94,7 @@ def fit_limb(values: Images, plane: MirroredPlane, ball: Balls) -> LimbFit | Non
         trial = Balls(trial.axes_px + move[:2], trial.radii_px + move[2], trial.slopes)
         blur = float(np.clip(blur + np.clip(step[3], -0.3, 0.3), *_BLURS_PX))
         reflectance += float(np.clip(step[4], -0.1, 0.1))
-        if np.abs(move).max() < _CONVERGED_PX:
+        if np.abs(step[:4]).max() < _CONVERGED_PX:
             break
     else:
         return None
@@ -109,6 +109,8 @@ def fit_limb(values: Images, plane: MirroredPlane, ball: Balls) -> LimbFit | Non
         return None
     scatter = sums.T @ sums * (used / (used - 5))
     covariance = (inverse @ scatter @ inverse)[:3, :3] + np.diag(profiles.model_errors_px() ** 2)
+    if np.linalg.eigvalsh(covariance)[-1] > _LARGEST_PX**2:
+        return None
     return LimbFit(trial, covariance, blur)
 
 
@@ -119,15 +121,15 @@ class _Profiles:
         self._plane, self._noise = plane, plane.noise
         self._misfit, self._level = 0.0, 1.0
         size = float(ball.radii_px[0])
-        inward, outward = (
-            float(np.clip(share * size, least, most)) for share, least, most in (_INWARD, _OUTWARD)
+        inward = float(np.clip(_INWARD * size, *_INWARD_PX))
+        self._offsets = np.arange(
+            -inward, _OUTWARD_PX + _SAMPLE_PX / 2, _SAMPLE_PX, dtype=np.float64
         )
-        self._offsets = np.arange(-inward, outward + _SAMPLE_PX / 2, _SAMPLE_PX, dtype=np.float64)
         self._cells = np.arange(0, inward + _DEEPER_PX, _CELL_PX, dtype=np.float64)
         count = 2 * np.pi * size / _SPACING_PX
         self._count = int(np.clip(count, _FEWEST_ANGLES, _MOST_ANGLES))
         around = outlines_of(plane.camera, ball, self._count)[0]
-        reach = outward + 2 * _MOST_MOVE_PX
+        reach = _OUTWARD_PX + 2 * _MOST_MOVE_PX
         self._low = np.maximum(np.floor(around.min(axis=0) - reach).astype(int), 0)
         high = np.minimum(np.ceil(around.max(axis=0) + reach).astype(int) + 1, values.shape[:0:-1])
         (x0, y0), (x1, y1) = self._low, np.maximum(high, self._low + 1)
