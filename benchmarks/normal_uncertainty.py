@@ -22,7 +22,7 @@ from harness import command_line
 
 from acquisition import LightErrors, Lights, angle_deg, tangent_basis
 from calibration import StackNoise
-from processing import NormalUncertainty, normal_uncertainty, photometric_stereo
+from processing import Method, NormalUncertainty, normal_uncertainty, photometric_stereo
 from processing._stereo.method import METHODS
 from simulator import Ggx, render, scene_named
 from simulator._scene.reflectance import reflectance
@@ -129,7 +129,7 @@ def recorded(case: Case, factor: Array, rng: np.random.Generator) -> Array:
     return np.where(noisy < 1, noisy, np.nan)
 
 
-def cases(options: object, seed: int, size: int) -> Iterator[tuple[str, bool, int, list[Case]]]:
+def cases(seed: int, size: int) -> Iterator[tuple[str, bool, int, list[Case]]]:
     """Yield name, whether lights have errors, repetitions, and scenes of each row."""
     rng = np.random.default_rng(seed)
     plain = [ball(rng, size=size, cast=False)]
@@ -156,7 +156,7 @@ def ratios(actual: Array, predicted: Array) -> Array:
 
 
 def solved(
-    case: Case, method: str, known: bool, errors: bool, rng: np.random.Generator
+    case: Case, method: Method, known: bool, errors: bool, rng: np.random.Generator
 ) -> tuple[Array, NormalUncertainty]:
     """Return the angular errors ``(H, W)`` and the error bars of one recording."""
     lights, factor = case.lights, np.ones(len(case.lights))
@@ -164,9 +164,11 @@ def solved(
         lights, factor = misplaced(lights, rng)
     values = recorded(case, factor, rng)
     noise = StackNoise.of_one_exposure(_SLOPE, _FLOOR, len(values)) if known else None
-    given = {"points_mm": case.points_mm, "noise": noise}
-    stereo = photometric_stereo(values, lights, case.mask, method=method, **given)
-    bars = normal_uncertainty(values, lights, case.mask, stereo, **given)
+    points_mm, mask = case.points_mm, case.mask
+    stereo = photometric_stereo(
+        values, lights, mask, method=method, points_mm=points_mm, noise=noise
+    )
+    bars = normal_uncertainty(values, lights, mask, stereo, points_mm=points_mm, noise=noise)
     return angle_deg(stereo.normal_map.normals, case.normals), bars
 
 
@@ -176,10 +178,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1, help="seed of scenes, noise and lights")
     parser.add_argument("--size", type=int, default=100, help="size of the scenes, pixels")
     options = parser.parse_args()
-    print(
-        f"{'actual / predicted, lowest and highest decile':46} known          unknown    rms deg, predicted"
-    )
-    for name, errors, repeats, scenes in cases(options, options.seed, options.size):
+    head = "actual / predicted, lowest and highest decile"
+    print(f"{head:46} known          unknown    rms deg, predicted")
+    for name, errors, repeats, scenes in cases(options.seed, options.size):
         for method in METHODS:
             row, rms = [], []
             for known in (True, False):

@@ -13,9 +13,9 @@ from acquisition import Lights, tangent_basis
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
-# Columns: position, axis, mu, r0^2 / c0^mu, covariance (xx, xy, xz, yy, yz, zz), relative variance of
-# the intensity, variance of the axis (rad^2) and of mu, cosine c0 at the origin, derivative of the
-# logarithm of column 7 by the position, direction from the origin.
+# Columns: position, axis, mu, r0^2 / c0^mu, covariance (xx, xy, xz, yy, yz, zz), relative variance
+# of the intensity, variance of the axis (rad^2) and of mu, cosine c0 at the origin, derivative of
+# the logarithm of column 7 by the position, direction from the origin.
 _COLUMNS = 24
 
 
@@ -63,16 +63,17 @@ def distant_variance(light: Double, m: Double, shading: float) -> float:
 
 @numba.njit(cache=True, error_model="numpy")
 def near_variance(
-    light: Double, point: Double, rise: Double, m: Double, shading: float, strength: float
+    light: Double, point: Double, view: Double, m: Double, shading: float, strength: float
 ) -> tuple[float, float]:
-    """Return the variance of ``l . m`` by the errors of a near light, and its change by a rise.
+    """Return the variance of ``l . m`` by the errors of a near light, and its change by the height.
 
     Parameters
     ----------
     light
         Row of a `light_table`.
-    point, rise
-        Surface point, and by how much it moves if the object is higher by one unit.
+    point, view
+        Surface point; centre of the camera and the share of its distance by which the point moves
+        toward it.
     m
         Scaled normal.
     shading, strength
@@ -89,7 +90,8 @@ def near_variance(
     gx = gain * m[0] - relative * (3 * ux + bend * (ax + cosine * ux))
     gy = gain * m[1] - relative * (3 * uy + bend * (ay + cosine * uy))
     gz = gain * m[2] - relative * (3 * uz + bend * (az + cosine * uz))
-    higher = -(gx * rise[0] + gy * rise[1] + gz * rise[2])
+    higher = gx * (point[0] - view[0]) + gy * (point[1] - view[1]) + gz * (point[2] - view[2])
+    higher *= view[3]
     # The irradiance at the origin stays the same if the light moves.
     gx += shading * light[18]
     gy += shading * light[19]
@@ -114,7 +116,7 @@ def near_variance(
 def _write_variances(
     vectors: Float, m: Double, table: Double, near: bool, point: Double, out: Double
 ) -> None:
-    nowhere = np.zeros(3)
+    nowhere = np.zeros(4)
     for i in range(len(out)):
         x, y, z = float(vectors[0, i]), float(vectors[1, i]), float(vectors[2, i])
         shading = x * m[0] + y * m[1] + z * m[2]
@@ -130,7 +132,7 @@ def _write_variances(
 def light_variances(
     vectors: Float, solutions: Double, table: Double, near: bool, points: Double, out: Double
 ) -> None:
-    """Write the variances ``(P, N)`` of the shading of solved pixels by the errors of the lights."""
+    """Write the variances ``(P, N)`` of the shading of pixels by the errors of the lights."""
     for p in numba.prange(len(out)):
         of_pixel = vectors[p] if len(vectors) > 1 else vectors[0]
         point = points[p] if near else points[0]

@@ -14,7 +14,7 @@ from processing._uncertainty.light_table import distant_variance, near_variance
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_uncertainty/light_table.py de4ec6af912f
+# Compiled in: processing/_uncertainty/light_table.py 06848a6db1e5
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -39,7 +39,9 @@ _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
 LIT = 0
 _ATTACHED, _CAST, _SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
 # Columns of the result.
-REFERENCE, NOISE, LIGHTS, HEIGHT, CHI2, FREE, ANGLE2, RESULTS = slice(0, 3), 3, 4, 5, 6, 7, 8, 9
+REFERENCE, NOISE, CHI2, FREE, RESULTS = slice(0, 3), 3, 6, 7, 9
+# Noise, lights, height, CHI2, FREE, squared angle to the given solution.
+VARIANCES = slice(3, 9)
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
@@ -65,7 +67,7 @@ def _normal_equations(count: int, samples: Float, weight: Float, sums: Double) -
 
 @numba.njit(cache=True, error_model="numpy")
 def _inverted(sums: Double, inverse: Double) -> bool:
-    """Write the inverse of a symmetric matrix (6 numbers); return False if it is ill-conditioned."""
+    """Write the inverse of a symmetric matrix; return False if it is ill-conditioned."""
     a00, a01, a02, a11, a12, a22 = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
     c00 = a11 * a22 - a12 * a12
     c01 = a02 * a12 - a01 * a22
@@ -115,7 +117,7 @@ def _kind_of(value: float, shading: float, distance: float, scale: float, least:
 @numba.njit(cache=True, error_model="numpy")
 def _light_errors(
     count: int, samples: Float, index: npt.NDArray[np.int64], table: Double, near: bool,
-    point: Double, rise: Double, m: Double,
+    point: Double, view: Double, m: Double,
 ) -> None:  # fmt: skip
     """Write the variances by the errors of the lights, and the changes by a rise of the object."""
     for k in range(count):
@@ -127,7 +129,7 @@ def _light_errors(
         light = table[index[k]]
         if near:
             strength = math.sqrt(x * x + y * y + z * z)
-            variance, higher = near_variance(light, point, rise, m, shading, strength)
+            variance, higher = near_variance(light, point, view, m, shading, strength)
             samples[6, k], samples[7, k] = np.float32(variance), np.float32(higher)
         else:
             samples[6, k] = np.float32(distant_variance(light, m, shading))
@@ -164,13 +166,13 @@ def _change(inverse: Double, m: Double, b0: float, b1: float, b2: float) -> floa
     z = inverse[2] * b0 + inverse[4] * b1 + inverse[5] * b2
     along = x * m[0] + y * m[1] + z * m[2]
     length2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2]
-    return max(x * x + y * y + z * z - along * along / length2, 0.0)
+    return float(max(x * x + y * y + z * z - along * along / length2, 0.0))
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _pixel(
     values: Float, vectors: Float, law: Float, start: Double, least: np.float32,
-    table: Double, errors: bool, near: bool, point: Double, rise: Double,
+    table: Double, errors: bool, near: bool, point: Double, view: Double,
     samples: Float, scratch: Float, index: npt.NDArray[np.int64], work: Double, kinds: Kinds,
     result: Double,
 ) -> bool:  # fmt: skip
@@ -202,7 +204,7 @@ def _pixel(
     scale, lit = one, 0
     for step in range(_STEPS):
         if errors and step < 2:
-            _light_errors(count, samples, index, table, near, point, rise, m)
+            _light_errors(count, samples, index, table, near, point, view, m)
         _predicted(count, samples, m, shading, variance, distance)
         found = 0
         for k in range(count):
@@ -214,7 +216,7 @@ def _pixel(
         scale = max(least, scale)
         lit, dim = 0, 0
         for k in range(count):
-            kind = _kind_of(v[k], shading[k], distance[k], scale, least)
+            kind = _kind_of(v[k], shading[k], distance[k], float(scale), float(least))
             kinds[index[k]] = kind
             weight[k] = one / variance[k] if kind == LIT else zero
             lit += int(kind == LIT)
@@ -278,7 +280,8 @@ def _angle2(m: Double, start: Double, length2: float) -> float:
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def reference_solutions(
-    values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Double, errors: bool, near: bool, points: Double, rises: Double,
+    values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Double,
+    errors: bool, near: bool, points: Double, view: Double,
     kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
 ) -> None:  # fmt: skip
     """Solve pixels from given solutions, and classify their samples.
@@ -295,16 +298,17 @@ def reference_solutions(
         `light_table` of the N lights.
     errors
         Whether lights or height have errors.
-    near, points, rises
-        Whether lights are near; the points and their change if the object is higher by one unit,
-        ``(P, 3)``.
+    near, points
+        Whether lights are near, and the points ``(P, 3)``.
+    view
+        Centre of the camera, and the relative standard deviation of the depths.
     kinds
         ``(P, N)``, receives the values of `SampleKind`.
     counts
         ``(P, 6)``, receives their numbers.
     results
         ``(P, 9)``, receives the solution, the variances of its direction in rad^2 by noise, lights
-        and one unit of height, the sum of squares of the normalised residuals, their degrees of
+        and height, the sum of squares of the normalised residuals, their degrees of
         freedom, and the squared angle to the given solution; NaN if the lit lights do not determine
         the pixel.
     """
@@ -321,8 +325,8 @@ def reference_solutions(
             if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
                 good = _pixel(
                     values[p], vectors[p if len(vectors) > 1 else 0],
-                    law[p if len(law) > 1 else 0], start, least, table, errors, near, points[of], rises[of], samples, scratch, index,
-                    work, kinds[p], results[p],
+                    law[p if len(law) > 1 else 0], start, least, table, errors, near, points[of],
+                    view, samples, scratch, index, work, kinds[p], results[p],
                 )  # fmt: skip
             else:
                 for i in range(lights):

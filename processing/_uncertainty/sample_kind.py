@@ -9,9 +9,9 @@ class SampleKind(IntEnum):
     """What a sample shows; the order is that of the maps of counts.
 
     `LIT` samples agree with a Lambertian surface. The surface faces away from the light of an
-    `ATTACHED` one, something else blocks the light of a `CAST` one, and an `OUTLIER` contradicts the
-    others: a highlight, or light from elsewhere. A light does not reach the point of a `MISSING`
-    one.
+    `ATTACHED` one, something else blocks the light of a `CAST` one, and an `OUTLIER` contradicts
+    the others: a highlight, or light from elsewhere. `MISSING` are samples of near lights that
+    shine in another direction.
     """
 
     LIT = 0
