@@ -31,7 +31,7 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 # Variance per value and without light, where white is 1: 10 000 electrons at white, 5 read noise.
-_SLOPE, _FLOOR = 1e-4, 2.5e-7
+SLOPE, FLOOR = 1e-4, 2.5e-7
 _EYE = np.array([0.0, 0.0, 1.0])
 # Standard deviations of the lights in the rows with light errors.
 _DIRECTION_RAD, _POSITION_MM, _INTENSITY = 0.01, 3.0, 0.01
@@ -82,9 +82,9 @@ def ball(rng: np.random.Generator, *, size: int, cast: bool, gloss: float | None
     return Case(images, lights, normals, mask, shadows=shadows)
 
 
-def relief(name: str, *, width: int, seed: int) -> Case:
-    """Return a scene of the simulator under near lights, with a sharp lens."""
-    scene = scene_named(name, width=width, height=width * 4 // 5, leds=36, seed=seed, sharp=True)
+def relief(name: str, *, width: int, seed: int, sharp: bool = True) -> Case:
+    """Return a scene of the simulator under near lights."""
+    scene = scene_named(name, width=width, height=width * 4 // 5, leds=36, seed=seed, sharp=sharp)
     rendering = render(scene)
     truth = rendering.truth
     strength = np.asarray(truth.lights.intensities).mean(axis=1)[:, None, None]
@@ -125,7 +125,7 @@ def misplaced(lights: Lights, rng: np.random.Generator) -> tuple[Lights, Array]:
 def recorded(case: Case, factor: Array, rng: np.random.Generator) -> Array:
     """Return images with noise; saturated samples are NaN."""
     images = case.images * factor[:, None, None]
-    noisy = images + rng.normal(size=images.shape) * np.sqrt(_FLOOR + _SLOPE * images)
+    noisy = images + rng.normal(size=images.shape) * np.sqrt(FLOOR + SLOPE * images)
     return np.where(noisy < 1, noisy, np.nan)
 
 
@@ -163,7 +163,7 @@ def solved(
     if errors:
         lights, factor = misplaced(lights, rng)
     values = recorded(case, factor, rng)
-    noise = StackNoise.of_one_exposure(_SLOPE, _FLOOR, len(values)) if known else None
+    noise = StackNoise.of_one_exposure(SLOPE, FLOOR, len(values)) if known else None
     points_mm, mask = case.points_mm, case.mask
     stereo = photometric_stereo(
         values, lights, mask, method=method, points_mm=points_mm, noise=noise

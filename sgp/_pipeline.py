@@ -245,7 +245,7 @@ def _error_bars(found: processing.NormalUncertainty, crop: Crop) -> list[Panel]:
     sigma = found.sigma_deg
     if not np.isfinite(sigma).any():
         return []
-    title = f"standard deviation of normals, median {np.nanmedian(sigma):.2g} deg"
+    title = f"normals: standard deviation, median {np.nanmedian(sigma):.2g} deg"
     return [map_panel(title, sigma, "deg", crop, error=True)]
 
 

@@ -37,8 +37,8 @@ def sigma_lines(found: processing.NormalUncertainty, mask: Mask) -> list[str]:
     sigma, common = _median(found.sigma_deg), _median(found.common_sigma_deg)
     lines = []
     if np.isfinite(sigma):
-        of_lights = f", of which lights {common:.2g} deg" if common > 0 else ""
-        lines.append(f"normals: standard deviation {sigma:.2g} deg, median{of_lights}")
+        of_lights = f", of which {common:.2g} deg by lights and height" if common > 0 else ""
+        lines.append(f"standard deviation of normals {sigma:.2g} deg (median){of_lights}")
     named = {"attached": "attached shadow", "cast": "cast shadow"}
     parts = [
         f"{share:.0%} {named.get(kind, kind)}"

@@ -13,6 +13,7 @@ from acquisition import CameraModel, Lights
 from calibration import StackNoise
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
+from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.light_table import light_table, light_variances
 from processing._uncertainty.reference import (
     NOISE,
@@ -140,6 +141,29 @@ def pixel_variances(
         reason.reshape(mask.shape),
         origin,
     )
+
+
+def kinds_of(
+    stack: Float,
+    lights: Lights,
+    mask: Mask,
+    stereo: PhotometricStereoResult,
+    points_mm: npt.NDArray[np.float64] | None,
+    noise: StackNoise | None,
+) -> npt.NDArray[np.uint8]:
+    """Return the kind of every sample, ``(N, H, W)``; 0 outside the mask."""
+    stack = np.ascontiguousarray(stack, np.float32)
+    scaled = stereo.normal_map.normals, stereo.albedo
+    solver = _Solver(stack, lights, mask, scaled, points_mm, None, 0.0)
+    pixels = np.flatnonzero(mask)
+    samples, vectors = solver.model.samples(stack, pixels)
+    if noise is None:
+        law = solver.fitted_law(pixels)
+    else:
+        law = NoiseLaw(noise, (len(stack), *mask.shape)).of(pixels, samples, vectors)
+    whole = np.zeros((len(stack), mask.size), np.uint8)
+    whole[:, pixels] = solver.solve(pixels, samples, vectors, law)[0].T
+    return whole.reshape(stack.shape)
 
 
 class _Solver:
