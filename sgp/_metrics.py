@@ -98,16 +98,16 @@ class NormalsMetrics(QualityMetrics):
         Annotated[
             float | None,
             "deg",
-            "median over the pixels of the standard deviations of the normals; null if they are not "
-            "known",
+            "median over the pixels of the standard deviations of the normals; null if they are "
+            "not known",
         ]
     ]
     normal_sigma_common_deg: NotRequired[
         Annotated[
             float | None,
             "deg",
-            "median of the part of them that all pixels have in common: errors of the lights and of "
-            "the mean height",
+            "median of the part of them that all pixels have in common: errors of the lights and "
+            "of the mean height",
         ]
     ]
     noise_from: NotRequired[

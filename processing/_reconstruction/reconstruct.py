@@ -237,11 +237,11 @@ def reconstruct(
         )
         del gray
     warnings += stereo.warnings
-    _check_facing(source, stereo)
     stereo, uncertainty, doubts = error_bars(
         stack, lights, mask, stereo, albedo, points_mm, near, source.camera, on_progress
     )
     warnings += doubts
+    _check_facing(source, stereo)
     used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
