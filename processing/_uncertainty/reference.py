@@ -228,6 +228,9 @@ def _pixel(
             return False
         _normal_equations(count, samples, weight, sums)
         if not _inverted(sums, inverse):
+            for k in range(count):
+                if kinds[index[k]] == LIT and v[k] <= dark:
+                    kinds[index[k]] = _CAST
             return False
         x = inverse[0] * sums[6] + inverse[1] * sums[7] + inverse[2] * sums[8]
         y = inverse[1] * sums[6] + inverse[3] * sums[7] + inverse[4] * sums[8]
