@@ -47,6 +47,7 @@ from ._reconstruction.near_height import NearHeight as NearHeight
 from ._reconstruction.quality import ImageQuality as ImageQuality
 from ._reconstruction.quality import image_quality as image_quality
 from ._reconstruction.reconstruct import Reconstruction as Reconstruction
+from ._reconstruction.reconstruct import StereoChannel as StereoChannel
 from ._reconstruction.reconstruct import reconstruct as reconstruct
 from ._stereo.estimator import Estimator as Estimator
 from ._stereo.method import Method as Method

@@ -84,6 +84,11 @@ class StackNoise:
             "sensor",
         )
 
+    @property
+    def linear(self) -> bool:
+        """Whether the variance is linear in the values, with the same law at every second pixel."""
+        return self.slope.shape[1] == 1 and self.used is None and self.response is None
+
     def variance(self, image: int, values: npt.ArrayLike, first_row: int = 0) -> Array:
         """Return the variance of the samples of an image.
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, setup_notices
-from calibration import Channel, EstimateError, linear_stack, luma
+from calibration import EstimateError, linear_stack, luma
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.curve_check import curve_warnings
+from processing._reconstruction.joint_colours import joint_stereo
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
@@ -26,6 +28,8 @@ from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
 from rig import Notice, Progress, check_type, no_progress
+
+StereoChannel = Literal["gray", "rgb", "joint", "mosaic"]
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
@@ -88,7 +92,7 @@ def reconstruct(
     source: Source,
     *,
     method: Method = "cauchy",
-    channel: Channel = "gray",
+    channel: StereoChannel = "gray",
     distant: bool = False,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
@@ -113,7 +117,8 @@ def reconstruct(
         Method of `photometric_stereo`.
     channel
         ``gray``: normals from gray images, for which a mosaic is demosaiced. ``rgb``: one solution
-        per channel; the normals are averaged with weights from the noise. ``mosaic``: normals of
+        per channel; the normals are averaged with weights from the noise. ``joint``: one normal and
+        one albedo per channel that explain the samples of all channels best. ``mosaic``: normals of
         every site of a Bayer mosaic from its own samples, without interpolation, so that edges of
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
@@ -161,9 +166,12 @@ def reconstruct(
         raise DataError(
             f"{source.path}: a height matters only under lights with positions: leave it out"
         )
-    stack = linear_stack(source, channel=channel, on_progress=on_progress)
+    stack = linear_stack(
+        source, channel="rgb" if channel == "joint" else channel, on_progress=on_progress
+    )
     pattern = stack.pattern
-    gray = luma(stack.values) if channel == "rgb" else stack.values
+    colour = channel in ("rgb", "joint")
+    gray = luma(stack.values) if colour else stack.values
     warnings = [*source.warnings, *setup_notices(source), *stack.warnings]
     mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
@@ -209,9 +217,10 @@ def reconstruct(
         for image in (gray[0], gray[-1])
     )
     albedo = None
-    if channel == "rgb":
+    if colour:
         del gray
-        stereo, albedo = stereo_of_colours(
+        of_colours = joint_stereo if channel == "joint" else stereo_of_colours
+        stereo, albedo = of_colours(
             stack.values,
             lights,
             mask,
