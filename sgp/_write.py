@@ -27,7 +27,7 @@ def write_normals_stage(
     maps: MapOptions = _MAPS,
     picture: processing.AlbedoPicture | None = None,
 ) -> Result:
-    """Write normals and albedo as .exr and .png, residual, used and mask; return files, figures.
+    """Write normals and albedo as .exr and .png, and the maps of doubts; return files, figures.
 
     ``picture`` is that of the albedo, if it is known.
     """
@@ -40,6 +40,7 @@ def write_normals_stage(
     values = {
         "albedo": stage.albedo,
         "residual": solved.residual,
+        "specular": stage.specular,
         "used": solved.used.astype(np.float32),
     }
     result.outputs |= {name: folder / f"{name}.exr" for name in values}

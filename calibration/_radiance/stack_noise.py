@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -163,7 +164,7 @@ class StackNoise:
         columns = np.arange(width) % self.site_factor.shape[1]
         return self.site_factor[rows][:, columns]
 
-    def take(self, indices: list[int]) -> StackNoise:
+    def take(self, indices: list[int]) -> Self:
         """Return the law of the images with these indices, in this order."""
         return replace(
             self,
@@ -186,7 +187,7 @@ class StackNoise:
             response=response if response is None or response.ndim == 2 else response[..., channel],
         )
 
-    def rows(self, first: int, last: int) -> StackNoise:
+    def rows(self, first: int, last: int) -> Self:
         """Return the law of the rows from ``first`` to before ``last``, of which the first is 0."""
         return replace(
             self,

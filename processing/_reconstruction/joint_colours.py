@@ -10,6 +10,7 @@ import numpy.typing as npt
 from acquisition import Lights
 from calibration import StackNoise, luma
 from processing._reconstruction.joint_noise import JointNoise
+from processing._reconstruction.shading import shading
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
@@ -65,11 +66,12 @@ def joint_stereo(
     EstimateError
         If the samples do not determine a normal.
     """
-    colours = np.zeros((*mask.shape, 3))
+    colours = np.zeros((*mask.shape, 3), np.float32)
+    intensities = np.asarray(lights.intensities)
     samples = np.zeros(values.shape[:3], np.float32)
     for rows in _bands(mask):
         colours[rows] = _mean_colours(values[:, rows])
-        _combine(values, rows, colours, None, noise, lights, samples)
+        _combine(values, rows, colours, None, noise, intensities, samples)
     first = photometric_stereo(
         samples,
         lights,
@@ -80,10 +82,10 @@ def joint_stereo(
     )
     model = LightModel(lights, points_mm, mask)
     for rows in _bands(mask):
-        shading = _shading(model, samples, first.normal_map.normals, mask, rows)
-        found = _colours(values[:, rows], samples[:, rows], shading, first, rows)
+        lit = shading(model, first.normal_map, rows)
+        found = _colours(values[:, rows], samples[:, rows], lit, first, rows)
         colours[rows] = np.where(first.normal_map.mask[rows, :, None], found, colours[rows])
-        _combine(values, rows, colours, shading, noise, lights, samples)
+        _combine(values, rows, colours, lit, noise, intensities, samples)
     solved = photometric_stereo(
         samples,
         lights,
@@ -93,9 +95,8 @@ def joint_stereo(
         noise=None if noise is None else JointNoise.of(noise, colours, values),
         on_progress=lambda stage, done, total: on_progress(stage, total + done, 2 * total),
     )
-    gray = luma(colours.astype(np.float32))
-    scale = np.divide(solved.albedo, gray, out=np.zeros_like(gray), where=gray > 0)
-    return solved, colours.astype(np.float32) * scale[..., None]
+    scale = _ratio(solved.albedo, luma(colours)).astype(np.float32)
+    return solved, colours * scale[..., None]
 
 
 def _bands(mask: Mask) -> Iterator[slice]:
@@ -111,26 +112,11 @@ def _mean_colours(values: Float) -> Double:
     complete = measured & measured.all(axis=-1, keepdims=True)
     counted = np.where(complete.any(axis=0), complete, measured)
     total = np.sum(values, axis=0, where=counted, dtype=np.float64)
-    return np.maximum(total / np.maximum(counted.sum(axis=0), 1), 0)
-
-
-def _shading(model: LightModel, samples: Float, normals: Float, mask: Mask, rows: slice) -> Double:
-    """Return ``max(l . n, 0)`` of some rows, ``(N, R, W)``; 0 outside the mask."""
-    inside = mask[rows]
-    shading = np.zeros((len(samples), *inside.shape))
-    pixels = np.flatnonzero(inside) + rows.start * mask.shape[1]
-    if len(pixels):
-        _, vectors = model.samples(samples, pixels)
-        of_pixel = normals[rows][inside].astype(np.float64)
-        lit = np.einsum(
-            "pc,pcn->np", of_pixel, np.broadcast_to(vectors, (len(pixels), *vectors.shape[1:]))
-        )
-        shading[:, inside] = np.maximum(lit, 0)
-    return shading
+    return _ratio(np.maximum(total, 0), counted.sum(axis=0).astype(np.float64))
 
 
 def _colours(
-    values: Float, samples: Float, shading: Double, first: PhotometricStereoResult, rows: slice
+    values: Float, samples: Float, shades: Double, first: PhotometricStereoResult, rows: slice
 ) -> Double:
     """Return the colours ``(R, W, 3)`` that explain the samples of some rows best.
 
@@ -139,25 +125,22 @@ def _colours(
     albedo = first.albedo[rows].astype(np.float64)
     spread = np.maximum(first.residual[rows], albedo * _ROUNDING)
     total, squares = np.zeros((2, *values.shape[1:]))
-    for of_light, sample, lit in zip(values, samples, shading, strict=True):
-        deviation = np.divide(
-            sample - albedo * lit, spread, out=np.zeros_like(lit), where=spread > 0
-        )
+    for of_light, sample, lit in zip(values, samples, shades, strict=True):
+        deviation = _ratio(sample - albedo * lit, spread)
         weight = (lit / (1 + deviation * deviation))[..., None]
         measured = np.isfinite(of_light) & np.isfinite(weight)
         total += np.where(measured, weight * of_light, 0)
         squares += np.where(measured, weight * lit[..., None], 0)
-    found = np.divide(total, squares, out=np.zeros_like(total), where=squares > 0)
-    return np.maximum(found, 0)
+    return _ratio(np.maximum(total, 0), squares)
 
 
 def _combine(
     values: Float,
     rows: slice,
-    colours: Double,
-    shading: Double | None,
+    colours: Float,
+    shades: Double | None,
     noise: StackNoise | None,
-    lights: Lights,
+    intensities: npt.NDArray[np.floating],
     samples: Float,
 ) -> None:
     """Write the combined samples of some rows; NaN where no colour was measured.
@@ -171,19 +154,19 @@ def _combine(
         seen = np.where(measured, of_light, 0)
         if noise is None:
             # The variance of a signal a s is proportional to a s / intensity.
-            weight = np.where(measured, lights.intensities[i], 0)
+            weight = np.where(measured, intensities[i], 0)
         else:
-            if shading is None:
+            if shades is None:
                 bright = np.sum(colour, axis=-1, where=measured)
                 lit = _ratio(np.maximum(np.sum(seen, axis=-1), 0), bright)
             else:
-                lit = shading[i]
+                lit = shades[i]
             variance = noise.variance(i, colour * lit[..., None], rows.start)
             weight = np.where(measured, colour / np.maximum(variance, _LEAST), 0)
         scale = np.sum(weight * colour, axis=-1)
         out[:] = np.where(scale > 0, gray * _ratio(np.sum(weight * seen, axis=-1), scale), np.nan)
 
 
-def _ratio(above: Double, below: Double) -> Double:
+def _ratio(above: npt.NDArray[np.floating], below: npt.NDArray[np.floating]) -> Double:
     """Return the quotient, 0 where the divisor is not positive."""
-    return np.divide(above, below, out=np.zeros_like(below), where=below > 0)
+    return np.asarray(np.divide(above, below, out=np.zeros(below.shape), where=below > 0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -25,11 +26,11 @@ class JointNoise(StackNoise):
         ``(N, H, W, 3)`` the stack, which says which of its samples were measured.
     """
 
-    colours: Double = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    colours: Float = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
     values: Float = field(default_factory=lambda: np.zeros((0, 0, 0, 3), np.float32))
 
     @classmethod
-    def of(cls, noise: StackNoise, colours: Double, values: Float) -> JointNoise:
+    def of(cls, noise: StackNoise, colours: Float, values: Float) -> JointNoise:
         """Return the law of the combined samples of a stack with this noise."""
         return cls(**vars(noise), colours=colours, values=values)
 
@@ -48,13 +49,14 @@ class JointNoise(StackNoise):
         of_colours = super().variance(image, colours * shading[..., None], first_row)
         precision = np.sum(colours**2 / of_colours, axis=-1, where=measured)
         # A sample that no colour determines is not there; any variance does for it.
-        return np.divide(gray**2, precision, out=np.ones_like(gray), where=precision > 0)
+        unseen = np.ones_like(gray)
+        return np.asarray(np.divide(gray**2, precision, out=unseen, where=precision > 0))
 
-    def take(self, indices: list[int]) -> JointNoise:
+    def take(self, indices: list[int]) -> Self:
         """Return the law of the images with these indices, in this order."""
         return replace(super().take(indices), values=self.values[indices])
 
-    def rows(self, first: int, last: int) -> JointNoise:
+    def rows(self, first: int, last: int) -> Self:
         """Return the law of some rows, see `StackNoise.rows`."""
         return replace(
             super().rows(first, last),

@@ -24,6 +24,7 @@ from processing._reconstruction.mosaic import (
 )
 from processing._reconstruction.near_height import NearHeight, near_height
 from processing._reconstruction.quality import ImageQuality, image_quality
+from processing._reconstruction.specular import specular_residual
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
@@ -53,6 +54,8 @@ class Reconstruction:
     albedo
         ``(H, W, 3)`` float32 linear RGB if the images have colour, else the gray albedo
         ``(H, W)``; see `colour_albedo`. 0 outside the mask of the normals.
+    specular
+        ``(H, W)`` float32 mean light above a matte surface, see `specular_residual`.
     surface
         The height; None if it was not requested.
     quality
@@ -72,6 +75,7 @@ class Reconstruction:
     mask: npt.NDArray[np.bool_]
     stereo: PhotometricStereoResult
     albedo: npt.NDArray[np.float32]
+    specular: npt.NDArray[np.float32]
     surface: HeightMap | None
     quality: ImageQuality
     error: AngularError | None
@@ -240,6 +244,9 @@ def reconstruct(
             on_progress=on_progress,
         )
         del gray
+    specular = specular_residual(
+        stack.values, lights, stereo, points_mm=points_mm, noise=stack.noise
+    )
     used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
@@ -266,6 +273,7 @@ def reconstruct(
         mask=mask,
         stereo=stereo,
         albedo=albedo,
+        specular=specular,
         surface=height,
         quality=quality,
         error=None if truth is None else angular_error(normal_map, truth, mask),

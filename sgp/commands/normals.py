@@ -37,8 +37,8 @@ def normals(
     source
         Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     out
-        Folder for normals.exr, normals.png, albedo.exr, albedo.png, residual.exr, used.exr,
-        mask.png and normals.json.
+        Folder for normals.exr, normals.png, albedo.exr, albedo.png, residual.exr, specular.exr,
+        used.exr, mask.png and normals.json.
     options
         Lights, camera, mask and method.
     maps
