@@ -43,7 +43,7 @@ def saddle(length=150.0):
     return monge(X / length, -Y / length, one, 0 * one, -one)
 
 
-def torus(wide=90.0, tube=40.0):
+def torus(wide=30.0, tube=14.0):
     """Return the upper half of a torus on a table; its mask leaves out the steep rims."""
     r = np.hypot(X, Y)
     out = r - wide
@@ -61,8 +61,8 @@ SURFACES = {
     "sphere": (sphere, 1e-5, 1e-6),
     "bowl": (bowl, 1e-5, 1e-6),
     "cylinder": (cylinder, 1e-5, 1e-6),
-    "saddle": (saddle, 5e-3, 1e-4),
-    "torus": (torus, 0.06, 0.012),
+    "saddle": (saddle, 0.015, 5e-4),
+    "torus": (torus, 0.12, 2e-3),
 }
 
 
@@ -84,7 +84,7 @@ def test_closed_forms_up_to_the_border(name):
         assert error.max() < worst
         assert np.median(error) < typical
     slopes = -normals[..., :2] / normals[..., 2:]
-    np.testing.assert_allclose(found.gradient[found.mask], slopes[found.mask], atol=0.02)
+    np.testing.assert_allclose(found.gradient[found.mask], slopes[found.mask], rtol=0.05, atol=0.02)
     for values in (found.mean, found.gaussian, found.direction_deg, found.gradient[..., 0]):
         assert np.isnan(values[~mask]).all()
 
