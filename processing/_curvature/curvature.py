@@ -14,7 +14,6 @@ from processing._curvature.plane_fit import Planes, fit_planes, reach
 from processing._curvature.positions import surface_steps
 from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.integration import surface_scale
-from rig import short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -63,7 +62,9 @@ class Curvature:
     pixel_size: float
     scale_px: float
 
-    __repr__ = short_repr
+    def __repr__(self) -> str:
+        shape = f"{self.mean.dtype}{list(self.mean.shape)}"
+        return f"Curvature({shape} in 1/{self.unit}, scale {self.scale_px:.3g} px)"
 
     @property
     def principal(self) -> tuple[Float, Float]:
@@ -130,8 +131,10 @@ def curvature(
     >>> y, x = np.mgrid[20:-21:-1, -20:21] / 50  # Y is up; a ball with a radius of 50 px
     >>> ball = NormalMap.from_vectors(np.dstack([x, y, np.sqrt(1 - x**2 - y**2)]))
     >>> found = curvature(ball, pixel_mm=0.1)
-    >>> found.unit, f"{found.mean[0, 0]:.4f}", f"{found.gaussian[20, 20]:.4f}"
-    ('mm', '0.2000', '0.0400')
+    >>> found
+    Curvature(float32[41, 41] in 1/mm, scale 2 px)
+    >>> f"{found.mean[0, 0]:.4f}, {found.gaussian[20, 20]:.4f}"
+    '0.2000, 0.0400'
     """
     check_normal_map("normal_map", normal_map)
     if not 0.3 <= scale_px <= _MOST_SCALE:
