@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from acquisition import Lights
 from calibration import StackNoise, luma
-from processing._reconstruction.joint_noise import JointNoise
+from processing._reconstruction.joint_noise import JointNoise, over_colours
 from processing._reconstruction.shading import shading
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
@@ -157,14 +157,13 @@ def _combine(
             weight = np.where(measured, intensities[i], 0)
         else:
             if shades is None:
-                bright = np.sum(colour, axis=-1, where=measured)
-                lit = _ratio(np.maximum(np.sum(seen, axis=-1), 0), bright)
+                lit = _ratio(np.maximum(over_colours(seen), 0), over_colours(colour * measured))
             else:
                 lit = shades[i]
             variance = noise.variance(i, colour * lit[..., None], rows.start)
             weight = np.where(measured, colour / np.maximum(variance, _LEAST), 0)
-        scale = np.sum(weight * colour, axis=-1)
-        out[:] = np.where(scale > 0, gray * _ratio(np.sum(weight * seen, axis=-1), scale), np.nan)
+        scale = over_colours(weight * colour)
+        out[:] = np.where(scale > 0, gray * _ratio(over_colours(weight * seen), scale), np.nan)
 
 
 def _ratio(above: npt.NDArray[np.floating], below: npt.NDArray[np.floating]) -> Double:

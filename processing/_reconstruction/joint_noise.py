@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,11 @@ from calibration import StackNoise, luma
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
+
+
+def over_colours(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the sums over the last axis, of length 3; `numpy.sum` takes ten times as long."""
+    return np.asarray(values[..., 0] + values[..., 1] + values[..., 2])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,7 +52,7 @@ class JointNoise(StackNoise):
         gray = luma(colours).astype(np.float64)
         shading = np.divide(np.maximum(signal, 0), gray, out=np.zeros_like(gray), where=gray > 0)
         of_colours = super().variance(image, colours * shading[..., None], first_row)
-        precision = np.sum(colours**2 / of_colours, axis=-1, where=measured)
+        precision = over_colours(measured * colours**2 / of_colours)
         # A sample that no colour determines is not there; any variance does for it.
         unseen = np.ones_like(gray)
         return np.asarray(np.divide(gray**2, precision, out=unseen, where=precision > 0))

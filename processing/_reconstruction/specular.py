@@ -73,8 +73,9 @@ def specular_residual(
     >>> values = np.tile(lights.unit_directions[:, 2, None, None], (1, 2, 2))
     >>> stereo = photometric_stereo(values, lights, np.ones((2, 2), bool))
     >>> values[0, 0, 0] += 0.5  # a highlight in one of five images
-    >>> specular_residual(values, lights, stereo).round(3).tolist()
-    [[0.1, 0.0], [0.0, 0.0]]
+    >>> print(specular_residual(values, lights, stereo).round(3))
+    [[0.1 0. ]
+     [0.  0. ]]
     """
     check_linear("values", values)
     check_type("lights", lights, Lights, "Lights(directions)")
