@@ -9,6 +9,7 @@ import numpy as np
 from calibration._errors import EstimateError
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.mirrored_border import is_mirrored_border
 from calibration._spheres.outline import (
     SHARP_PX,
     OutlineImages,
@@ -146,9 +147,17 @@ def _is_sharp(outline: Ellipse, points_px: Array, coverage: float) -> bool:
 def _check_inside(pictures: OutlineImages, outline: Ellipse) -> None:
     """Raise `EstimateError` if an outline may be the horizon that is mirrored in a ball.
 
-    It is mirrored at about 73 % of the radius, as a circle with nearly the same centre.
+    It is mirrored at about 73 % of the radius, as a circle with nearly the same centre; what is
+    inside of it does not vary like what is outside.
     """
     radius = outline.radius_px
+    if is_mirrored_border(pictures.median, outline):
+        x, y = outline.centre_px
+        raise EstimateError(
+            f"the edge at ({x:.0f}, {y:.0f}, {radius:.0f}) px may be the border of what a larger "
+            "sphere mirrors: what is just inside of it does not vary like what is just outside: "
+            "give a circle closer to the outline, or a mask"
+        )
     around = Ellipse(outline.centre_px, (_OUTER * radius, _OUTER * radius))
     edges = EdgesAround(pictures.upper, around, _OUTER_REACH * radius)
     for trial in edges.leaders():
