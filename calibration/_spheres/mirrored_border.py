@@ -26,13 +26,16 @@ _LEAST_STEP, _ALL_AROUND = 0.05, 0.72
 _ROUNDS, _MOST = 6, 0.75
 
 
-def is_mirrored_border(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
+def is_mirrored_border(
+    image: npt.NDArray[np.float32], edge: Ellipse, *, mostly_seen: bool = True
+) -> bool:
     """Return whether an edge is the border of what a larger ball mirrors.
 
     A mirror ball shows at its limb what is behind it, at any distance, because the reflection is
     grazing there, and darker by its reflectance. So, around an outline, the logarithm of the
     brightness inside follows that outside, and is lower all around. An edge that it does not
-    follow, inside another circle at which it is lower all around, is not the outline.
+    follow is not the outline if it is mostly hidden, or inside another circle at which the
+    brightness is lower all around.
 
     Parameters
     ----------
@@ -40,8 +43,10 @@ def is_mirrored_border(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
         ``(H, W)``, above 0: the median over the lights, for instance.
     edge
         The edge, known to a pixel.
+    mostly_seen
+        Whether it is visible over most of its length.
     """
-    return not _follows(image, edge) and _darker_inside(image, edge)
+    return not _follows(image, edge) and (not mostly_seen or _darker_inside(image, edge))
 
 
 def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:

@@ -96,4 +96,8 @@ def test_the_border_of_what_a_ball_mirrors_is_no_outline(reflectance, inside, bo
         image[distance < 38] = inside
     image = image.astype(np.float32)
     assert is_mirrored_border(image, Ellipse((80.0, 78.0), (38.0, 38.0))) == border
-    assert not is_mirrored_border(image, Ellipse((80.0, 78.0), (50.0, 50.0)))
+    hidden = is_mirrored_border(image, Ellipse((80.0, 78.0), (38.0, 38.0)), mostly_seen=False)
+    assert hidden == (inside is not None)
+    for seen in (True, False):
+        outline = Ellipse((80.0, 78.0), (50.0, 50.0))
+        assert not is_mirrored_border(image, outline, mostly_seen=seen)
