@@ -15,9 +15,10 @@ def resolved_normals(truth: Truth) -> Values:
     r"""Return the normals of the ground truth, blurred as the lens blurs the images.
 
     A matte surface of albedo a and normal n sends ``a n . l`` under a light l. The lens averages
-    this light over its point-spread function, and hence the vectors ``a n``, wherever l is nearly
-    constant and no shadow begins. Photometric stereo of noiseless images gives the direction of
-    the mean, so its angle to the normal at the pixel's centre is the error by resolution alone.
+    this light over its point-spread function. Where l is nearly constant and no shadow begins, this
+    is the light of the averaged ``a n``. Photometric stereo of images without noise gives the
+    direction of this mean; its angle to the normal at the pixel's centre is the error by resolution
+    alone.
 
     Parameters
     ----------

@@ -54,7 +54,6 @@ def test_images_without_noise_have_the_resolved_normals(optics, limit_deg):
     inside[12:-12, 12:-12] = True
     inside &= truth.mask
     assert angle_deg(seen, truth.normals)[inside].mean() > limit_deg
-    print(inside.sum(), angle_deg(seen, truth.normals)[inside].mean(), angle_deg(seen, resolved)[inside].max())
     assert angle_deg(seen, resolved)[inside].max() < 1e-3
 
 
