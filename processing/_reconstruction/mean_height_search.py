@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 from acquisition import Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages
+from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.photometric_stereo import photometric_stereo
 
@@ -134,7 +135,7 @@ class MeanHeightSearch:
         except EstimateError:
             return np.full((len(depth), len(self._values)), np.nan)
         model = LightModel(self._lights, points, every)
-        samples, vectors = model.samples(self._values, np.arange(len(depth)))
+        samples, vectors = model.samples(Frames(self._values), np.arange(len(depth)))
         normals, albedo = solved.normal_map.normals[0], solved.albedo[0]
         shading = np.maximum(np.einsum("pc,pcn->pn", normals, vectors), 0)
         residuals = samples - albedo[:, None] * shading

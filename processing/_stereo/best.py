@@ -29,7 +29,7 @@ from processing._stereo.reweighted import reweighted
 # Compiled in: processing/_stereo/cauchy.py 45273ba8f525
 # Compiled in: processing/_stereo/least_trimmed.py 6488b5e06f2f
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reflectance_fit.py 8a7fcddf207b
+# Compiled in: processing/_stereo/reflectance_fit.py 9cf4b694426e
 # Compiled in: processing/_stereo/reweighted.py 2852404e4e82
 
 # With fewer samples the subsets that agree are too small: `cauchy` is used.

@@ -18,7 +18,7 @@ _ITERATIONS = 12
 _FIRST = 2
 _CUT = 4.0
 # Afterwards the weight is that of Cauchy, with this multiple of the spread as scale.
-_CAUCHY = 1.3
+_CAUCHY = 2.0
 _LEAST_SPREAD = 1e-4
 _RIDGE = 1e-6
 _LONGEST_STEP = 0.3
