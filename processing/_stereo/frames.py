@@ -13,7 +13,7 @@ Index = npt.NDArray[np.int64]
 Samples = npt.NDArray[Any]
 
 # Pixels that are solved together. Their samples fit into the second-level cache.
-TILE = 512
+TILE = 1024
 
 
 class Frames:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from processing._stereo.frames import TILE
 
-# Compiled in: processing/_stereo/frames.py 943735373867
+# Compiled in: processing/_stereo/frames.py c94f78c02b65
 
 Float = npt.NDArray[np.float32]
 

@@ -25,8 +25,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py 943735373867
-# Compiled in: processing/_stereo/tile_kernels.py e5864774e34a
+# Compiled in: processing/_stereo/frames.py c94f78c02b65
+# Compiled in: processing/_stereo/tile_kernels.py f5f6df3b6277
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -172,29 +172,44 @@ def _vectors_of_tile(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _write(
-    n: int, found: Float, count: Float, only_left: bool, inside: Mask,
-    normals: Float, albedo: Float, residual: Float, used: npt.NDArray[np.uint16], left: Mask,
-) -> int:  # fmt: skip
-    """Write the maps of the first n pixels of a tile; return how many were left."""
-    rest = 0
+def _lengths(n: int, found: Float, count: Float, wanted: Mask, length: Float, per: Float) -> int:
+    """Write lengths of normals, and reciprocals; return how many of n wanted pixels have none.
+
+    The reciprocal is 0 where a pixel is not wanted, or where float32 does not hold its squares.
+    """
+    least, infinite, zero = np.float32(1e-24), np.float32(np.inf), np.float32(0)
+    x, y, z, squares = found[0], found[1], found[2], found[3]
     for k in range(n):
-        if not inside[k] or (only_left and not left[k]):
-            continue
-        x, y, z, squares = found[0, k], found[1, k], found[2, k], found[3, k]
-        length2 = x * x + y * y + z * z
-        # Squares of smaller values lose digits. The comparisons are false for NaN.
-        solved = length2 > np.float32(1e-24) and length2 < np.inf and squares < np.inf
-        left[k] = not solved
-        rest += int(left[k])
-        if solved:
-            length = np.sqrt(length2)
-            per = np.float32(1) / length
-            normals[k, 0], normals[k, 1], normals[k, 2] = x * per, y * per, z * per
-            albedo[k] = length
-            residual[k] = np.sqrt(squares / count[k])
+        length2 = x[k] * x[k] + y[k] * y[k] + z[k] * z[k]
+        # The comparisons are false for NaN.
+        solved = wanted[k] and length2 > least and length2 < infinite and squares[k] < infinite
+        length[k] = np.sqrt(length2) if solved else zero
+    for k in range(n):
+        squares[k] = np.sqrt(squares[k] / count[k])
+    missing = 0
+    for k in range(n):
+        per[k] = np.float32(1) / length[k] if length[k] > zero else zero
+        missing += int(wanted[k] and not length[k] > zero)
+    return missing
+
+
+@numba.njit(cache=True)
+def _write(
+    n: int, found: Float, count: Float, length: Float, per: Float, wanted: Mask,
+    normals: Float, albedo: Float, residual: Float, used: npt.NDArray[np.uint16], left: Mask,
+) -> None:  # fmt: skip
+    """Write the maps of those of n pixels that are wanted and solved; the others are left."""
+    for k in range(n):
+        if per[k] > 0:
+            normals[k, 0] = found[0, k] * per[k]
+            normals[k, 1] = found[1, k] * per[k]
+            normals[k, 2] = found[2, k] * per[k]
+            albedo[k] = length[k]
+            residual[k] = found[3, k]
             used[k] = np.uint16(count[k])
-    return rest
+            left[k] = False
+        elif wanted[k]:
+            left[k] = True
 
 
 @numba.njit(cache=True)
@@ -212,7 +227,8 @@ def _solve_block(
     of = np.zeros((3, lights, TILE), np.float32)
     matrix, moment = np.zeros((6, TILE), np.float32), np.zeros((3, TILE), np.float32)
     found, point = np.zeros((4, TILE), np.float32), np.zeros((3, TILE), np.float32)
-    strength = np.zeros(TILE, np.float32)
+    strength, own_count = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
+    length, per = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
     count = np.full(TILE, np.float32(lights))
     for begin in range(first, last, TILE):
         n = min(TILE, last - begin)
@@ -226,18 +242,21 @@ def _solve_block(
         load_tile(flat, image_step, row_step, width, gain, dark, limit, begin, n, tile)
         if not near:
             _shared_tile(tile, vectors, inverse, found)
-            if not _write(n, found, count, False, inside, *maps):
+            missing = _lengths(n, found, count, inside, length, per)
+            _write(n, found, count, length, per, inside, *maps)
+            if not missing:
                 continue
+            inside = maps[4]
         else:
             for k in range(n):
                 for a in range(3):
                     point[a, k] = points[begin + k, a]
         _vectors_of_tile(
-            tile, vectors, point, near, positions, axes, mu, reference, of, strength, count
+            tile, vectors, point, near, positions, axes, mu, reference, of, strength, own_count
         )
         _own_tile(tile, of, matrix, moment, found)
-        _write(n, found, count, not near, inside, *maps)
-        count[:] = lights
+        _lengths(n, found, own_count, inside, length, per)
+        _write(n, found, own_count, length, per, inside, *maps)
 
 
 @numba.njit(parallel=True, cache=True)
