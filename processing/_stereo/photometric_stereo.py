@@ -11,6 +11,7 @@ from acquisition import DataError, Lights
 from calibration import EstimateError, StackNoise, check_linear
 from processing._normal_map import NormalMap
 from processing._stereo.frames import Frames
+from processing._stereo.image_noise import law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import METHODS, Method
 from processing._stereo.noise_law import NoiseLaw
@@ -132,10 +133,15 @@ def photometric_stereo(
     stack, mask = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(mask)
     _check_inputs(stack, lights, mask)
     model = LightModel(lights, points_mm, mask)
-    law = None if noise is None else NoiseLaw(noise, (len(stack), *mask.shape))
     model.check(mask)
+    frames = Frames(stack)
+    law: NoiseLaw | Float | None
+    if noise is not None:
+        law = NoiseLaw(noise, (len(stack), *mask.shape))
+    else:
+        law = law_of_images(frames, model, mask, np.mean(lights.intensities, axis=1)) if method != "ls" else None
     maps = StereoMaps.empty(mask.shape)
-    solve_maps(Frames(stack), model, mask, law, method, maps, on_progress)
+    solve_maps(frames, model, mask, law, method, maps, on_progress)
     has_normal = maps.albedo > 0
     if not has_normal.any():
         raise EstimateError(_why_nothing(stack, mask))

@@ -14,6 +14,7 @@ from processing._stereo.stereo_maps import StereoMaps
 from processing._stereo.tile_least_squares import tile_least_squares
 from rig import Progress
 
+Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 # Number of pixels that are estimated together. Their samples approximately fit into the
@@ -25,12 +26,15 @@ def solve_maps(
     frames: Frames,
     model: LightModel,
     mask: Mask,
-    law: NoiseLaw | None,
+    law: NoiseLaw | Float | None,
     method: Method,
     maps: StereoMaps,
     on_progress: Progress,
 ) -> None:
-    """Estimate the pixels of a mask and write their maps, which are 0 before."""
+    """Estimate the pixels of a mask and write their maps, which are 0 before.
+
+    The law of the noise may be one for all pixels, ``(1, 2, N)``.
+    """
     if method == "ls" and law is None:
         # What is left are single pixels.
         pixels = tile_least_squares(frames, model, mask, maps, on_progress)
@@ -39,7 +43,7 @@ def solve_maps(
     for first in range(0, len(pixels), _BLOCK):
         block = pixels[first : first + _BLOCK]
         samples, vectors = model.samples(frames, block)
-        of_block = None if law is None else law.of(block, samples, vectors)
+        of_block = law.of(block, samples, vectors) if isinstance(law, NoiseLaw) else law
         scaled, rms = ESTIMATORS[method](samples, vectors, of_block)
         length = np.sqrt(np.einsum("pc,pc->p", scaled, scaled))
         with np.errstate(over="ignore"):
