@@ -48,7 +48,8 @@ class Frames:
             images = images.astype(np.float32)
         size = images.itemsize
         regular = all(step >= 0 and step % size == 0 for step in images.strides)
-        if not regular or not images.dtype.isnative or (self.width > 1 and images.strides[2] > size):
+        neighbours = self.width == 1 or images.strides[2] == size
+        if not (regular and neighbours and images.dtype.isnative):
             images = np.array(images, images.dtype.newbyteorder("="), order="C")
         self.image_step, self.row_step = (step // size for step in images.strides[:2])
         extent = sum((n - 1) * step for n, step in zip(images.shape, images.strides, strict=True))

@@ -30,9 +30,7 @@ _QUANTILE_TO_SIGMA = 1 / 0.31864
 _LEAST = 1e-5
 
 
-def law_of_images(
-    frames: Frames, model: LightModel, mask: Mask, intensities: Double
-) -> Float | None:
+def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None:
     """Estimate the law of the noise from the images, None if they do not show it.
 
     The samples of two neighbours differ by their albedo and their normal, which is linear in the
@@ -46,14 +44,13 @@ def law_of_images(
         N images and lights.
     mask
         ``(H, W)`` bool.
-    intensities
-        ``(N,)`` factors by which the images were divided.
 
     Returns
     -------
     NDArray or None
         ``(1, 2, N)`` variance without light and per value, see `Estimator`.
     """
+    intensities = model.intensities
     pairs = np.flatnonzero(mask[:, 1:] & mask[:, :-1])
     if len(frames) < _FEWEST_LIT or len(pairs) < _FEWEST_PAIRS:
         return None
@@ -71,7 +68,7 @@ def law_of_images(
     kept = (usable >= _FEWEST_LIT) & (rms >= 0) & change.any(axis=1)
     if np.count_nonzero(kept) < _FEWEST_PAIRS:
         return None
-    explained = np.einsum("pc,pcn->pn", change[kept], np.broadcast_to(vectors, (len(pairs), *vectors.shape[1:]))[kept])
+    explained = np.einsum("pc,pcn->pn", change[kept], vectors[kept if len(vectors) > 1 else [0]])
     noise = (difference[kept] - explained) / np.sqrt(2 * (1 - 3 / usable[kept, None]))
     inside = lit[kept]
     return _fitted((signal[kept] * intensities)[inside], (noise * intensities)[inside], intensities)
@@ -82,7 +79,8 @@ def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
     order = np.argsort(signal, kind="stable")
     bins = np.array_split(order, _BINS)
     level = np.array([np.median(signal[one]) for one in bins])
-    variance = np.array([(_QUANTILE_TO_SIGMA * np.quantile(np.abs(noise[one]), _QUANTILE)) ** 2 for one in bins])
+    spread = [np.quantile(np.abs(noise[one]), _QUANTILE) for one in bins]
+    variance = (_QUANTILE_TO_SIGMA * np.array(spread)) ** 2
     least = (_LEAST * float(np.median(signal))) ** 2
     if not (variance > least).all():
         return None

@@ -55,6 +55,11 @@ class LightModel:
             )
         self._points = points.reshape(-1, 3)
 
+    @property
+    def intensities(self) -> Double:
+        """``(N,)`` mean intensities over the colours."""
+        return np.asarray(np.mean(np.asarray(self._lights.intensities), axis=1), np.float64)
+
     def check(self, mask: Mask) -> None:
         """Refuse lights that leave a direction of the normal undetermined, by `EstimateError`."""
         _check_lights(self._typical_vectors(mask))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Lights
+from acquisition import CameraModel, DataError, Lights
 from calibration import EstimateError, StackNoise, check_linear
 from processing._normal_map import NormalMap
 from processing._stereo.frames import Frames
@@ -22,6 +22,7 @@ from rig import Notice, Progress, check_type, no_progress, pluralize, short_repr
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+
 
 @dataclass(frozen=True, eq=False)
 class PhotometricStereoResult:
@@ -61,6 +62,7 @@ def photometric_stereo(
     method: Method = "cauchy",
     points_mm: npt.ArrayLike | None = None,
     noise: StackNoise | None = None,
+    camera: CameraModel | None = None,
     on_progress: Progress = no_progress,
 ) -> PhotometricStereoResult:
     """Estimate normals and albedo per pixel from images under known lights.
@@ -83,16 +85,19 @@ def photometric_stereo(
         ``best``: least trimmed squares (Rousseeuw, 1984), then a fit of
         ``max(n . l, 0) (c0 + c1 (n . h)^2)`` to the samples that agree, with the half vector h
         between light and camera (compare Shi et al., 2014). It is the most accurate on
-        glossy and shadowed surfaces. The camera is taken to be in direction z. With fewer than 12
-        samples it is ``cauchy``.
+        glossy and shadowed surfaces. With fewer than 12 samples it is ``cauchy``.
     points_mm
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.
     noise
-        Law of the noise of the images, `Stack.noise`; None if it is unknown. Every method solves
-        pixels whose residuals agree with it again, by least squares weighted with the variances at
-        the predicted signals. The errors of these pixels are those of the Cramer-Rao bound. For
-        ``best`` without it, they are about twice as large.
+        Law of the noise of the images, `Stack.noise`. None if it is unknown: a law is then
+        estimated from the differences between neighbouring pixels, except for ``ls``. Every method
+        solves pixels whose residuals agree with the law again, by least squares weighted with the
+        variances at the predicted signals. The errors of these pixels are those of the Cramer-Rao
+        bound.
+    camera
+        Camera of the images, for the direction of view of ``best``; None for a distant camera in
+        direction z.
     on_progress
         Receives the stage ``normals``, one step per pixel. An exception it raises ends the
         computation.
@@ -135,13 +140,13 @@ def photometric_stereo(
     model = LightModel(lights, points_mm, mask)
     model.check(mask)
     frames = Frames(stack)
-    law: NoiseLaw | Float | None
+    law: NoiseLaw | Float | None = None
     if noise is not None:
         law = NoiseLaw(noise, (len(stack), *mask.shape))
-    else:
-        law = law_of_images(frames, model, mask, np.mean(lights.intensities, axis=1)) if method != "ls" else None
+    elif method != "ls":
+        law = law_of_images(frames, model, mask)
     maps = StereoMaps.empty(mask.shape)
-    solve_maps(frames, model, mask, law, method, maps, on_progress)
+    solve_maps(frames, model, mask, law, method, maps, camera, on_progress)
     has_normal = maps.albedo > 0
     if not has_normal.any():
         raise EstimateError(_why_nothing(stack, mask))

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from processing._stereo.frames import TILE
 
-# Compiled in: processing/_stereo/frames.py c94f78c02b65
+# Compiled in: processing/_stereo/frames.py b24fdf856ab6
 
 Float = npt.NDArray[np.float32]
 
@@ -140,7 +140,7 @@ def toward(out: Float, p: Float, q: np.float32, gain: Float) -> None:
 
 @numba.njit(cache=True, error_model="numpy")
 def invert(sums: Float) -> None:
-    """Replace six sums a00, a01, a02, a11, a12, a22 by the inverse matrix, NaN if ill-conditioned."""
+    """Replace the sums a00, a01, a02, a11, a12, a22 by the inverse; NaN if ill-conditioned."""
     for k in range(TILE):
         a00, a01, a02 = float(sums[0, k]), float(sums[1, k]), float(sums[2, k])
         a11, a12, a22 = float(sums[3, k]), float(sums[4, k]), float(sums[5, k])

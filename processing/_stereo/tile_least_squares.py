@@ -25,8 +25,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py c94f78c02b65
-# Compiled in: processing/_stereo/tile_kernels.py f5f6df3b6277
+# Compiled in: processing/_stereo/frames.py b24fdf856ab6
+# Compiled in: processing/_stereo/tile_kernels.py 8fba2751b4de
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
