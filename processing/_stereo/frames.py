@@ -11,9 +11,11 @@ import numpy.typing as npt
 Float = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int64]
 Samples = npt.NDArray[Any]
+Flat = tuple[Samples, ...]
 
 # Pixels that are solved together. Their samples fit into the second-level cache.
 TILE = 1024
+_KINDS = (np.uint8, np.uint16, np.float32)
 
 
 class Frames:
@@ -44,7 +46,7 @@ class Frames:
         limit: float = np.inf,
     ) -> None:
         count, self.height, self.width = images.shape
-        if images.dtype not in (np.uint8, np.uint16, np.float32):
+        if images.dtype not in _KINDS:
             images = images.astype(np.float32)
         size = images.itemsize
         regular = all(step >= 0 and step % size == 0 for step in images.strides)
@@ -53,8 +55,15 @@ class Frames:
             images = np.array(images, images.dtype.newbyteorder("="), order="C")
         self.image_step, self.row_step = (step // size for step in images.strides[:2])
         extent = sum((n - 1) * step for n, step in zip(images.shape, images.strides, strict=True))
-        self.flat = np.lib.stride_tricks.as_strided(
+        flat = np.lib.stride_tricks.as_strided(
             images, (extent // size + 1 if images.size else 0,), (size,), writeable=False
+        )
+        # One array per type, of which one is used: the solvers are compiled once.
+        self.flat: Flat = tuple(
+            flat
+            if flat.dtype == kind
+            else np.lib.stride_tricks.as_strided(np.zeros(0, kind), writeable=False)
+            for kind in _KINDS
         )
         self._images = images  # keeps the memory
         self.gain = np.ones(count, np.float32)
@@ -76,9 +85,16 @@ class Frames:
         return values
 
 
+@numba.njit(cache=True)
+def _raw(flat: Flat, at: int) -> np.float32:
+    if len(flat[0]):
+        return np.float32(flat[0][at])
+    return np.float32(flat[1][at]) if len(flat[1]) else np.float32(flat[2][at])
+
+
 @numba.njit(parallel=True, cache=True)
 def _gather(
-    flat: Samples, image_step: int, row_step: int, width: int,
+    flat: Flat, image_step: int, row_step: int, width: int,
     gain: Float, dark: Float, limit: np.float32, pixels: Index, values: Float,
 ) -> None:  # fmt: skip
     for block in numba.prange((len(pixels) + 255) // 256):
@@ -86,14 +102,14 @@ def _gather(
         for i in range(len(gain)):
             for p in range(256 * block, last):
                 row, column = divmod(pixels[p], width)
-                raw = np.float32(flat[i * image_step + row * row_step + column])
+                raw = _raw(flat, i * image_step + row * row_step + column)
                 shift = dark[0, 0] if dark.size == 1 else dark[row, column]
                 values[p, i] = (raw - shift) * gain[i] if raw < limit else np.float32(np.nan)
 
 
 @numba.njit(cache=True)
 def load_tile(
-    flat: Samples, image_step: int, row_step: int, width: int,
+    flat: Flat, image_step: int, row_step: int, width: int,
     gain: Float, dark: Float, limit: np.float32, first: int, count: int, tile: Float,
 ) -> None:  # fmt: skip
     """Write the samples of ``count`` consecutive pixels from ``first`` on into ``(N, TILE)``."""
@@ -108,8 +124,13 @@ def load_tile(
             shift[:n] = dark[row, column : column + n]
         start = row * row_step + column
         for i in range(len(gain)):
-            begin = start + i * image_step
-            _load_row(flat[begin : begin + n], shift, gain[i], limit, tile[i, done : done + n])
+            begin, out = start + i * image_step, tile[i, done : done + n]
+            if len(flat[0]):
+                _load_row(flat[0][begin : begin + n], shift, gain[i], limit, out)
+            elif len(flat[1]):
+                _load_row(flat[1][begin : begin + n], shift, gain[i], limit, out)
+            else:
+                _load_row(flat[2][begin : begin + n], shift, gain[i], limit, out)
         done += n
 
 

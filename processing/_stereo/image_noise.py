@@ -6,9 +6,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
+from processing._stereo.cauchy import cauchy
 from processing._stereo.frames import Frames
 from processing._stereo.least_squares import least_squares
 from processing._stereo.light_model import LightModel
+from processing._stereo.ranks import MAD_TO_SIGMA
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -26,6 +28,9 @@ _BINS = 8
 # normal distribution: edges and highlights change from pixel to pixel, too.
 _QUANTILE = 0.25
 _QUANTILE_TO_SIGMA = 1 / 0.31864
+# Largest standard deviation in those that the residuals of a robust fit show. With few lights these
+# are too small.
+_LARGEST = 2.0
 # Least standard deviation, relative to the median signal: images without noise have no law.
 _LEAST = 1e-5
 
@@ -59,19 +64,33 @@ def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None
     left = rows * mask.shape[1] + columns
     first, vectors = model.samples(frames, left)
     second, _ = model.samples(frames, left + 1)
-    signal = 0.5 * (first + second)
-    with np.errstate(invalid="ignore"):
-        lit = np.minimum(first, second) > _DARK * np.nanmean(signal, axis=1, keepdims=True)
+    measured = np.isfinite(first) & np.isfinite(second)
+    first, second = np.where(measured, first, 0), np.where(measured, second, 0)
+    signal = 0.5 * (first.astype(np.float64) + second)
+    mean = signal.sum(axis=1, keepdims=True) / np.maximum(measured.sum(axis=1, keepdims=True), 1)
+    lit = measured & (np.minimum(first, second) > _DARK * mean)
     difference = np.where(lit, second - first, np.float32(np.nan))
-    change, rms = least_squares(difference, vectors)
+    change, _ = least_squares(difference, vectors)
     usable = lit.sum(axis=1)
-    kept = (usable >= _FEWEST_LIT) & (rms >= 0) & change.any(axis=1)
+    kept = (usable >= _FEWEST_LIT) & change.any(axis=1)
     if np.count_nonzero(kept) < _FEWEST_PAIRS:
         return None
-    explained = np.einsum("pc,pcn->pn", change[kept], vectors[kept if len(vectors) > 1 else [0]])
-    noise = (difference[kept] - explained) / np.sqrt(2 * (1 - 3 / usable[kept, None]))
-    inside = lit[kept]
-    return _fitted((signal[kept] * intensities)[inside], (noise * intensities)[inside], intensities)
+    lit, usable, signal = lit[kept], usable[kept, None], signal[kept]
+    of_kept = vectors[kept if len(vectors) > 1 else [0]]
+    free = 1 - 3 / usable
+    noise = difference[kept] - np.einsum("pc,pcn->pn", change[kept], of_kept)
+    noise /= np.sqrt(2 * free)
+    law = _fitted((signal * intensities)[lit], (noise * intensities)[lit], intensities)
+    if law is None:
+        return None
+    # Where many samples are outliers, they spoil the differences more than a robust fit.
+    values = np.where(lit, first[kept], np.float32(np.nan))
+    scaled, _ = cauchy(values, of_kept)
+    residual = values - np.einsum("pc,pcn->pn", scaled, of_kept)
+    variance = law[:, 0] + law[:, 1] * np.where(lit, signal, 0)
+    ratio = np.abs(residual / np.sqrt(free * variance))
+    largest = _LARGEST * MAD_TO_SIGMA * float(np.median(ratio[lit]))
+    return np.asarray(law * min(largest, 1.0) ** 2, np.float32)
 
 
 def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:

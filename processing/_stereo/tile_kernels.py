@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from processing._stereo.frames import TILE
 
-# Compiled in: processing/_stereo/frames.py b24fdf856ab6
+# Compiled in: processing/_stereo/frames.py ed9bdbecff92
 
 Float = npt.NDArray[np.float32]
 

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from processing._stereo.frames import TILE, Frames, Samples, load_tile
+from processing._stereo.frames import TILE, Flat, Frames, load_tile
 from processing._stereo.light_model import LightModel
 from processing._stereo.stereo_maps import StereoMaps
 from processing._stereo.tile_kernels import (
@@ -25,8 +25,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py b24fdf856ab6
-# Compiled in: processing/_stereo/tile_kernels.py 8fba2751b4de
+# Compiled in: processing/_stereo/frames.py ed9bdbecff92
+# Compiled in: processing/_stereo/tile_kernels.py 1c123c374ef9
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -214,7 +214,7 @@ def _write(
 
 @numba.njit(cache=True)
 def _solve_block(
-    flat: Samples, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
+    flat: Flat, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
     limit: np.float32, points: Double, vectors: Float, inverse: Float,
     positions: Float, axes: Float, mu: Float, reference: Float,
     first: int, last: int, mask: Mask,
@@ -261,7 +261,7 @@ def _solve_block(
 
 @numba.njit(parallel=True, cache=True)
 def _solve(
-    flat: Samples, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
+    flat: Flat, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
     limit: np.float32, points: Double, vectors: Float, inverse: Float,
     positions: Float, axes: Float, mu: Float, reference: Float, first: int, last: int, mask: Mask,
     normals: Float, albedo: Float, residual: Float, used: npt.NDArray[np.uint16], left: Mask,
