@@ -33,5 +33,4 @@ def test_a_glossy_plane_at_30_degrees_off_axis():
         ).mean()
         for given in (camera, None)
     )
-    print(known, distant)
     assert known < 0.5 * distant
