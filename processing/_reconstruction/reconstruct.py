@@ -212,6 +212,7 @@ def reconstruct(
             lights,
             mask,
             source.camera,
+            method=method,
             height_mm=height_mm,
             rests_on_plane=rests_on_plane,
             on_step=lambda done, total: on_progress("height", done, total),
@@ -236,6 +237,7 @@ def reconstruct(
             method=method,
             points_mm=points_mm,
             noise=stack.noise,
+            camera=source.camera,
             on_progress=on_progress,
         )
     else:
@@ -246,6 +248,7 @@ def reconstruct(
             method=method,
             points_mm=points_mm,
             noise=stack.noise,
+            camera=source.camera,
             on_progress=on_progress,
         )
         del gray
