@@ -8,12 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, setup_notices
-from calibration import Channel, EstimateError, linear_stack, luma
+from calibration import Channel, EstimateError, Stack, linear_stack, luma
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.curve_check import curve_warnings
+from processing._reconstruction.light_strengths import LightStrengths, light_strengths
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
@@ -25,7 +26,7 @@ from processing._reconstruction.quality import ImageQuality, image_quality
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
-from rig import Notice, Progress, check_type, no_progress
+from rig import Notice, Progress, check_type, no_progress, pluralize
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
@@ -53,6 +54,10 @@ class Reconstruction:
         The height; None if it was not requested.
     quality
         Agreement of images, lights and normals.
+    excluded
+        Names of the images that were left out because they disagree with the others.
+    strengths
+        Strengths of the lights, if they were estimated.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -70,6 +75,8 @@ class Reconstruction:
     albedo: npt.NDArray[np.float32]
     surface: HeightMap | None
     quality: ImageQuality
+    excluded: tuple[str, ...]
+    strengths: LightStrengths | None
     error: AngularError | None
     previews: tuple[npt.NDArray[np.float32], ...]
     near_height: NearHeight | None
@@ -92,6 +99,8 @@ def reconstruct(
     distant: bool = False,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
+    exclude_disagreeing: bool = False,
+    semi_calibrated: bool = False,
     surface: bool = True,
     on_progress: Progress = no_progress,
 ) -> Reconstruction:
@@ -122,6 +131,11 @@ def reconstruct(
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
         The lowest points of the object are in the working plane. Only for near lights.
+    exclude_disagreeing
+        Leave out images that the other images contradict (see `image_quality`), unless so many do
+        that it is not known which are right.
+    semi_calibrated
+        Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
     surface
         Also integrate the normals.
     on_progress
@@ -186,23 +200,36 @@ def reconstruct(
         text = f"images left out because they show no light: {', '.join(dark)}"
         warnings.append(Notice("lights-unlit", text))
         stack, lights, gray = stack.take(lit), lights.take(lit), gray[lit]
+    strengths = None
+    if semi_calibrated:
+        strengths = light_strengths(gray, lights, mask, points_mm=points_mm)
+        stack, gray = _divided(stack, gray, strengths)
     # Before the height, which a wrong curve would bend.
     warnings += curve_warnings(source, gray, lights, mask, points_mm)
-    near = None
-    if points_mm is not None and source.camera is not None:
-        near = near_height(
-            gray,
-            lights,
-            mask,
-            source.camera,
-            height_mm=height_mm,
-            rests_on_plane=rests_on_plane,
-            on_step=lambda done, total: on_progress("height", done, total),
-        )
-        warnings += near.warnings
-        del points_mm
-        points_mm = source.camera.points_at(near.depth)
+    heights = _Heights(source, mask, points_mm, height_mm, rests_on_plane, on_progress)
+    near, points_mm = heights.of(gray, lights)
+    if strengths is not None:
+        # Of near lights, strengths and heights depend on each other.
+        if near is not None:
+            again = light_strengths(gray, lights, mask, points_mm=points_mm)
+            stack, gray = _divided(stack, gray, again)
+            near, points_mm = heights.of(gray, lights)
+            strengths = strengths.refined(again)
+        lights = strengths.lights
+        source = replace(source, lights=_with_strengths(source.lights, lights))
+        warnings += strengths.warnings
     quality = image_quality(gray, lights, mask, points_mm=points_mm)
+    excluded: tuple[str, ...] = ()
+    if exclude_disagreeing:
+        kept = quality.scheme.agreeing(len(lights))
+        excluded = tuple(name for i, name in enumerate(lights.ids) if i not in kept)
+        warnings += _exclusion(excluded, quality)
+        if excluded:
+            stack, lights, gray = stack.take(kept), lights.take(kept), gray[kept]
+            near, points_mm = heights.of(gray, lights)
+            quality = image_quality(gray, lights, mask, points_mm=points_mm)
+    if near is not None:
+        warnings += near.warnings
     warnings += quality.warnings
     previews = tuple(
         image.copy() if pattern is None else gray_picture(image, pattern)
@@ -259,11 +286,80 @@ def reconstruct(
         albedo=albedo,
         surface=height,
         quality=quality,
+        excluded=excluded,
+        strengths=strengths,
         error=None if truth is None else angular_error(normal_map, truth, mask),
         previews=previews,
         near_height=near,
         warnings=tuple(warnings),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Heights:
+    """Where the surface is, from the images."""
+
+    source: Source
+    mask: npt.NDArray[np.bool_]
+    plane_mm: npt.NDArray[np.float64] | None
+    height_mm: float | None
+    rests_on_plane: bool
+    on_progress: Progress
+
+    def of(
+        self, values: npt.NDArray[np.float32], lights: Lights
+    ) -> tuple[NearHeight | None, npt.NDArray[np.float64] | None]:
+        """Return the height under near lights and the points; None under distant lights."""
+        camera = self.source.camera
+        if self.plane_mm is None or camera is None:
+            return None, self.plane_mm
+        near = near_height(
+            values,
+            lights,
+            self.mask,
+            camera,
+            height_mm=self.height_mm,
+            rests_on_plane=self.rests_on_plane,
+            on_step=lambda done, total: self.on_progress("height", done, total),
+        )
+        return near, camera.points_at(near.depth)
+
+
+def _divided(
+    stack: Stack, gray: npt.NDArray[np.float32], strengths: LightStrengths
+) -> tuple[Stack, npt.NDArray[np.float32]]:
+    """Return the stack and its gray images under the estimated strengths."""
+    factors = strengths.factors
+    noise = stack.noise
+    if noise is not None:
+        noise = replace(noise, intensities=noise.intensities * factors[:, None])
+    single = factors.astype(np.float32)
+    shape = (-1,) + (1,) * (stack.values.ndim - 1)
+    same = gray is stack.values
+    stack = replace(stack, values=stack.values / single.reshape(shape), noise=noise)
+    return stack, stack.values if same else gray / single[:, None, None]
+
+
+def _with_strengths(given: Lights | None, estimated: Lights) -> Lights | None:
+    """Return the lights of a source with the estimated intensities of those that were used."""
+    if given is None or given.intensities is None or estimated.intensities is None:
+        return given
+    intensities = given.intensities.copy()
+    places = [given.ids.index(name) for name in estimated.ids]
+    intensities[places] = estimated.intensities
+    return replace(given, intensities=intensities)
+
+
+def _exclusion(excluded: tuple[str, ...], quality: ImageQuality) -> list[Notice]:
+    """Return what was left out, and why."""
+    if not excluded:
+        return []
+    reasons = [f"{quality.ids[one.image]} ({one.text})" for one in quality.scheme.found]
+    text = (
+        f"{pluralize(len(excluded), 'image is', 'images are')} left out because the others "
+        f"contradict them: {', '.join(reasons)}"
+    )
+    return [Notice("images-excluded", text, ", ".join(excluded))]
 
 
 def _mask_warning(mask: npt.NDArray[np.bool_]) -> list[Notice]:
