@@ -97,7 +97,7 @@ class PredictedCells:
         return found
 
     def shifts_px(self) -> Double:
-        """Return ``(N, 2)`` shifts right and down in pixels, 0 where there is none."""
+        """Return ``(N, 2)`` shifts right and down in pixels, 0 if an image fits."""
         count = len(self._left)
         shifts, better = np.zeros((count, 2)), np.zeros(count, np.bool_)
         for i in range(count):

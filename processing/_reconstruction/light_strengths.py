@@ -10,7 +10,12 @@ import numpy.typing as npt
 from acquisition import DataError, LightErrors, Lights
 from calibration import EstimateError, check_linear
 from processing._reconstruction.cells import cells_of
-from processing._reconstruction.strength_fit import StrengthFit, fit_strengths, light_vectors
+from processing._reconstruction.strength_fit import (
+    StrengthFit,
+    fit_strengths,
+    light_vectors,
+    solve_normals,
+)
 from rig import Notice, check_type, pluralize, short_repr
 
 Double = npt.NDArray[np.float64]
@@ -26,7 +31,7 @@ _UNKNOWN = 0.1
 _UNCERTAIN = 0.03
 # A light is outside of the plane of the others by this sine at least.
 _LEAST_SINE = 0.05
-# Of directions of normals, the second largest standard deviation: .02 is 1 degree.
+# Of directions of normals, the larger standard deviation: .02 is 1 degree.
 _LEAST_RELIEF = 0.02
 
 
@@ -135,9 +140,14 @@ def light_strengths(
             "too few pixels are lit by half of the lights to estimate strengths: at least "
             f"{_FEWEST_PIXELS} are required"
         )
+    if _relief(fit) < _LEAST_RELIEF:
+        raise EstimateError(
+            "the object is too flat to show strengths of lights: under other strengths, a plane "
+            "looks like a plane in another direction; use an object with relief"
+        )
     sigmas = _sigmas(fit, some[fit.kept], cells.mask.shape)
     if not np.max(sigmas) < _UNKNOWN:
-        raise EstimateError(_why_unknown(fit, lights.ids, sigmas))
+        raise EstimateError(_why_unknown(lights.ids, sigmas))
     factors = np.exp(fit.logarithms - fit.logarithms.mean())
     uncertain = np.flatnonzero(sigmas > _UNCERTAIN)
     warnings = []
@@ -205,14 +215,18 @@ def _sigmas(fit: StrengthFit, places: npt.NDArray[np.intp], shape: tuple[int, ..
     return sigmas
 
 
-def _why_unknown(fit: StrengthFit, ids: tuple[str, ...], sigmas: Double) -> str:
-    unit = fit.scaled_normals / np.linalg.norm(fit.scaled_normals, axis=1, keepdims=True)
-    relief = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(unit.T))[1], 0))
-    if relief < _LEAST_RELIEF:
-        return (
-            "the object is too flat to show strengths of lights: under other strengths, a plane "
-            "looks like a plane in another direction; use an object with relief"
-        )
+def _relief(fit: StrengthFit) -> float:
+    """Return the larger standard deviation of the directions of normals, without that of noise."""
+    length = np.maximum(np.linalg.norm(fit.scaled_normals, axis=1), 1e-12)
+    unit = fit.scaled_normals / length[:, None]
+    _, inverse = solve_normals(fit.samples, fit.weights, fit.vectors)
+    noise = np.mean(inverse * ((fit.spread / length) ** 2)[:, None, None], axis=0)
+    across = np.linalg.svd(unit.mean(axis=0)[None])[2][1:]
+    left = across @ (np.cov(unit.T) - noise) @ across.T
+    return float(np.sqrt(np.maximum(np.linalg.eigvalsh(left)[1], 0)))
+
+
+def _why_unknown(ids: tuple[str, ...], sigmas: Double) -> str:
     worst = int(np.argmax(sigmas))
     return (
         f"the images do not determine the strength of {ids[worst]} (standard deviation "

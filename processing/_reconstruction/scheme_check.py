@@ -46,7 +46,7 @@ _EQUAL = 0.98
 _LARGEST = 0.995
 _PLATEAU = 0.05
 _PLATEAU_TYPICAL = 4.0
-# Lights closer together than this, or this multiple of the typical deviation, are not told apart.
+# Lights closer together than this, or this multiple of the typical deviation, count as one.
 _SWAPPED_DEG = 4.0
 _SWAPPED_TYPICAL = 4.0
 _SWAPPED_SIGMAS = 2.0
@@ -298,7 +298,7 @@ def scheme_notices(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:
         )
         return [Notice("images-undecided", text)]
     notices = []
-    for kind, code in _CODES.items():
+    for kind in _CODES:
         rows = [one for one in check.found if one.kind == kind]
         if not rows:
             continue
@@ -306,5 +306,5 @@ def scheme_notices(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:
         more = f" and {len(rows) - _LISTED} more" if len(rows) > _LISTED else ""
         noun = pluralize(len(rows), "image does", "images do")
         text = f"{noun} not agree with the others: {names}{more}; {_REMEDIES[kind]}"
-        notices.append(Notice(code, text, ", ".join(ids[one.image] for one in rows)))
+        notices.append(Notice(_CODES[kind], text, ", ".join(ids[one.image] for one in rows)))
     return notices
