@@ -101,6 +101,8 @@ def predict_images(fit: StrengthFit, middle: Double) -> ImagePrediction:
 def _top(expected: Double, seen: Double) -> float:
     ratio = seen / expected
     brightest = expected >= np.quantile(expected, 1 - _TOP)
+    if brightest.all():
+        return 1.0
     return float(np.median(ratio[brightest]) / max(float(np.median(ratio[~brightest])), 1e-6))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, LightErrors, Lights
-from calibration import EstimateError, check_linear
+from calibration import EstimateError, Stack, check_linear
 from processing._reconstruction.cells import cells_of
 from processing._reconstruction.strength_fit import (
     StrengthFit,
@@ -66,6 +66,29 @@ class LightStrengths:
         return LightStrengths(
             _scaled(self.lights, again.factors, again.sigmas), factors, again.sigmas, again.warnings
         )
+
+    def divided(
+        self, stack: Stack, gray: npt.NDArray[np.float32]
+    ) -> tuple[Stack, npt.NDArray[np.float32]]:
+        """Return a stack and its gray images under the estimated strengths."""
+        noise = stack.noise
+        if noise is not None:
+            noise = replace(noise, intensities=noise.intensities * self.factors[:, None])
+        single = self.factors.astype(np.float32)
+        shape = (-1,) + (1,) * (stack.values.ndim - 1)
+        same = gray is stack.values
+        stack = replace(stack, values=stack.values / single.reshape(shape), noise=noise)
+        return stack, stack.values if same else gray / single[:, None, None]
+
+
+def with_strengths(given: Lights | None, estimated: Lights) -> Lights | None:
+    """Return the lights of a source with the estimated intensities of those that were used."""
+    if given is None or given.intensities is None or estimated.intensities is None:
+        return given
+    intensities = given.intensities.copy()
+    places = [given.ids.index(name) for name in estimated.ids]
+    intensities[places] = estimated.intensities
+    return replace(given, intensities=intensities)
 
 
 def light_strengths(

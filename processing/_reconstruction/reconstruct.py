@@ -8,25 +8,33 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, setup_notices
-from calibration import Channel, EstimateError, Stack, linear_stack, luma
+from calibration import Channel, EstimateError, linear_stack, luma
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.curve_check import curve_warnings
-from processing._reconstruction.light_strengths import LightStrengths, light_strengths
+from processing._reconstruction.error_bars import error_bars
+from processing._reconstruction.heights import Heights
+from processing._reconstruction.light_strengths import (
+    LightStrengths,
+    light_strengths,
+    with_strengths,
+)
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
     blocks_of_sites,
     gray_picture,
 )
-from processing._reconstruction.near_height import NearHeight, near_height
+from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality, image_quality
+from processing._reconstruction.scheme_check import exclusion
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
-from rig import Notice, Progress, check_type, no_progress, pluralize
+from processing._uncertainty.normal_uncertainty import NormalUncertainty
+from rig import Notice, Progress, check_type, no_progress
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
@@ -46,10 +54,12 @@ class Reconstruction:
     mask
         ``(H, W)`` bool, the object: the mask of the source, or one computed from the images.
     stereo
-        Normals, gray albedo and residual.
+        Normals of the valid pixels, gray albedo and residual.
     albedo
         ``(H, W, 3)`` float32 linear RGB if the images have colour, else the gray albedo
         ``(H, W)``; see `colour_albedo`. 0 outside the mask of the normals.
+    uncertainty
+        Standard deviations of the normals, what the samples show, and why pixels are not valid.
     surface
         The height; None if it was not requested.
     quality
@@ -73,6 +83,7 @@ class Reconstruction:
     mask: npt.NDArray[np.bool_]
     stereo: PhotometricStereoResult
     albedo: npt.NDArray[np.float32]
+    uncertainty: NormalUncertainty
     surface: HeightMap | None
     quality: ImageQuality
     excluded: tuple[str, ...]
@@ -139,8 +150,8 @@ def reconstruct(
     surface
         Also integrate the normals.
     on_progress
-        Callback that receives the progress of the stages ``reading``, ``normals`` and, for
-        images in colour, ``colour``.
+        Callback that receives the progress of the stages ``reading``, ``normals``, ``error bars``
+        and, for images in colour, ``colour``.
 
     Returns
     -------
@@ -203,27 +214,27 @@ def reconstruct(
     strengths = None
     if semi_calibrated:
         strengths = light_strengths(gray, lights, mask, points_mm=points_mm)
-        stack, gray = _divided(stack, gray, strengths)
+        stack, gray = strengths.divided(stack, gray)
     # Before the height, which a wrong curve would bend.
     warnings += curve_warnings(source, gray, lights, mask, points_mm)
-    heights = _Heights(source, mask, points_mm, height_mm, rests_on_plane, on_progress)
+    heights = Heights(source, mask, points_mm, height_mm, rests_on_plane, on_progress)
     near, points_mm = heights.of(gray, lights)
     if strengths is not None:
         # Of near lights, strengths and heights depend on each other.
         if near is not None:
             again = light_strengths(gray, lights, mask, points_mm=points_mm)
-            stack, gray = _divided(stack, gray, again)
+            stack, gray = again.divided(stack, gray)
             near, points_mm = heights.of(gray, lights)
             strengths = strengths.refined(again)
         lights = strengths.lights
-        source = replace(source, lights=_with_strengths(source.lights, lights))
+        source = replace(source, lights=with_strengths(source.lights, lights))
         warnings += strengths.warnings
     quality = image_quality(gray, lights, mask, points_mm=points_mm)
     excluded: tuple[str, ...] = ()
     if exclude_disagreeing:
         kept = quality.scheme.agreeing(len(lights))
         excluded = tuple(name for i, name in enumerate(lights.ids) if i not in kept)
-        warnings += _exclusion(excluded, quality)
+        warnings += exclusion(quality.scheme, lights.ids)
         if excluded:
             stack, lights, gray = stack.take(kept), lights.take(kept), gray[kept]
             near, points_mm = heights.of(gray, lights)
@@ -258,19 +269,21 @@ def reconstruct(
             on_progress=on_progress,
         )
         del gray
+    warnings += stereo.warnings
+    stereo, uncertainty, doubts = error_bars(
+        stack, lights, mask, stereo, albedo, points_mm, near, source.camera, on_progress
+    )
+    warnings += doubts
+    _check_facing(source, stereo)
     used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
-    if float(np.mean(normal_map.normals[normal_map.mask, 2])) < 0:
-        raise EstimateError(
-            f"{source.path}: the normals face away from the camera: check that the light "
-            "directions point from the object toward the lights, with z toward the camera"
-        )
-    warnings += stereo.warnings
     if pattern is not None:
         albedo = albedo_of_sites(stereo.albedo, normal_map.mask, pattern)
         stereo = replace(stereo, albedo=luma(albedo))
-    elif albedo is None:
+    elif albedo is not None:
+        albedo[~normal_map.mask] = 0
+    else:
         albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
     height = None
     if surface:
@@ -284,6 +297,7 @@ def reconstruct(
         mask=mask,
         stereo=stereo,
         albedo=albedo,
+        uncertainty=uncertainty,
         surface=height,
         quality=quality,
         excluded=excluded,
@@ -295,71 +309,13 @@ def reconstruct(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Heights:
-    """Where the surface is, from the images."""
-
-    source: Source
-    mask: npt.NDArray[np.bool_]
-    plane_mm: npt.NDArray[np.float64] | None
-    height_mm: float | None
-    rests_on_plane: bool
-    on_progress: Progress
-
-    def of(
-        self, values: npt.NDArray[np.float32], lights: Lights
-    ) -> tuple[NearHeight | None, npt.NDArray[np.float64] | None]:
-        """Return the height under near lights and the points; None under distant lights."""
-        camera = self.source.camera
-        if self.plane_mm is None or camera is None:
-            return None, self.plane_mm
-        near = near_height(
-            values,
-            lights,
-            self.mask,
-            camera,
-            height_mm=self.height_mm,
-            rests_on_plane=self.rests_on_plane,
-            on_step=lambda done, total: self.on_progress("height", done, total),
+def _check_facing(source: Source, stereo: PhotometricStereoResult) -> None:
+    normal_map = stereo.normal_map
+    if float(np.mean(normal_map.normals[normal_map.mask, 2])) < 0:
+        raise EstimateError(
+            f"{source.path}: the normals face away from the camera: check that the light "
+            "directions point from the object toward the lights, with z toward the camera"
         )
-        return near, camera.points_at(near.depth)
-
-
-def _divided(
-    stack: Stack, gray: npt.NDArray[np.float32], strengths: LightStrengths
-) -> tuple[Stack, npt.NDArray[np.float32]]:
-    """Return the stack and its gray images under the estimated strengths."""
-    factors = strengths.factors
-    noise = stack.noise
-    if noise is not None:
-        noise = replace(noise, intensities=noise.intensities * factors[:, None])
-    single = factors.astype(np.float32)
-    shape = (-1,) + (1,) * (stack.values.ndim - 1)
-    same = gray is stack.values
-    stack = replace(stack, values=stack.values / single.reshape(shape), noise=noise)
-    return stack, stack.values if same else gray / single[:, None, None]
-
-
-def _with_strengths(given: Lights | None, estimated: Lights) -> Lights | None:
-    """Return the lights of a source with the estimated intensities of those that were used."""
-    if given is None or given.intensities is None or estimated.intensities is None:
-        return given
-    intensities = given.intensities.copy()
-    places = [given.ids.index(name) for name in estimated.ids]
-    intensities[places] = estimated.intensities
-    return replace(given, intensities=intensities)
-
-
-def _exclusion(excluded: tuple[str, ...], quality: ImageQuality) -> list[Notice]:
-    """Return what was left out, and why."""
-    if not excluded:
-        return []
-    reasons = [f"{quality.ids[one.image]} ({one.text})" for one in quality.scheme.found]
-    text = (
-        f"{pluralize(len(excluded), 'image is', 'images are')} left out because the others "
-        f"contradict them: {', '.join(reasons)}"
-    )
-    return [Notice("images-excluded", text, ", ".join(excluded))]
 
 
 def _mask_warning(mask: npt.NDArray[np.bool_]) -> list[Notice]:

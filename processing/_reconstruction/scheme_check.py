@@ -308,3 +308,13 @@ def scheme_notices(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:
         text = f"{noun} not agree with the others: {names}{more}; {_REMEDIES[kind]}"
         notices.append(Notice(_CODES[kind], text, ", ".join(ids[one.image] for one in rows)))
     return notices
+
+
+def exclusion(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:
+    """Return what is left out, and why; nothing if it is not known which images are right."""
+    if check.undecided or not check.found:
+        return []
+    reasons = ", ".join(f"{ids[one.image]} ({one.text})" for one in check.found)
+    noun = pluralize(len(check.found), "image is", "images are")
+    text = f"{noun} left out because the others contradict them: {reasons}"
+    return [Notice("images-excluded", text, ", ".join(ids[one.image] for one in check.found))]
