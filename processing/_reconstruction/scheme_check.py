@@ -218,7 +218,7 @@ def _light_faults(
 
 def _brightness_faults(fit: StrengthFit, left: Double) -> list[Disagreement]:
     typical = _spread(left)
-    sigma = np.sqrt(np.diag(fit.covariance()))
+    sigma = np.sqrt(np.maximum(np.diag(fit.covariance()), 0))
     # The tilt explains three of few deviations.
     few = len(left) / (len(left) - 3)
     common = few * max(np.log1p(_BRIGHTNESS), _BRIGHTNESS_TYPICAL * typical)
