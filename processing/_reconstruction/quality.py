@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -61,7 +61,7 @@ class ImageQuality:
     light_error_deg: Double
     light_gain: Double
     curl: float
-    scheme: SchemeCheck
+    scheme: SchemeCheck = field(repr=False)
     ids: tuple[str, ...]
     warnings: tuple[Notice, ...]
 

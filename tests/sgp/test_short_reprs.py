@@ -97,8 +97,7 @@ EXAMPLES: list[tuple[object, str]] = [
     (processing.TransferFidelity(NORMALS, NORMALS, SEPARATION),
      f"TransferFidelity({SEPARATION!r})"),
     (QUALITY, "ImageQuality(residual=0.02, consistency=0.01, used=0.9, image_residual=float32[3], "
-              "light_error_deg=float32[3], light_gain=float32[3], curl=0.1, scheme=SchemeCheck(...), "
-              "ids=3 items)"),
+              "light_error_deg=float32[3], light_gain=float32[3], curl=0.1, ids=3 items)"),
     (ERROR, "AngularError(mae_deg=8.394, median_deg=6, coverage=1, map_deg=float32[4, 5])"),
     (HEIGHT, "HeightMap(float32[4, 5] in mm, pixel size 0.5 mm)"),
     (processing.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
