@@ -1,3 +1,5 @@
+from ._curvature.curvature import Curvature as Curvature
+from ._curvature.curvature import curvature as curvature
 from ._detail.filter_kind import FilterKind as FilterKind
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
 from ._detail.local_transfer import transfer_local as transfer_local
@@ -49,9 +51,11 @@ from ._reconstruction.near_height import NearHeight as NearHeight
 from ._reconstruction.quality import ImageQuality as ImageQuality
 from ._reconstruction.quality import image_quality as image_quality
 from ._reconstruction.reconstruct import Reconstruction as Reconstruction
+from ._reconstruction.reconstruct import StereoChannel as StereoChannel
 from ._reconstruction.reconstruct import reconstruct as reconstruct
 from ._reconstruction.scheme_check import Disagreement as Disagreement
 from ._reconstruction.scheme_check import SchemeCheck as SchemeCheck
+from ._reconstruction.specular import specular_residual as specular_residual
 from ._stereo.estimator import Estimator as Estimator
 from ._stereo.method import Method as Method
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult

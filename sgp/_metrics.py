@@ -201,6 +201,19 @@ class SurfaceMetrics(MeshMetrics):
     ]
 
 
+class CurvatureMetrics(TypedDict):
+    """Figures of a map of curvatures."""
+
+    unit: Annotated[Literal["mm", "px"], "", "unit of lengths; `px` if the scale is not known"]
+    pixels: Annotated[int, "px", "pixels with a curvature"]
+    scale: Annotated[float, "`unit`", "standard deviation of the weights of the fits"]
+    mean_median: Annotated[
+        float, "1/`unit`", "median of the mean curvature, positive where convex toward the camera"
+    ]
+    mean_rms: Annotated[float, "1/`unit`", "root mean square of the mean curvature"]
+    gaussian_median: Annotated[float, "1/`unit`^2", "median of the Gaussian curvature"]
+
+
 class StagesMetrics(TypedDict):
     """Figures of the stages of the pipeline, by stage."""
 
@@ -512,6 +525,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp normals": (NormalsMetrics,),
     "sgp inspect": (InspectMetrics,),
     "sgp surface": (SurfaceMetrics,),
+    "sgp curvature": (CurvatureMetrics,),
     "sgp run": (RunMetrics, NormalsMetrics, SeparationMetrics, SurfaceMetrics),
     "sgp demo": (DemoMetrics,),
     "sgp detail separate": (SeparationMetrics,),

@@ -15,7 +15,6 @@ from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
 
 import acquisition
-import calibration
 import processing
 from rig import MAX_PIXELS
 from sgp._exit import UsageError
@@ -120,6 +119,8 @@ Steps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=1
 Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=4096))]
 Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]
 Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]
+# The range of `processing.curvature`.
+FitScale = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.3, lte=100))]
 # One day; the camera checks its own range.
 Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]
 Gamma = Annotated[str, Parameter(converter=_gamma)]
@@ -216,7 +217,8 @@ class SourceOptions(RecordingOptions):
         cauchy (gives shadows and highlights a low weight), or best (also fits the reflectance;
         most accurate on surfaces that are not matte, and takes about three times as long).
     channel
-        gray, rgb (one solution per channel, averaged), or mosaic (the normal of every site of a
+        gray, rgb (one solution per channel, averaged), joint (one normal and one albedo per channel
+        that explain all channels best), or mosaic (the normal of every site of a
         colour mosaic from its own samples, without interpolation between pixels).
     height_mm
         Mean height of the object above the working plane, for lights with positions; default: the
@@ -229,7 +231,7 @@ class SourceOptions(RecordingOptions):
     """
 
     method: processing.Method = "cauchy"
-    channel: calibration.Channel = "gray"
+    channel: processing.StereoChannel = "gray"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
     semi_calibrated: bool = False

@@ -29,7 +29,7 @@ def write_normals_stage(
     maps: MapOptions = _MAPS,
     picture: processing.AlbedoPicture | None = None,
 ) -> Result:
-    """Write normals and albedo as .exr and .png, error bars, maps and mask; return files, figures.
+    """Write normals, albedo, error bars and maps of doubts; return files and figures.
 
     ``picture`` is that of the albedo, if it is known.
     """
@@ -42,6 +42,7 @@ def write_normals_stage(
     values = {
         "albedo": stage.albedo,
         "residual": solved.residual,
+        "specular": stage.specular,
         "used": solved.used.astype(np.float32),
         "normal_sigma_deg": stage.uncertainty.sigma_deg,
     }

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, setup_notices
-from calibration import Channel, EstimateError, linear_stack, luma
+from calibration import EstimateError, linear_stack, luma
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
@@ -21,6 +22,7 @@ from processing._reconstruction.light_strengths import (
     light_strengths,
     with_strengths,
 )
+from processing._reconstruction.joint_colours import joint_stereo
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
@@ -30,11 +32,14 @@ from processing._reconstruction.mosaic import (
 from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality, image_quality
 from processing._reconstruction.scheme_check import exclusion
+from processing._reconstruction.specular import specular_residual
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
 from processing._uncertainty.normal_uncertainty import NormalUncertainty
 from rig import Notice, Progress, check_type, no_progress
+
+StereoChannel = Literal["gray", "rgb", "joint", "mosaic"]
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
@@ -60,6 +65,8 @@ class Reconstruction:
         ``(H, W)``; see `colour_albedo`. 0 outside the mask of the normals.
     uncertainty
         Standard deviations of the normals, what the samples show, and why pixels are not valid.
+    specular
+        ``(H, W)`` float32 mean light above a matte surface, see `specular_residual`.
     surface
         The height; None if it was not requested.
     quality
@@ -84,6 +91,7 @@ class Reconstruction:
     stereo: PhotometricStereoResult
     albedo: npt.NDArray[np.float32]
     uncertainty: NormalUncertainty
+    specular: npt.NDArray[np.float32]
     surface: HeightMap | None
     quality: ImageQuality
     excluded: tuple[str, ...]
@@ -106,7 +114,7 @@ def reconstruct(
     source: Source,
     *,
     method: Method = "cauchy",
-    channel: Channel = "gray",
+    channel: StereoChannel = "gray",
     distant: bool = False,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
@@ -133,7 +141,8 @@ def reconstruct(
         Method of `photometric_stereo`.
     channel
         ``gray``: normals from gray images, for which a mosaic is demosaiced. ``rgb``: one solution
-        per channel; the normals are averaged with weights from the noise. ``mosaic``: normals of
+        per channel; the normals are averaged with weights from the noise. ``joint``: one normal and
+        one albedo per channel that explain the samples of all channels best. ``mosaic``: normals of
         every site of a Bayer mosaic from its own samples, without interpolation, so that edges of
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
@@ -186,9 +195,12 @@ def reconstruct(
         raise DataError(
             f"{source.path}: a height matters only under lights with positions: leave it out"
         )
-    stack = linear_stack(source, channel=channel, on_progress=on_progress)
+    stack = linear_stack(
+        source, channel="rgb" if channel == "joint" else channel, on_progress=on_progress
+    )
     pattern = stack.pattern
-    gray = luma(stack.values) if channel == "rgb" else stack.values
+    colour = channel in ("rgb", "joint")
+    gray = luma(stack.values) if colour else stack.values
     warnings = [*source.warnings, *setup_notices(source), *stack.warnings]
     mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
@@ -247,9 +259,10 @@ def reconstruct(
         for image in (gray[0], gray[-1])
     )
     albedo = None
-    if channel == "rgb":
+    if colour:
         del gray
-        stereo, albedo = stereo_of_colours(
+        of_colours = joint_stereo if channel == "joint" else stereo_of_colours
+        stereo, albedo = of_colours(
             stack.values,
             lights,
             mask,
@@ -275,6 +288,9 @@ def reconstruct(
     )
     warnings += doubts
     _check_facing(source, stereo)
+    specular = specular_residual(
+        stack.values, lights, stereo, points_mm=points_mm, noise=stack.noise
+    )
     used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
@@ -298,6 +314,7 @@ def reconstruct(
         stereo=stereo,
         albedo=albedo,
         uncertainty=uncertainty,
+        specular=specular,
         surface=height,
         quality=quality,
         excluded=excluded,

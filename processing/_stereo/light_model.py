@@ -82,12 +82,19 @@ class LightModel:
         """
         lights = len(stack)
         values = np.ascontiguousarray(stack.reshape(lights, -1)[:, pixels].T)
+        return values, self._vectors(pixels, values)
+
+    def vectors(self, pixels: npt.NDArray[np.intp]) -> Float:
+        """Return the light vectors of `samples`; 0 where a light does not reach the point."""
+        return self._vectors(pixels, np.zeros((len(pixels), len(self._lights)), np.float32))
+
+    def _vectors(self, pixels: npt.NDArray[np.intp], values: Float) -> Float:
         if self._points is None:
             directions = self._lights.unit_directions.T[None]
-            return values, np.ascontiguousarray(directions, np.float32)
-        vectors = np.zeros((len(pixels), 3, lights), np.float32)
+            return np.ascontiguousarray(directions, np.float32)
+        vectors = np.zeros((len(pixels), 3, len(self._lights)), np.float32)
         _near_vectors(self._points, pixels, *_near_parameters(self._lights), values, vectors)
-        return values, vectors
+        return vectors
 
 
 def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:

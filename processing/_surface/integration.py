@@ -158,8 +158,7 @@ def integrate(
     array([-1.25, -0.75, -0.25,  0.25,  0.75,  1.25], dtype=float32)
     """
     check_normal_map("normal_map", normal_map)
-    if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
-        raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
+    _check_pixel(pixel_mm)
     if depth_mm is not None:
         _check_depth(depth_mm, normal_map, camera)
     window = _bounding_box(normal_map.mask)
@@ -260,7 +259,8 @@ def surface_scale(
     Raises
     ------
     DataError
-        If a pixel size and a camera with a working distance are given: each states the scale.
+        If the pixel size is not a positive length, or a pixel size and a camera with a working
+        distance are given: each states the scale.
 
     Examples
     --------
@@ -273,7 +273,13 @@ def surface_scale(
         ...
     processing.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
     """
+    _check_pixel(pixel_mm)
     return _scale(camera, pixel_mm)[:2]
+
+
+def _check_pixel(pixel_mm: float | None) -> None:
+    if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
+        raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
 
 
 def _scale(
