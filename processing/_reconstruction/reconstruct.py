@@ -17,12 +17,12 @@ from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.error_bars import error_bars
 from processing._reconstruction.heights import Heights
+from processing._reconstruction.joint_colours import joint_stereo
 from processing._reconstruction.light_strengths import (
     LightStrengths,
     light_strengths,
     with_strengths,
 )
-from processing._reconstruction.joint_colours import joint_stereo
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
