@@ -152,6 +152,20 @@ class NormalsMetrics(QualityMetrics):
             "turn",
         ]
     ]
+    excluded: NotRequired[
+        Annotated[
+            list[str],
+            "",
+            "`--exclude auto`: images that were left out because others contradict them",
+        ]
+    ]
+    strength_sigma: NotRequired[
+        Annotated[
+            float,
+            "1",
+            "`--semi-calibrated`: median of the relative standard deviations of the strengths",
+        ]
+    ]
 
 
 class SeparationMetrics(TypedDict):

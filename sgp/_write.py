@@ -72,10 +72,17 @@ def write_normals_stage(
     result.parameters = {"albedo_png": {"white": picture.white}}
     metrics = normals_metrics(stage)
     result.metrics = metrics
+    if stage.strengths is not None:
+        result.outputs["lights"] = folder / "lights.json"
+        made_by = {"command": "sgp", "semi_calibrated": True}
+        acquisition.write_lights(
+            result.outputs["lights"], stage.strengths.lights, provenance=made_by
+        )
     solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
     result.summary = [
         *quality_lines(stage.quality),
         *_height_line(metrics),
+        *_strength_line(stage.strengths),
         *sigma_lines(stage.uncertainty, stage.mask),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
         f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
@@ -95,6 +102,16 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
     # Gloss would shift the height that explains the images best.
     known = "" if sigma is None else f" (sd {sigma:.2g}, if it is matte)"
     return [f"mean height {metrics['mean_height_mm']:.2f} mm above the working plane{known}"]
+
+
+def _strength_line(strengths: processing.LightStrengths | None) -> list[str]:
+    if strengths is None:
+        return []
+    factors = strengths.factors
+    return [
+        f"strengths of lights {factors.min():.2f} to {factors.max():.2f} of the given ones "
+        f"(sd {np.median(strengths.sigmas):.1%}); their geometric mean is fixed"
+    ]
 
 
 def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
@@ -118,6 +135,10 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         metrics["height_changes_mm"] = [step.change_mm for step in near.steps]
         if np.isfinite(near.mean_height_sigma_mm):
             metrics["mean_height_sigma_mm"] = near.mean_height_sigma_mm
+    if stage.excluded:
+        metrics["excluded"] = list(stage.excluded)
+    if stage.strengths is not None:
+        metrics["strength_sigma"] = float(np.median(stage.strengths.sigmas))
     if stage.error is not None:
         metrics["coverage"] = stage.error.coverage
         metrics["mae_deg"] = stage.error.mae_deg
