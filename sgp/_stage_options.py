@@ -8,6 +8,7 @@ from typing import Literal
 from cyclopts import Parameter
 
 import processing
+from sgp._exit import UsageError
 from sgp._options import Count, Order, Positive
 
 
@@ -69,6 +70,12 @@ class SurfaceOptions:
         Also write surface.stl.
     obj
         Also write surface.obj, with surface.mtl and the albedo as its texture.
+    discontinuity
+        Look for jumps in depth, where one part of the object hides another, and do not smooth
+        across them; meshes are cut there. discontinuity.png and parts.png show what was found.
+    k
+        With --discontinuity: how small the jumps are that count; steps of 1 / sqrt(k) pixels begin
+        to be jumps. Default: 4.
     """
 
     pixel_mm: Positive | None = None
@@ -76,6 +83,16 @@ class SurfaceOptions:
     normal_texture: bool = False
     stl: bool = False
     obj: bool = False
+    discontinuity: bool = False
+    k: Positive | None = None
+
+    def sharpness(self) -> float:
+        """Return the k of jumps."""
+        if self.k is None:
+            return 4.0
+        if not self.discontinuity:
+            raise UsageError("--k is for jumps in depth: give --discontinuity too")
+        return self.k
 
     def formats(self) -> tuple[str, ...]:
         """Return the suffixes of the meshes to write."""
