@@ -54,12 +54,13 @@ def shares(
             # Differences along the line of the normal: slopes do not count as jumps.
             factor = k * (scale * facing[r, c]) ** 2
             here = u[r, c]
-            before = (here - u[r, c - 1]) ** 2 if right[r, c - 1] > 0 else 0.0
-            after = (here - u[r, c + 1]) ** 2 if right[r, c] > 0 else 0.0
-            share_right[r, c] = _share(factor * (before - after))
-            before = (here - u[r - 1, c]) ** 2 if down[r - 1, c] > 0 else 0.0
-            after = (here - u[r + 1, c]) ** 2 if down[r, c] > 0 else 0.0
-            share_down[r, c] = _share(factor * (before - after))
+            # A neighbour without an opposite one is trusted: nothing contradicts it.
+            if right[r, c - 1] > 0 and right[r, c] > 0:
+                before, after = (here - u[r, c - 1]) ** 2, (here - u[r, c + 1]) ** 2
+                share_right[r, c] = _share(factor * (before - after))
+            if down[r - 1, c] > 0 and down[r, c] > 0:
+                before, after = (here - u[r - 1, c]) ** 2, (here - u[r + 1, c]) ** 2
+                share_down[r, c] = _share(factor * (before - after))
     return share_right, share_down
 
 
