@@ -27,10 +27,9 @@ import numpy as np
 from random_layouts import Array, Layout, layout_of, outline, radius_px
 
 from calibration import EstimateError, SphereCalibration, calibrate_spheres, find_spheres
-from calibration._spheres.cone import Cone
+from calibration._spheres.cone import OUTLINE_SIGMA_PX, Cone
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.joint_refinement import KnownSpheres, linearise, predicted_highlights
-from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX
 from calibration._spheres.placed import place
 from simulator import ChromeSphere
 

@@ -65,3 +65,8 @@ from ._surface.jumps import Jumps as Jumps
 from ._surface.mesh import Mesh as Mesh
 from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh
+from ._surface.solid import solid_mesh as solid_mesh
+from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty
+from ._uncertainty.normal_uncertainty import normal_uncertainty as normal_uncertainty
+from ._uncertainty.sample_kind import Reason as Reason
+from ._uncertainty.sample_kind import SampleKind as SampleKind

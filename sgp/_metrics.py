@@ -65,6 +65,17 @@ class InspectMetrics(QualityMetrics):
     pixels: Annotated[int, "px", "size of the mask"]
 
 
+class SampleShares(TypedDict):
+    """Shares of the samples inside the mask; their sum is 1."""
+
+    lit: Annotated[float, "0..1", "agree with a matte surface"]
+    attached: Annotated[float, "0..1", "the surface faces away from the light"]
+    cast: Annotated[float, "0..1", "something blocks the light"]
+    saturated: Annotated[float, "0..1", "saturated in all exposures, or not measured"]
+    outlier: Annotated[float, "0..1", "contradict the lit ones: highlights, light from elsewhere"]
+    missing: Annotated[float, "0..1", "of lights that shine in another direction"]
+
+
 class NormalsMetrics(QualityMetrics):
     """Figures of an estimation of normals."""
 
@@ -82,6 +93,36 @@ class NormalsMetrics(QualityMetrics):
         "white level",
         "rms deviation of the images from the estimate, over the pixels with a normal; null if it "
         "exceeds the range of numbers",
+    ]
+    normal_sigma_deg: NotRequired[
+        Annotated[
+            float | None,
+            "deg",
+            "median over the pixels of the standard deviations of the normals; null if they are "
+            "not known",
+        ]
+    ]
+    normal_sigma_common_deg: NotRequired[
+        Annotated[
+            float | None,
+            "deg",
+            "median of the part of them that all pixels have in common: errors of the lights and "
+            "of the mean height",
+        ]
+    ]
+    noise_from: NotRequired[
+        Annotated[
+            Literal["sensor", "repeats", "residuals", "unknown"],
+            "",
+            "where the law of the noise is from, on which the standard deviations rest",
+        ]
+    ]
+    samples: NotRequired[
+        Annotated[
+            SampleShares,
+            "",
+            "what the samples inside the mask show",
+        ]
     ]
     mae_deg: NotRequired[
         Annotated[
@@ -121,7 +162,17 @@ class SeparationMetrics(TypedDict):
     ]
 
 
-class SurfaceMetrics(TypedDict):
+class MeshMetrics(TypedDict, total=False):
+    """Figures of meshes with fewer triangles than the surface."""
+
+    triangles: Annotated[int, "", "triangles of each mesh, if a number was requested"]
+    deviation_rms: Annotated[float, "`unit`", "distance of such a mesh from the surface, rms"]
+    deviation_largest: Annotated[
+        float, "`unit`", "largest distance of such a mesh from the surface"
+    ]
+
+
+class SurfaceMetrics(MeshMetrics):
     """Figures of a surface."""
 
     unit: Annotated[Literal["mm", "px"], "", "unit of heights; `px` if the scale is not known"]

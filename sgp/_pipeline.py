@@ -239,7 +239,17 @@ def _normals_panels(
         normals_panel("normals (right red, up green)", solved.normal_map, crop),
         image_panel("albedo", stage.albedo, crop, stage.mask),
         *_doubts(solved, len(names), crop),
+        *_error_bars(stage.uncertainty, crop),
     ]
+
+
+def _error_bars(found: processing.NormalUncertainty, crop: Crop) -> list[Panel]:
+    """Return a map of the standard deviations of the normals, if they are known."""
+    sigma = found.sigma_deg
+    if not np.isfinite(sigma).any():
+        return []
+    title = f"normals: standard deviation, median {np.nanmedian(sigma):.2g} deg"
+    return [map_panel(title, sigma, "deg", crop, error=True)]
 
 
 def _doubts(solved: processing.PhotometricStereoResult, count: int, crop: Crop) -> list[Panel]:

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 import processing
 from sgp._exit import UsageError
-from sgp._options import Count, Order, Positive
+from sgp._options import Count, Order, Positive, Triangles
 
 
 @Parameter(name="*")
@@ -70,6 +70,15 @@ class SurfaceOptions:
         Also write surface.stl.
     obj
         Also write surface.obj, with surface.mtl and the albedo as its texture.
+    triangles
+        Number of triangles to keep in every mesh; vertices are removed where the surface is
+        flattest, and the distance from the surface is reported; default: all triangles.
+    close
+        Also write solid.stl, a watertight solid for printing and CAD: the surface, walls and a flat
+        base.
+    base
+        Thickness of the base of solid.stl below the lowest point, in mm, or in pixels if the scale
+        is not known; default: 2 % of the longer side. Implies --close.
     discontinuity
         Look for jumps in depth, where one part of the object hides another, and do not smooth
         across them; meshes are cut there. discontinuity.png and parts.png show what was found.
@@ -83,6 +92,9 @@ class SurfaceOptions:
     normal_texture: bool = False
     stl: bool = False
     obj: bool = False
+    triangles: Triangles | None = None
+    close: bool = False
+    base: Positive | None = None
     discontinuity: bool = False
     k: Positive | None = None
 

@@ -16,7 +16,9 @@ from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
+from sgp._uncertainty import add_uncertainty, sigma_lines
 from sgp._write_jumps import write_jumps
+from sgp._write_meshes import write_meshes
 
 _WRITERS = 2  # files that are encoded at the same time
 _MAPS, _SURFACE = MapOptions(), SurfaceOptions()
@@ -28,7 +30,7 @@ def write_normals_stage(
     maps: MapOptions = _MAPS,
     picture: processing.AlbedoPicture | None = None,
 ) -> Result:
-    """Write normals and albedo as .exr and .png, residual, used and mask; return files, figures.
+    """Write normals and albedo as .exr and .png, error bars, maps and mask; return files, figures.
 
     ``picture`` is that of the albedo, if it is known.
     """
@@ -42,6 +44,7 @@ def write_normals_stage(
         "albedo": stage.albedo,
         "residual": solved.residual,
         "used": solved.used.astype(np.float32),
+        "normal_sigma_deg": stage.uncertainty.sigma_deg,
     }
     result.outputs |= {name: folder / f"{name}.exr" for name in values}
     with ThreadPoolExecutor(_WRITERS) as pool:
@@ -51,6 +54,12 @@ def write_normals_stage(
         ]
         for done in shown("writing maps", written):
             done.result()
+    for kind in processing.SampleKind:
+        name = f"samples_{kind.name.lower()}"
+        result.outputs[name] = folder / f"{name}.png"
+        acquisition.write_png(result.outputs[name], stage.uncertainty.samples[kind])
+    result.outputs["validity"] = folder / "validity.png"
+    acquisition.write_png(result.outputs["validity"], stage.uncertainty.reason)
     if picture is None:
         picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
     result.outputs["albedo_png"] = folder / "albedo.png"
@@ -67,6 +76,7 @@ def write_normals_stage(
     result.summary = [
         *quality_lines(stage.quality),
         *_height_line(metrics),
+        *sigma_lines(stage.uncertainty, stage.mask),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
         f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
     ]
@@ -101,6 +111,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         ),
     }
     add_quality(metrics, stage.quality)
+    add_uncertainty(metrics, stage.uncertainty, stage.mask)
     near = stage.near_height
     if near is not None and near.steps:
         metrics["mean_height_mm"] = near.mean_height_mm
@@ -164,23 +175,22 @@ def write_surface(
     _write_height_picture(folder / "height.png", height_map, result)
     if height_map.jumps is not None:
         result.outputs |= write_jumps(folder, height_map.jumps)
-    for suffix in shown("writing meshes", options.formats()):
-        path, *others = processing.write_mesh(
-            folder / f"surface.{suffix}",
-            height_map,
-            normals=normal_map,
-            colours=colours,
-            normal_texture=options.normal_texture,
-        )
-        result.outputs[suffix] = path
-        result.outputs |= {f"{suffix}_{other.suffix[1:]}": other for other in others}
+    meshes, figures, notices = write_meshes(folder, height_map, normal_map, options, colours)
+    result.outputs |= meshes
+    result.warnings += notices
     metrics = surface_metrics(height_map)
-    result.metrics = metrics
+    result.metrics = {**metrics, **figures}
     result.summary = [
         f"height range {metrics['height_range']:.4g} {metrics['unit']}, "
         f"{metrics['vertices']} vertices",
         *_jumps_line(metrics),
     ]
+    if "deviation_rms" in figures:
+        result.summary.append(
+            f"meshes of {figures['triangles']} triangles, {figures['deviation_rms']:.2g} "
+            f"{metrics['unit']} rms and at most {figures['deviation_largest']:.2g} "
+            f"{metrics['unit']} from the surface"
+        )
     return result
 
 

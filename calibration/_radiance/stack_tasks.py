@@ -102,8 +102,8 @@ def check_usable(
         )
     if not brightest > least:
         raise EstimateError(
-            f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black: check the "
-            "lights and the exposure"
+            f"{source.path}: {_all(len(ids))} {'is' if len(ids) == 1 else 'are'} black or "
+            "saturated: check the lights and the exposure"
         )
 
 

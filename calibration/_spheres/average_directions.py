@@ -13,7 +13,7 @@ from calibration._spheres.cone import Cone
 from calibration._spheres.direction_errors import direction_covariances
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.joint_refinement import KnownSpheres
-from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, outline_covariance
+from calibration._spheres.outline_noise import outline_covariance
 from calibration._spheres.placed import COMMON_SHARE, common_error, systematic
 from calibration._spheres.reflection import orthographic_directions, reflected_rays
 from calibration._spheres.robust import Array
@@ -40,7 +40,8 @@ def orthographic_lights(shown: SeenTogether, warnings: list[Notice]) -> SphereCa
         return np.stack(rays, axis=1)
 
     # Centre x, centre y and radius of each outline.
-    common = np.tile([0.0, 0.0, OUTLINE_SIGMA_PX * COMMON_SHARE**0.5], (len(outlines), 1))
+    common = np.zeros((len(outlines), 3))
+    common[:, 2] = [COMMON_SHARE**0.5 * image.systematic_px for image in shown.images]
     pairs = zip(shown.images, common, strict=True)
     own = [outline_covariance(image) - np.outer(shared, shared) for image, shared in pairs]
     return _directions(shown, seen_spheres(shown.images), rays_of, own, common, warnings)

@@ -16,6 +16,10 @@ from calibration._spheres.robust import (
     weighted_solve,
 )
 
+# Systematic error of the position and of the radius of an outline, which no scatter shows: where
+# the edge is within a blurred step.
+OUTLINE_SIGMA_PX = 0.03
+
 
 @dataclass(frozen=True, eq=False)
 class Cone:
@@ -29,11 +33,14 @@ class Cone:
         Sine of the half angle: the sphere's radius divided by its distance.
     covariance
         ``(3, 3)`` covariance of ``axis / sine``, the sphere's centre in units of its radius.
+    systematic_px
+        Systematic error of place and radius of the outline, which the covariance does not contain.
     """
 
     axis: Array
     sine: float
     covariance: Array
+    systematic_px: float = OUTLINE_SIGMA_PX
 
 
 def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:

@@ -24,7 +24,7 @@ def profile_offsets() -> Array:
     return offsets
 
 
-def edge_offsets(profiles: Array, blur_px: float, *, curved: bool = False) -> Array:
+def edge_offsets(profiles: Array, blur_px: float) -> Array:
     """Locate the edge in radial profiles across the outline of a mirror sphere.
 
     Just inside its edge, a mirror sphere shows its immediate surroundings, and farther inside it
@@ -41,28 +41,22 @@ def edge_offsets(profiles: Array, blur_px: float, *, curved: bool = False) -> Ar
         ``(M, S)`` linear brightness at `profile_offsets`, from inside to outside.
     blur_px
         Standard deviation of the blur in pixels, one of the values of `estimate_blur`.
-    curved
-        Whether the brightness inside is ``a + b sqrt(d) + c d``, as on a sphere that mirrors a
-        bright plane: without the third term, radii are 0.08 px too large; with it, the edge is less
-        certain.
 
     Returns
     -------
     Array
         ``(M,)`` offset of the edge in pixels, positive outwards; within 1 px.
     """
-    return _offsets(_costs(profiles, blur_px, curved))
+    return _offsets(_costs(profiles, blur_px))
 
 
-def estimate_blur(profiles: Array, *, curved: bool = False) -> float:
+def estimate_blur(profiles: Array) -> float:
     """Return the blur of edges: the standard deviation for which the model fits them best.
 
     Parameters
     ----------
     profiles
         ``(M, S)`` linear brightness at `profile_offsets` of profiles that show an edge; M >= 1.
-    curved
-        As for `edge_offsets`.
 
     Returns
     -------
@@ -70,15 +64,15 @@ def estimate_blur(profiles: Array, *, curved: bool = False) -> float:
         0.35 to 1.4 px; it includes the size of a pixel.
     """
     power = np.maximum(profiles.var(axis=1), 1e-300)
-    misfits = [np.median(_costs(profiles, blur, curved).min(axis=1) / power) for blur in _BLURS_PX]
+    misfits = [np.median(_costs(profiles, blur).min(axis=1) / power) for blur in _BLURS_PX]
     return _BLURS_PX[int(np.argmin(misfits))]
 
 
-def _costs(profiles: Array, blur_px: float, curved: bool) -> Array:
+def _costs(profiles: Array, blur_px: float) -> Array:
     """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
     # The model contains constants, which are removed first for accuracy.
     varying = profiles - profiles.mean(axis=1, keepdims=True)
-    explained = varying @ _bases(blur_px, curved)
+    explained = varying @ _bases(blur_px)
     costs: Array = np.sum(varying**2, axis=1)[:, None] - np.einsum("smb,smb->ms", *[explained] * 2)
     return np.maximum(costs, 0.0)
 
@@ -102,7 +96,7 @@ def _shifts() -> Array:
 
 
 @cache
-def _bases(blur_px: float, curved: bool) -> Array:
+def _bases(blur_px: float) -> Array:
     """Return orthonormal bases ``(shifts, S, parameters)`` of the model."""
     offsets = profile_offsets()
     fine_step = 0.05
@@ -111,10 +105,8 @@ def _bases(blur_px: float, curved: bool) -> Array:
     for shift in _shifts():
         depth = shift - fine
         inside = np.clip(depth / fine_step + 0.5, 0.0, 1.0)  # share of each step
-        within = np.maximum(depth, 0.0)
-        shapes = [1 - inside, np.minimum(depth, 0.0), inside, np.sqrt(within)]
-        if curved:
-            shapes.append(within)
+        limb = np.sqrt(np.maximum(depth, 0.0))
+        shapes = [1 - inside, np.minimum(depth, 0.0), inside, limb]
         blurred = [
             np.interp(offsets, fine, gaussian_filter1d(shape, blur_px / fine_step, mode="nearest"))
             for shape in shapes

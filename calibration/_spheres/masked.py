@@ -8,13 +8,14 @@ import numpy as np
 
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
+from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import mirror_near
 from calibration._spheres.near_circle import outline_near
 from calibration._spheres.outline import OutlineImages
-from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, circle_covariance
+from calibration._spheres.outline_noise import circle_covariance
 from calibration._spheres.painted import is_painted
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage

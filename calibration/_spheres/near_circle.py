@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration._errors import EstimateError
+from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.outline import (
@@ -16,7 +17,7 @@ from calibration._spheres.outline import (
     refine_sharpest,
     scatter_px,
 )
-from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX, circle_covariance
+from calibration._spheres.outline_noise import circle_covariance
 from calibration._spheres.robust import Array
 
 # A sharp outline that is visible over this share of its length is beyond doubt.

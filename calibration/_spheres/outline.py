@@ -175,7 +175,7 @@ def refine_outline(
         angles, offsets, seen = _steepest(image, ellipse, reach)
         ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
         start = ellipse
-    return refine_edges(image, ellipse, curved=False)
+    return _refine_edges(image, ellipse)
 
 
 def refine_sharpest(
@@ -203,14 +203,8 @@ def scatter_px(outline: Ellipse, points_px: Array) -> float:
     return 1.4826 * float(np.median(np.abs(outline.distance_px(points_px))))
 
 
-def refine_edges(
-    image: npt.NDArray[np.float32], guess: Ellipse, *, curved: bool
-) -> tuple[Ellipse, Array, float]:
-    """Fit an outline that is known to a pixel, with the model of a blurred limb.
-
-    ``curved`` is that of `edge_offsets`; other parameters, results and errors are those of
-    `refine_outline`.
-    """
+def _refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellipse, Array, float]:
+    """Fit an outline that is known to a pixel, with the model of a blurred limb."""
     ellipse = guess
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
@@ -219,8 +213,8 @@ def refine_edges(
         profiles = gaussian_filter1d(profiles, _ALONG_PX, axis=0, mode="wrap")
         if not seen.any():
             raise _no_outline(ellipse)
-        blur_px = estimate_blur(profiles[seen], curved=curved)
-        offsets = edge_offsets(profiles, blur_px, curved=curved)
+        blur_px = estimate_blur(profiles[seen])
+        offsets = edge_offsets(profiles, blur_px)
         ellipse, points, coverage = _fit(ellipse, angles[seen], offsets[seen], len(angles), ellipse)
     return ellipse, points, coverage
 

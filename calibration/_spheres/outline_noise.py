@@ -7,14 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from acquisition import CameraModel
-from calibration._spheres.cone import Cone, fit_cone
+from calibration._spheres.cone import OUTLINE_SIGMA_PX, Cone, fit_cone
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array, tukey_weights
 from calibration._spheres.sphere_image import SphereImage
 
-# Systematic error of the position and of the radius of an outline, which no scatter shows: where
-# the edge is within a blurred step.
-OUTLINE_SIGMA_PX = 0.03
 # Edge points are smoothed along the outline by a Gaussian of 4 px: harmonics up to a number of an
 # eighth of the radius in pixels keep their power.
 _RADIUS_PER_HARMONIC_PX = 8.0
@@ -84,16 +81,17 @@ def cone_of(camera: CameraModel, image: SphereImage) -> Cone:
         moved, _ = fit_cone(camera.rays(points + _SMALL_PX * change), 1 / camera.focal_px)
         slopes.append((moved.axis / moved.sine - cone.axis / cone.sine) / _SMALL_PX)
     slope = np.stack(slopes, axis=1)
-    return replace(cone, covariance=slope @ image.covariance_px2 @ slope.T)
+    covariance = slope @ image.covariance_px2 @ slope.T
+    return replace(cone, covariance=covariance, systematic_px=image.systematic_px)
 
 
 def outline_covariance(image: SphereImage) -> Array:
     """Return the covariance ``(3, 3)`` of centre x, centre y and radius of a sphere's outline.
 
-    It includes the systematic error of each, `OUTLINE_SIGMA_PX`.
+    It includes the systematic error of each.
     """
     if image.covariance_px2 is not None:
-        return image.covariance_px2 + np.eye(3) * OUTLINE_SIGMA_PX**2
+        return image.covariance_px2 + np.eye(3) * image.systematic_px**2
     return circle_covariance(image.points_px, image.outline)
 
 

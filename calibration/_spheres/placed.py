@@ -9,7 +9,6 @@ from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
 from calibration._spheres.cone import Cone
 from calibration._spheres.joint_refinement import KnownSpheres
-from calibration._spheres.outline_noise import OUTLINE_SIGMA_PX
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice, pluralize
@@ -88,10 +87,10 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
 def systematic(cone: Cone, camera: CameraModel) -> Array:
     """Return the covariance of a centre in radii from systematic errors of its own outline.
 
-    The scatter of the points does not include them: `OUTLINE_SIGMA_PX` of position and radius,
+    The scatter of the points does not include them: `Cone.systematic_px` of position and radius,
     without the part that all outlines have in common.
     """
-    sideways = OUTLINE_SIGMA_PX / camera.focal_px / cone.sine
+    sideways = cone.systematic_px / camera.focal_px / cone.sine
     in_depth = _in_depth(cone, camera)
     covariance: Array = np.eye(3) * sideways**2
     return covariance + (1 - COMMON_SHARE) * np.outer(in_depth, in_depth)
@@ -106,8 +105,8 @@ def common_error(cone: Cone, camera: CameraModel) -> Array:
 
 
 def _in_depth(cone: Cone, camera: CameraModel) -> Array:
-    """Return the change of a centre in radii if the outline is `OUTLINE_SIGMA_PX` smaller."""
-    sideways = OUTLINE_SIGMA_PX / camera.focal_px / cone.sine
+    """Return the change of a centre in radii if the outline is smaller by its systematic error."""
+    sideways = cone.systematic_px / camera.focal_px / cone.sine
     change: Array = sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis
     return change
 

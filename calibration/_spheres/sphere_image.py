@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.outline import scatter_px
@@ -34,10 +35,12 @@ class SphereImage:
         Highlights, one per light.
     covariance_px2
         ``(3, 3)`` covariance of centre x, centre y and radius of the outline without the systematic
-        error of all outlines (`OUTLINE_SIGMA_PX`), for a sphere that was seen to mirror the plane
+        error of ``systematic_px``, for a sphere that was seen to mirror the plane
         around it, which no other object does, or for an outline near a given circle that is not
         sharp all around; else None, and the scatter of the points shows how well the outline is
         known.
+    systematic_px
+        Systematic error of centre x, centre y and radius, a part of which all outlines share.
     mask_off_px
         Largest difference of centre and radius from the given mask, if the images replaced it; 0
         otherwise.
@@ -50,6 +53,7 @@ class SphereImage:
     coverage: float
     highlights: Highlights
     covariance_px2: Array | None = None
+    systematic_px: float = OUTLINE_SIGMA_PX
     mask_off_px: float = 0.0
     painted: bool = False
 

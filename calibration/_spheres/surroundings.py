@@ -22,6 +22,10 @@ _DEPTHS = (0.88, 0.92, 0.96)
 _TOLERANCE = 0.05
 _FINE_TOLERANCE = 0.03
 _DOWNWARD = 0.05
+# Blocks of the reduced images squared, over the radius: at this depth, a ball mirrors a point that
+# is seven blocks away from its outline.
+_CLEAR_BLOCKS = 6.0
+_LEAST_DEPTH_PX = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +106,13 @@ class MirroredPlane:
         height, width = values.shape[1:]
         self.camera = usual_camera(width, height) if camera is None else camera
         self.camera_known = camera is not None
-        self._some = slice(None, None, max(len(values) // _LIGHTS, 1))
-        self._values = values[self._some]
+        self.some = slice(None, None, max(len(values) // _LIGHTS, 1))
+        self._values = values[self.some]
         self._factor = reduced.factor
-        self._plane = reduced.mean[self._some]
+        self._plane = reduced.mean[self.some]
         self._noise = _noise(self._plane)
+        # Of a pixel, if the noise of neighbouring pixels is independent.
+        self.noise = self._noise * self._factor
         # Parts of the images at the resolutions that were asked for last, by their factors.
         self._blurred: dict[int, list[Values]] = {}
         self._parts: dict[int, tuple[Array, list[Values]]] = {}
@@ -181,6 +187,42 @@ class MirroredPlane:
         fading -= np.median(fading[use]) if use.any() else 0.0
         fading *= 0.5 * np.sqrt(len(near) / (noise / len(near) + _TOLERANCE**2))
         return np.concatenate([ratios, fading[None]]), use
+
+    def mirrored(
+        self, ball: Balls, depths_px: Array, spokes: int
+    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+        """Return what the limb of one ball mirrors, and at which angles it is in the image.
+
+        Where what deeper parts mirror is beyond the frame, the last depth within it continues.
+
+        Parameters
+        ----------
+        ball
+            The ball.
+        depths_px
+            ``(D,)`` depths inside its outline, the least one first.
+        spokes
+            Number J of angles around the outline.
+
+        Returns
+        -------
+        mirrored
+            ``(N, J, D)`` images of the plane.
+        use
+            ``(J,)``.
+        """
+        size = float(ball.radii_px[0])
+        # Closer to the outline than seven blocks of pixels, the reduced images show the ball, too.
+        depths = 1 - np.maximum(depths_px, _CLEAR_BLOCKS * self._factor**2 / size) / size
+        angles = np.arange(spokes) * (2 * np.pi / spokes)
+        _, places, down = _points(self.camera, ball, depths, angles)
+        images, inside = self._mirrored(places, 0.0)
+        use = np.logical_and.accumulate((down & inside).reshape(len(depths), spokes)).T
+        images = np.moveaxis(images.reshape(-1, len(depths), spokes), 1, 2)
+        last = np.minimum(np.maximum(use.sum(axis=1) - 1, 0)[:, None], np.arange(len(depths)))
+        mirrored = np.take_along_axis(images, np.broadcast_to(last, images.shape), axis=2)
+        near: npt.NDArray[np.bool_] = np.all(use[:, depths_px <= _LEAST_DEPTH_PX], axis=1)
+        return mirrored, near
 
     def _limb(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
         """Sample the images near the limb, with pixels of at most a fortieth of a size."""

@@ -14,6 +14,7 @@ from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.curve_check import curve_warnings
+from processing._reconstruction.error_bars import error_bars
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
@@ -25,6 +26,7 @@ from processing._reconstruction.quality import ImageQuality, image_quality
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
+from processing._uncertainty.normal_uncertainty import NormalUncertainty
 from rig import Notice, Progress, check_type, no_progress
 
 # A computed mask beyond these probably contains background.
@@ -45,10 +47,12 @@ class Reconstruction:
     mask
         ``(H, W)`` bool, the object: the mask of the source, or one computed from the images.
     stereo
-        Normals, gray albedo and residual.
+        Normals of the valid pixels, gray albedo and residual.
     albedo
         ``(H, W, 3)`` float32 linear RGB if the images have colour, else the gray albedo
         ``(H, W)``; see `colour_albedo`. 0 outside the mask of the normals.
+    uncertainty
+        Standard deviations of the normals, what the samples show, and why pixels are not valid.
     surface
         The height; None if it was not requested.
     quality
@@ -68,6 +72,7 @@ class Reconstruction:
     mask: npt.NDArray[np.bool_]
     stereo: PhotometricStereoResult
     albedo: npt.NDArray[np.float32]
+    uncertainty: NormalUncertainty
     surface: HeightMap | None
     quality: ImageQuality
     error: AngularError | None
@@ -125,8 +130,8 @@ def reconstruct(
     surface
         Also integrate the normals.
     on_progress
-        Callback that receives the progress of the stages ``reading``, ``normals`` and, for
-        images in colour, ``colour``.
+        Callback that receives the progress of the stages ``reading``, ``normals``, ``error bars``
+        and, for images in colour, ``colour``.
 
     Returns
     -------
@@ -231,19 +236,21 @@ def reconstruct(
             on_progress=on_progress,
         )
         del gray
+    warnings += stereo.warnings
+    stereo, uncertainty, doubts = error_bars(
+        stack, lights, mask, stereo, albedo, points_mm, near, source.camera, on_progress
+    )
+    warnings += doubts
+    _check_facing(source, stereo)
     used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
-    if float(np.mean(normal_map.normals[normal_map.mask, 2])) < 0:
-        raise EstimateError(
-            f"{source.path}: the normals face away from the camera: check that the light "
-            "directions point from the object toward the lights, with z toward the camera"
-        )
-    warnings += stereo.warnings
     if pattern is not None:
         albedo = albedo_of_sites(stereo.albedo, normal_map.mask, pattern)
         stereo = replace(stereo, albedo=luma(albedo))
-    elif albedo is None:
+    elif albedo is not None:
+        albedo[~normal_map.mask] = 0
+    else:
         albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
     height = None
     if surface:
@@ -257,6 +264,7 @@ def reconstruct(
         mask=mask,
         stereo=stereo,
         albedo=albedo,
+        uncertainty=uncertainty,
         surface=height,
         quality=quality,
         error=None if truth is None else angular_error(normal_map, truth, mask),
@@ -264,6 +272,15 @@ def reconstruct(
         near_height=near,
         warnings=tuple(warnings),
     )
+
+
+def _check_facing(source: Source, stereo: PhotometricStereoResult) -> None:
+    normal_map = stereo.normal_map
+    if float(np.mean(normal_map.normals[normal_map.mask, 2])) < 0:
+        raise EstimateError(
+            f"{source.path}: the normals face away from the camera: check that the light "
+            "directions point from the object toward the lights, with z toward the camera"
+        )
 
 
 def _mask_warning(mask: npt.NDArray[np.bool_]) -> list[Notice]:

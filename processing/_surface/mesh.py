@@ -12,6 +12,7 @@ from acquisition import DataError
 from processing._normal_map import NormalMap
 from processing._surface.face_kernels import faces_of
 from processing._surface.integration import HeightMap
+from processing._surface.simplification import pixels_of, sampled, simplified
 from rig import check_type, short_repr
 
 Float = npt.NDArray[np.float32]
@@ -54,12 +55,17 @@ def height_mesh(
     *,
     normals: NormalMap | None = None,
     colours: npt.NDArray[np.uint8] | None = None,
+    triangles: int | None = None,
 ) -> Mesh:
     """Make a mesh from a height map: one vertex per pixel of its mask, in reading order.
 
     Four neighbouring pixels form two triangles, split along the shorter diagonal in space; three of
     the four form one triangle. No triangle connects two parts of the surface, or spans
     a jump that `integrate` found.
+
+    With fewer triangles, edges collapse where the surface is flattest (Garland and Heckbert,
+    Surface simplification using quadric error metrics, 1997; library fast-simplification). Normals
+    and colours of the vertices that are left are interpolated in their images.
 
     Parameters
     ----------
@@ -69,6 +75,8 @@ def height_mesh(
         Normals of the vertices; the map must cover the height map's mask.
     colours
         ``(H, W)`` or ``(H, W, 3)`` uint8 sRGB colours of the vertices.
+    triangles
+        Largest number of triangles to keep; the default is all of them.
 
     Returns
     -------
@@ -78,8 +86,8 @@ def height_mesh(
     Raises
     ------
     DataError
-        If the normals do not cover the height map, the colours have another size or type, or the
-        map contains no triangle.
+        If the normals do not cover the height map, the colours have another size or type, the map
+        contains no triangle, or fewer than four triangles are requested.
 
     Examples
     --------
@@ -105,9 +113,36 @@ def height_mesh(
         raise DataError(
             "the surface contains no triangle: it is nowhere two pixels wide; check the mask"
         )
+    if colours is not None:
+        _check_colours(colours, mask)
+    if triangles is not None:
+        left, fewer = simplified(vertices, faces, triangles, height_map.pixel_size)
+        if len(fewer) < len(faces):
+            return _interpolated(left, fewer, height_map, normals, colours)
     facing = None if normals is None else normals.normals[mask]
-    painted = None if colours is None else _colours(colours, mask)
+    painted = None if colours is None else _three(colours[mask])
     return Mesh(vertices, faces, facing, height_map.unit, painted, _places(mask))
+
+
+def _interpolated(
+    vertices: Float,
+    faces: npt.NDArray[np.int32],
+    height_map: HeightMap,
+    normals: NormalMap | None,
+    colours: npt.NDArray[np.uint8] | None,
+) -> Mesh:
+    """Return a mesh whose vertices are not those of the pixels."""
+    mask, pixels = height_map.mask, pixels_of(vertices, height_map)
+    facing = painted = None
+    if normals is not None:
+        blend = sampled(normals.normals, mask, pixels)
+        blend[:, 2] += 1e-6  # a vertex without a pixel nearby faces the camera
+        facing = (blend / np.linalg.norm(blend, axis=1)[:, None]).astype(np.float32)
+    if colours is not None:
+        channels = colours if colours.ndim == 3 else colours[..., None]
+        painted = _three(np.rint(sampled(channels, mask, pixels)).clip(0, 255).astype(np.uint8))
+    places = ((pixels + 0.5) / mask.shape[::-1]).astype(np.float32)
+    return Mesh(vertices, faces, facing, height_map.unit, painted, places)
 
 
 def _vertices(height_map: HeightMap) -> Float:
@@ -134,12 +169,16 @@ def _places(mask: npt.NDArray[np.bool_]) -> Float:
     return places
 
 
-def _colours(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+def _check_colours(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> None:
     shape = colours.shape
     if colours.dtype != np.uint8 or shape not in (mask.shape, (*mask.shape, 3)):
         raise DataError(
             f"colours of {colours.dtype} and shape {shape} do not fit a height map of shape "
             f"{mask.shape}: give sRGB samples of type uint8"
         )
-    picked = colours[mask]
-    return np.repeat(picked[:, None], 3, axis=1) if colours.ndim == 2 else picked
+
+
+def _three(colours: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """Return ``(V, 3)`` colours from ``(V,)``, ``(V, 1)`` or ``(V, 3)``."""
+    column = colours.reshape(len(colours), -1)
+    return np.repeat(column, 3, axis=1) if column.shape[1] == 1 else column

@@ -33,6 +33,7 @@ def write_mesh(
     normals: NormalMap | None = None,
     colours: npt.NDArray[np.uint8] | None = None,
     normal_texture: bool = False,
+    mesh: Mesh | None = None,
 ) -> tuple[Path, ...]:
     """Write a surface as a triangle mesh; the suffix selects the format.
 
@@ -55,6 +56,9 @@ def write_mesh(
         Store the normals of a .glb as a texture of 8 bits instead of at its vertices, for programs
         that simplify the mesh. A normal map of glTF is relative to the vertices, whose normals are
         then all (0, 0, 1), with tangents to the right.
+    mesh
+        Another mesh of this surface instead of the complete one: `height_mesh` with fewer
+        triangles, or `solid_mesh`. Its vertices have their own normals and colours.
 
     Returns
     -------
@@ -85,7 +89,8 @@ def write_mesh(
         raise DataError(
             f"{path}: unknown mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb"
         )
-    mesh = height_mesh(height_map, normals=normals, colours=colours)
+    if mesh is None:
+        mesh = height_mesh(height_map, normals=normals, colours=colours)
     if normal_texture and normals is None:
         raise DataError(f"{path}: a texture of normals requires normals")
     texture = None if colours is None else textured(colours, height_map.mask)

@@ -158,6 +158,7 @@ def server() -> Iterator[Callable[[Path, int], int]]:
     process.wait(10)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 @pytest.mark.parametrize(
     "plan",

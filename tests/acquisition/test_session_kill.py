@@ -217,6 +217,7 @@ def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
     assert killed >= KILLS // 2
 
 
+@pytest.mark.slow
 def test_death_at_every_call_to_the_disk(server: Server, tmp_path: Path) -> None:
     """From the creation to COMPLETE, one process per call, killed in the middle of a write."""
     status, dies_at = -1, 0

@@ -157,6 +157,7 @@ for line in sys.stdin:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 def test_a_kill_at_any_call_to_the_disk_loses_nothing(
     rig: Rig, bench: Bench, tmp_path: Path

@@ -14,6 +14,7 @@ def scene():
     return replace(scene_named("spheres", width=320, height=256, leds=8), board=Even(0.4))
 
 
+@pytest.mark.slow
 def test_a_glossy_ball_is_a_candidate_and_not_a_sphere(scene):
     ball = Ball((-40.0, 20.0, 24.0), 24.0, 0.3, 0.1)
     rendering = render(replace(scene, spheres=(), clutter=(ball,)))

@@ -68,6 +68,7 @@ def scores(truth, found):
     )
 
 
+@pytest.mark.slow
 def test_errors_of_a_card_agree_with_their_standard_deviations():
     """Positions are wrong by .7 mm, and their covariances say so."""
     found = []

@@ -26,6 +26,7 @@ def checkered():
     return values, rendering.truth
 
 
+@pytest.mark.slow
 def test_outlines_on_a_checkerboard(checkered):
     values, truth = checkered
     spheres = find_spheres(values, camera=truth.camera)
@@ -36,6 +37,7 @@ def test_outlines_on_a_checkerboard(checkered):
         assert sphere.outline.radius_px == pytest.approx(np.sqrt(mask.sum() / np.pi), abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_glossy_ball_is_shaded_and_a_mirror_is_not(checkered):
     values, truth = checkered
     angles = np.linspace(0, 2 * np.pi, 90)

@@ -27,6 +27,7 @@ def outcome(seed):
 
 # Before, the circle 4 gave an outline whose error was 6 standard deviations, and 17 the mirrored
 # horizon, 15 px off.
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", quick([4, 17], every=2))
 def test_an_uneven_outline_states_its_error_or_is_refused(seed):
     result = outcome(seed)

@@ -52,7 +52,9 @@ def test_mask_and_search_agree(masked, found):
     assert "mask-refined" in {notice.code for notice in masked.warnings}
 
 
-@pytest.mark.parametrize("circle", [(285, 148, 119), (253, 148, 60)])
+@pytest.mark.parametrize(
+    "circle", [(285, 148, 119), pytest.param((253, 148, 60), marks=pytest.mark.slow)]
+)
 def test_a_circle_that_is_no_outline_is_refused(stack, circle):
     with pytest.raises(EstimateError, match="do not determine the outline"):
         calibrate_spheres(stack, circles=[circle])

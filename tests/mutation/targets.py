@@ -100,6 +100,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     ),
     f"{_SPHERES}/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
     f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
+    f"{_SPHERES}/limb_fit.py": ("calibration/test_limb_fit.py",),
     f"{_SPHERES}/marked.py": (_MARKS, _PARTS),
     f"{_SPHERES}/outline.py": (*_OUTLINE, _PARTS),
     f"{_SPHERES}/outline_noise.py": ("calibration/test_light_uncertainty.py",),

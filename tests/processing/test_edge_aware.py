@@ -81,6 +81,7 @@ def mean_figures(maps: list[tuple[NormalMap, Mask]], by: ShapeFilter) -> Double:
     return np.asarray([figures(*case, by) for case in maps]).mean(axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["guided", "bilateral"])
 def test_the_residue_at_occlusions_is_smaller_and_relief_remains(kind: FilterKind) -> None:
     maps = [
@@ -94,7 +95,8 @@ def test_the_residue_at_occlusions_is_smaller_and_relief_remains(kind: FilterKin
 
 
 @needs_data
-@pytest.mark.parametrize("kind", ["guided", pytest.param("bilateral", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["guided", "bilateral"])
 def test_occlusions_of_real_objects(kind: FilterKind) -> None:
     root = Path(os.environ["SGP_DATA"]) / "normals" / "diligent"
     maps = []

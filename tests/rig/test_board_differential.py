@@ -42,6 +42,7 @@ def agree(command: list[str], tolerance: Tolerance, *, items: int, **options: in
     assert found.dark
 
 
+@pytest.mark.slow
 def test_virtual_board_and_firmware_agree(folder: Path) -> None:
     agree(host(folder), HOST, items=1000, seed=20)
 

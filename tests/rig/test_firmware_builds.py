@@ -5,6 +5,8 @@ from __future__ import annotations
 import random
 from pathlib import Path
 
+import pytest
+
 from tests.rig.conformance import BoardUnderTest, run_checks
 from tests.rig.conformance.board import line
 from tests.rig.firmware import builds
@@ -56,6 +58,7 @@ def test_a_build_without_a_folder_goes_into_the_cache_of_this_user(tmp_path: Pat
     assert "/tmp/" not in steps.replace(str(builds.FIRMWARE), "")
 
 
+@pytest.mark.slow
 def test_no_command_of_a_random_series_is_lost(tmp_path: Path) -> None:
     draw = random.Random(7)
     with BoardUnderTest(builds.host(tmp_path), late_us=100_000) as board:

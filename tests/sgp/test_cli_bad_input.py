@@ -30,6 +30,33 @@ def text(lights):
     lights[3]["direction"][1] = "north"
 
 
+def shrink_bits(recording):
+    write_png(recording / "ball.5.png", np.full((40, 48), 90, np.uint8))
+
+
+def saturate_the_object(recording):
+    for i in range(8):
+        image = np.zeros((40, 48), np.uint16)
+        image[10:30, 10:30] = FULL
+        write_png(recording / f"ball.{i}.png", image)
+
+
+def light_twice(recording):
+    """Every pixel of the object is lit by two lights only."""
+    for i in range(8):
+        image = np.zeros((40, 48), np.uint16)
+        image[10:30, 4 + 10 * (i // 2) : 14 + 10 * (i // 2)] = 9000 + 5000 * (i % 2)
+        write_png(recording / f"ball.{i}.png", image)
+    mask = np.zeros((40, 48), np.uint8)
+    mask[10:30, 4:44] = 255
+    write_png(recording / "mask.png", mask)
+
+
+def near(lights):
+    for light in lights:
+        light["position_mm"] = [400 * x for x in light.pop("direction")]
+
+
 def drop_image(recording):
     (recording / "ball.7.png").unlink()
 
@@ -100,6 +127,10 @@ def empty(recording):
         pytest.param(resize_image, 4, ["ball.5.png", "47"], id="another size"),
         pytest.param(fill(0), 5, ["black"], id="all black"),
         pytest.param(fill(FULL), 5, ["saturated"], id="all saturated"),
+        pytest.param(saturate_the_object, 5, ["black or saturated"], id="object saturated"),
+        pytest.param(light_twice, 5, ["lit by 3 lights", "in shadow"], id="two lights each"),
+        pytest.param(shrink_bits, 4, ["ball.5.png", "uint8", "uint16"], id="mixed bit depth"),
+        pytest.param(lights_of(near), 4, ["working distance"], id="near without a camera"),
         pytest.param(mask_of(0), 4, ["mask.png", "inside"], id="mask of zeros"),
         pytest.param(mask_of(255, (40, 40)), 4, ["mask.png", "40 x 40"], id="mask size"),
         pytest.param(keep_lights(2), 5, ["2 lights", "at least 3"], id="two lights"),

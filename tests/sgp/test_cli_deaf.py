@@ -36,6 +36,7 @@ def deaf(request):
     os.close(descriptor)
 
 
+@pytest.mark.slow
 def test_a_recording_does_not_end_because_its_log_cannot_be_written(deaf, rig, plan, tmp_path):
     out = tmp_path / "session"
     words = ("run", out, "--rig", rig, "--plan", plan(5000.0), "--json")

@@ -122,6 +122,7 @@ def test_every_writer_reports_the_disk_error(
         assert "[Errno" not in err
 
 
+@pytest.mark.slow
 def test_a_read_only_session_is_read_and_its_state_is_reported(made: Path, tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()

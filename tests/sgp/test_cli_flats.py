@@ -43,6 +43,7 @@ def at_the_prompt(rig, plan, out, act, typed_before=b""):
     return process.returncode, message
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
 def test_one_ctrl_c_ends_the_wait_for_the_card(sgp, rig, with_flats, tmp_path):
     out = tmp_path / "s"
@@ -74,6 +75,7 @@ def leave_it(process, terminal):
     process.send_signal(signal.SIGINT)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="requires a pty for the prompt")
 @pytest.mark.parametrize(
     ("typed_before", "act", "code"),

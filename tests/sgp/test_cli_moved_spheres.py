@@ -22,6 +22,7 @@ def words(two, *more):
     return ("calibrate", "spheres", *two, "--camera", two[0].parent / "camera.json", *more)
 
 
+@pytest.mark.slow
 def test_two_recordings_give_one_calibration(sgp, two, tmp_path):
     found, given = tmp_path / "l.json", []
     for k in (0, 1):

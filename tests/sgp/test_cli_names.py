@@ -77,6 +77,7 @@ def test_sources_that_image_libraries_cannot_open(sgp, recording, place, as_json
             assert not out.exists()
 
 
+@pytest.mark.slow
 def test_files_that_need_no_image_library_may_have_any_name(sgp, recording, session, place):
     """Tables and lights have such names; records contain names that can be read back."""
     table = recording / f"{BAD}.lp"
@@ -151,6 +152,7 @@ def test_names_are_drawn_as_they_are(sgp, recording, place, name, recwarn):
     assert all("missing from font" in text for text in glyphs)
 
 
+@pytest.mark.slow
 def test_a_stdout_of_another_encoding(recording, place):
     """Old terminals have such encodings; this runs in a separate process."""
     import subprocess

@@ -2,8 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
+import trimesh
 
+from acquisition import write_exr
+from processing import NormalMap
 from rig import BoardError
 from sgp.app import build, run
 
@@ -105,3 +109,21 @@ def test_calibrate_spheres_replaces_none_of_its_three_files(sgp, tmp_path):
 def test_an_output_below_a_file_is_refused(sgp, words, tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
     sgp(*words, "--out", tmp_path / "file" / "below").error_line(2)
+
+
+def test_simplified_and_closed_meshes_are_reported(sgp, tmp_path):
+    normals, out = tmp_path / "normals.png", tmp_path / "out"
+    y, x = np.mgrid[1:-1:60j, -1:1:60j]
+    dome = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 1.5]))
+    write_exr(normals.with_suffix(".exr"), dome.normals)
+    words = ["surface", normals.with_suffix(".exr"), "--out", out, "--pixel-mm", "0.5"]
+    answer = sgp(*words, "--triangles", "700", "--base", "3", "--json")
+    assert answer.code == 0, answer.err
+    metrics = json.loads(answer.out)["metrics"]
+    assert 600 < metrics["triangles"] <= 700
+    assert 0 < metrics["deviation_rms"] < metrics["deviation_largest"] < 0.1
+    solid = trimesh.load(out / "solid.stl")
+    assert solid.is_watertight
+    assert np.ptp(solid.vertices[:, 2]) == pytest.approx(metrics["height_range"] + 3, rel=0.01)
+    few = sgp(*words, "--triangles", "9000", "--force", "--json")
+    assert "triangles, not more than the 9000 to keep: its meshes are complete" in few.out

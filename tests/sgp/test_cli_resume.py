@@ -8,11 +8,14 @@ import subprocess
 import time
 from contextlib import closing
 
+import pytest
+
 from acquisition import Session
 from acquisition._session.writer import SessionWriter
 from tests.sgp.small_rig import CAPTURE, RIG, capture, events
 
 
+@pytest.mark.slow
 def test_an_led_that_dies_while_recording_is_listed_and_the_rest_completed(sgp, tmp_path, plan):
     rig, out = tmp_path / "rig.toml", tmp_path / "s"
     lamps = "[options.lamps]\ndead = [2]\n"

@@ -5,6 +5,7 @@ import json
 import pytest
 
 
+@pytest.mark.slow
 def test_the_rig_without_a_file_is_not_asked_to_change_one(sgp):
     answer = sgp("rig", "selftest", "--rig", "simulated")
     assert answer.code == 0

@@ -105,6 +105,7 @@ def test_no_command_executes_files_in_the_working_directory(decoys, words):
     assert done.returncode in ((0, 3) if words[-1] == "list" else (0,)), done.stderr
 
 
+@pytest.mark.slow
 def test_the_build_of_the_virtual_camera_executes_no_decoy(decoys, tmp_path):
     if shutil.which("cc") is None:
         pytest.skip("the virtual camera needs a C compiler")

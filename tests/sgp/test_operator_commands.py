@@ -60,6 +60,7 @@ def interrupted(folder, *words):
     return message
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="requires SIGINT and a POSIX shell")
 def test_the_command_printed_after_ctrl_c_works_when_pasted(bench, sgp):
     message = interrupted(bench, sys.executable, "-P", "-m", "sgp")

@@ -41,6 +41,9 @@ SOURCE = acquisition.Source(
     Path("/in"), "images", (acquisition.Frame(Path("/in/a.png"), "a", (4, 5)),), LIGHTS, MASK
 )
 STEREO = processing.PhotometricStereoResult(NORMALS, ONES, ONES, MASK.astype(np.uint16), (NOTICE,))
+BARS = processing.NormalUncertainty(
+    ONES, ONES, np.ones((6, 4, 5), np.uint8), MASK.astype(np.uint8), "sensor"
+)
 SEPARATION = processing.Separation(NORMALS, NORMALS, processing.ShapeFilter(order=2))
 HEIGHT = processing.HeightMap(ONES, None, MASK, MASK.astype(np.int32), "mm", 0.5, None, 9, 1e-6, ())
 QUALITY = processing.ImageQuality(
@@ -90,7 +93,7 @@ EXAMPLES: list[tuple[object, str]] = [
     (HEIGHT, "HeightMap(float32[4, 5] in mm, pixel size 0.5 mm)"),
     (processing.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
      "Mesh(vertices=float32[3, 3], faces=int32[1, 3], unit='px')"),
-    (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, ONES, HEIGHT, QUALITY, ERROR,
+    (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, ONES, BARS, HEIGHT, QUALITY, ERROR,
                                (ONES, ONES), None, ()),
      f"Reconstruction(/in, {NORMALS!r}, height in mm, mean error 8.39 deg)"),
     (simulator.scene_named("coin"), "Scene(Coin, 36 lights, 0 spheres, 640 x 512 px)"),

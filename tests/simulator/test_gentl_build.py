@@ -38,6 +38,7 @@ def test_the_library_is_built_once_in_the_cache(cache):
     assert os.listdir(path.parent) == [path.name]
 
 
+@pytest.mark.slow
 def test_the_sources_compile_without_a_warning(cache, monkeypatch):
     monkeypatch.setenv("CC", f"{os.environ.get('CC', 'cc')} -Werror -Wshadow")
     assert build().exists()

@@ -1,0 +1,105 @@
+"""Error bars of normals that are averages over the channels of images in colour."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, Lights
+from calibration import StackNoise
+from processing._stereo.photometric_stereo import PhotometricStereoResult
+from processing._uncertainty.normal_uncertainty import NormalUncertainty, as_uncertainty
+from processing._uncertainty.pixel_variances import PixelVariances, pixel_variances
+from processing._uncertainty.sample_kind import Reason, SampleKind
+from rig import Progress
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+
+def uncertainty_of_colours(
+    values: Float,
+    lights: Lights,
+    mask: Mask,
+    stereo: PhotometricStereoResult,
+    albedo: Float,
+    *,
+    points_mm: npt.NDArray[np.float64] | None,
+    camera: CameraModel | None,
+    depth_sigma: float,
+    noise: StackNoise | None,
+    on_progress: Progress,
+) -> NormalUncertainty:
+    """Return error bars of the averaged normals of three channels.
+
+    The references of the channels are averaged by the reciprocals of their variances. Their noise
+    is independent; errors of lights and height are the same in all of them. The samples are those
+    of the channel with the fewest lit ones. A pixel is valid if it is in any channel.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W, 3)``.
+    stereo, albedo
+        Averaged normals, and the albedo ``(H, W, 3)`` of the channels.
+    lights, mask, points_mm, camera, depth_sigma, noise, on_progress
+        As in `normal_uncertainty`.
+    """
+    channels = values.shape[-1]
+    found: list[PixelVariances] = []
+    for channel in range(channels):
+
+        def of_channel(stage: str, done: int, total: int, before: int = channel) -> None:
+            on_progress(stage, before * total + done, channels * total)
+
+        found.append(
+            pixel_variances(
+                np.ascontiguousarray(values[..., channel]),
+                lights,
+                mask,
+                (stereo.normal_map.normals, np.ascontiguousarray(albedo[..., channel])),
+                points_mm=points_mm,
+                camera=camera,
+                depth_sigma=depth_sigma,
+                noise=None if noise is None else noise.of_colour(channel),
+                keep_reference=True,
+                on_progress=of_channel,
+            )
+        )
+    return as_uncertainty(_averaged(found, stereo.normal_map.normals))
+
+
+def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
+    shape = normals.shape[:2]
+    weights = np.zeros((len(found), *shape), np.float32)
+    for weight, one in zip(weights, found, strict=True):
+        total = one.noise + one.lights
+        np.divide(1, total, out=weight, where=(one.reason == Reason.VALID) & (total > 0))
+    sums = weights.sum(axis=0)
+    np.divide(weights, sums, out=weights, where=sums > 0)
+    noise, lights, height = (np.zeros(shape, np.float32) for _ in range(3))
+    reference = np.zeros_like(normals)
+    for weight, one in zip(weights, found, strict=True):
+        noise += weight**2 * one.noise
+        lights += weight * np.sqrt(one.lights)
+        height += weight * np.sqrt(one.height)
+        if one.reference is not None:
+            reference += weight[..., None] * one.reference
+    cross = np.linalg.norm(np.cross(reference, normals), axis=2)
+    angle = np.arctan2(cross, np.sum(reference * normals, axis=2))
+    fewest = np.argmin([one.samples[SampleKind.LIT] for one in found], axis=0)
+    samples = np.choose(fewest, [one.samples for one in found])
+    reasons = np.stack([one.reason for one in found])
+    valid = (reasons == Reason.VALID).any(axis=0)
+    reason = np.where(valid, np.uint8(Reason.VALID), reasons.max(axis=0))
+    known = [one.origin for one in found if one.origin != "unknown"]
+    return PixelVariances(
+        noise,
+        lights**2,
+        height**2,
+        np.asarray(angle**2, np.float32),
+        None,
+        samples,
+        reason,
+        known[0] if known else "unknown",
+    )

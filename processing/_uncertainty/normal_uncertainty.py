@@ -1,0 +1,151 @@
+"""Standard deviations of normals, and what each sample shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError, Lights
+from calibration import StackNoise, check_linear
+from processing._stereo.photometric_stereo import PhotometricStereoResult
+from processing._uncertainty.pixel_variances import Counts, Origin, PixelVariances, pixel_variances
+from processing._uncertainty.sample_kind import Reason
+from rig import Progress, check_type, no_progress, pluralize, short_repr
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class NormalUncertainty:
+    """How sure the normals of an object are, and what its samples show.
+
+    Parameters
+    ----------
+    sigma_deg
+        ``(H, W)`` float32, root mean square angle between estimated and true normal in degrees,
+        both tangent directions together; NaN where a pixel is not valid, and everywhere if the
+        noise is unknown and the samples are too few to show it.
+    common_sigma_deg
+        ``(H, W)`` float32, the part of it that is by the errors of lights and mean height. All
+        pixels have it in common: averages over pixels do not make it smaller.
+    samples
+        ``(6, H, W)`` number of samples of each `SampleKind`, uint8, or uint16 for more than 255
+        lights; 0 outside the mask.
+    reason
+        ``(H, W)`` uint8, the `Reason` why a pixel is not valid.
+    noise
+        Where the law of the noise is from: ``sensor``, ``repeats``, ``residuals``, or ``unknown``.
+    """
+
+    sigma_deg: Float
+    common_sigma_deg: Float
+    samples: Counts
+    reason: npt.NDArray[np.uint8]
+    noise: Origin
+
+    __repr__ = short_repr
+
+    @property
+    def valid(self) -> Mask:
+        """``(H, W)`` bool, pixels with at least 3 lit samples whose lights are not coplanar."""
+        return np.asarray(self.reason == Reason.VALID)
+
+
+def normal_uncertainty(
+    values: npt.ArrayLike,
+    lights: Lights,
+    mask: Mask,
+    stereo: PhotometricStereoResult,
+    *,
+    points_mm: npt.NDArray[np.float64] | None = None,
+    camera: CameraModel | None = None,
+    depth_sigma: float = 0.0,
+    noise: StackNoise | None = None,
+    on_progress: Progress = no_progress,
+) -> NormalUncertainty:
+    """Return standard deviations of estimated normals, and classify the samples.
+
+    Each pixel is solved again, from the given normal, by least squares over its lit samples, with
+    the reciprocal variances as weights. The variance of the given normal is that of this efficient
+    solution plus the square of the angle between both (Hausman, Specification tests in
+    econometrics, 1978), whatever the method. Variances are those of the noise and of
+    `Lights.errors`, to first order; a light without stated errors counts as exact. Where the
+    residuals over 5 x 5 pixels exceed the law of the noise, the variance is larger in proportion.
+    On glossy surfaces errors are larger than predicted.
+
+    Parameters
+    ----------
+    values, lights, mask, points_mm, noise
+        As for `photometric_stereo`. Without a law of the noise, one is fitted to the residuals.
+    stereo
+        Its result.
+    camera
+        The camera of near lights, if the points have errors.
+    depth_sigma
+        Relative standard deviation of the depths of the points from the camera, which all points
+        have in common.
+    on_progress
+        Receives the stage ``error bars``, one step per pixel.
+
+    Raises
+    ------
+    DataError
+        If shapes or counts differ, near lights have no points, or depths have errors and there is
+        no camera.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights
+    >>> from processing import normal_uncertainty, photometric_stereo
+    >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1], [0, 0, 1]])
+    >>> images = np.sqrt([0.5, 0.5, 0.5, 0.5, 1])[:, None, None] * np.ones((5, 30, 30))
+    >>> images += 0.01 * np.random.default_rng(1).normal(size=images.shape)
+    >>> mask = images[0] > 0
+    >>> found = normal_uncertainty(images, lights, mask, photometric_stereo(images, lights, mask))
+    >>> found.samples[:, 0, 0], f"{np.median(found.sigma_deg):.1f}"
+    (array([5, 0, 0, 0, 0, 0], dtype=uint8), '0.7')
+    """
+    check_linear("values", values)
+    check_type("lights", lights, Lights, "Lights(directions)")
+    stack, mask = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(mask)
+    if stack.ndim != 3 or stack.shape[1:] != mask.shape or stereo.albedo.shape != mask.shape:
+        raise DataError(
+            f"images of shape {stack.shape}, a mask of shape {mask.shape} and normals of shape "
+            f"{stereo.albedo.shape} do not fit"
+        )
+    if len(stack) != len(lights):
+        raise DataError(
+            f"{pluralize(len(stack), 'image')} for {pluralize(len(lights), 'light')}: give "
+            "one light for each image"
+        )
+    if depth_sigma and camera is None:
+        raise DataError("depths with errors require a camera")
+    found = pixel_variances(
+        stack,
+        lights,
+        mask,
+        (stereo.normal_map.normals, stereo.albedo),
+        points_mm=points_mm,
+        camera=camera,
+        depth_sigma=depth_sigma,
+        noise=noise,
+        keep_reference=False,
+        on_progress=on_progress,
+    )
+    return as_uncertainty(found)
+
+
+def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
+    """Return standard deviations in degrees from variances."""
+    valid = (found.reason == Reason.VALID) & (found.origin != "unknown")
+    common = found.lights + found.height
+    total = found.noise + common + found.difference
+    sigma, of_common = (
+        np.degrees(np.sqrt(part, out=np.full_like(part, np.nan), where=valid))
+        for part in (total, common)
+    )
+    return NormalUncertainty(sigma, of_common, found.samples, found.reason, found.origin)

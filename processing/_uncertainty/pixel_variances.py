@@ -1,0 +1,262 @@
+"""Reference solutions of all pixels of an image, with their variances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, cast
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, Lights
+from calibration import StackNoise
+from processing._stereo.light_model import LightModel
+from processing._stereo.noise_law import NoiseLaw
+from processing._stereo.photometric_stereo import PhotometricStereoResult
+from processing._uncertainty.light_table import light_table, light_variances
+from processing._uncertainty.reference import (
+    NOISE,
+    REFERENCE,
+    RESULTS,
+    VARIANCES,
+    reference_solutions,
+)
+from processing._uncertainty.residual_law import residual_law
+from processing._uncertainty.sample_kind import Reason, SampleKind
+from rig import Progress, short_repr
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Counts = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+# Where a law of the noise is from.
+Origin = Literal["sensor", "repeats", "residuals", "unknown"]
+
+_BLOCK = 16384
+# Pixels whose residuals show the noise.
+_SAMPLED = 4000
+# The agreement with the law is averaged over this many pixels across, and drawn toward 1 by a few
+# degrees of freedom.
+_ACROSS = 5
+_PRIOR = 50.0
+_LEAST_SCALE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PixelVariances:
+    """Reference solutions and their variances in rad^2.
+
+    Parameters
+    ----------
+    noise, lights, height
+        ``(H, W)`` variances of the direction of the reference by the noise, the errors of the
+        lights, and that of the mean height. Noise and lights are scaled by the agreement of the
+        residuals with them.
+    difference
+        ``(H, W)`` squared angles between the given normals and the reference.
+    reference
+        ``(H, W, 3)`` unit normals of the reference; None if they were not requested.
+    samples, reason
+        As in `NormalUncertainty`.
+    origin
+        Where the law of the noise is from.
+    """
+
+    noise: Float
+    lights: Float
+    height: Float
+    difference: Float
+    reference: Float | None
+    samples: Counts
+    reason: npt.NDArray[np.uint8]
+    origin: Origin
+
+    __repr__ = short_repr
+
+
+def pixel_variances(
+    stack: Float,
+    lights: Lights,
+    mask: Mask,
+    scaled: tuple[Float, Float],
+    *,
+    points_mm: npt.NDArray[np.float64] | None,
+    camera: CameraModel | None,
+    depth_sigma: float,
+    noise: StackNoise | None,
+    keep_reference: bool,
+    on_progress: Progress,
+) -> PixelVariances:
+    """Solve all pixels of a mask again.
+
+    Parameters
+    ----------
+    stack
+        ``(N, H, W)``.
+    scaled
+        Given normals ``(H, W, 3)`` and albedo ``(H, W)``.
+    lights, mask, points_mm, camera, depth_sigma, noise, on_progress
+        As in `normal_uncertainty`.
+    keep_reference
+        Whether to return the normals of the reference.
+    """
+    pixels = np.flatnonzero(mask)
+    solver = _Solver(stack, lights, mask, scaled, points_mm, camera, depth_sigma)
+    law = None if noise is None else NoiseLaw(noise, (len(stack), *mask.shape))
+    origin: Origin = "residuals" if noise is None else cast(Origin, noise.origin)
+    fitted = None
+    if law is None:
+        fitted = solver.fitted_law(pixels)
+        origin = "unknown" if fitted is None else origin
+    counts = np.zeros((len(SampleKind), mask.size), np.uint8 if len(stack) < 256 else np.uint16)
+    reason = np.zeros(mask.size, np.uint8)
+    parts = np.zeros((6, mask.size), np.float32)
+    reference = np.zeros((mask.size, 3), np.float32) if keep_reference else None
+    for first in range(0, len(pixels), _BLOCK):
+        block = pixels[first : first + _BLOCK]
+        samples, vectors = solver.model.samples(stack, block)
+        known = fitted if law is None else law.of(block, samples, vectors)
+        _, of_block, results = solver.solve(block, samples, vectors, known)
+        counts[:, block] = of_block.T
+        good = np.isfinite(results[:, NOISE])
+        reason[block] = _reasons(of_block, good, scaled[1].flat[block] > 0)
+        parts[:, block[good]] = results[good, VARIANCES].T
+        if reference is not None:
+            found = results[good, REFERENCE]
+            reference[block[good]] = found / np.linalg.norm(found, axis=1, keepdims=True)
+        on_progress("error bars", min(first + _BLOCK, len(pixels)), len(pixels))
+    of_noise, of_lights, height, chi2, free, difference = parts.reshape(6, *mask.shape)
+    factor = _agreement(chi2, free)
+    if noise is not None:
+        np.maximum(factor, 1, out=factor)
+    return PixelVariances(
+        of_noise * factor,
+        of_lights * factor,
+        height,
+        difference,
+        None if reference is None else reference.reshape(*mask.shape, 3),
+        counts.reshape(-1, *mask.shape),
+        reason.reshape(mask.shape),
+        origin,
+    )
+
+
+def kinds_of(
+    stack: Float,
+    lights: Lights,
+    mask: Mask,
+    stereo: PhotometricStereoResult,
+    points_mm: npt.NDArray[np.float64] | None,
+    noise: StackNoise | None,
+) -> npt.NDArray[np.uint8]:
+    """Return the kind of every sample, ``(N, H, W)``; 0 outside the mask."""
+    stack = np.ascontiguousarray(stack, np.float32)
+    scaled = stereo.normal_map.normals, stereo.albedo
+    solver = _Solver(stack, lights, mask, scaled, points_mm, None, 0.0)
+    pixels = np.flatnonzero(mask)
+    samples, vectors = solver.model.samples(stack, pixels)
+    if noise is None:
+        law = solver.fitted_law(pixels)
+    else:
+        law = NoiseLaw(noise, (len(stack), *mask.shape)).of(pixels, samples, vectors)
+    whole = np.zeros((len(stack), mask.size), np.uint8)
+    whole[:, pixels] = solver.solve(pixels, samples, vectors, law)[0].T
+    return whole.reshape(stack.shape)
+
+
+class _Solver:
+    """Solves blocks of pixels."""
+
+    def __init__(
+        self,
+        stack: Float,
+        lights: Lights,
+        mask: Mask,
+        scaled: tuple[Float, Float],
+        points_mm: npt.NDArray[np.float64] | None,
+        camera: CameraModel | None,
+        depth_sigma: float,
+    ) -> None:
+        self.model = LightModel(lights, points_mm, mask)
+        self._stack = stack
+        self._near = lights.near
+        self._table = light_table(lights)
+        self._normals, self._albedo = scaled[0].reshape(-1, 3), scaled[1].reshape(-1)
+        self._points = np.zeros((1, 3))
+        if points_mm is not None and lights.near:
+            self._points = np.asarray(points_mm, np.float64).reshape(-1, 3)
+        self._view = np.zeros(4)
+        if camera is not None and lights.near:
+            self._view[:] = *camera.centre_mm, depth_sigma
+        self._errors = bool(self._table[:, 8:17].any() or self._view[3] > 0)
+
+    def _points_of(self, pixels: npt.NDArray[np.intp]) -> Double:
+        return self._points[pixels] if self._near else self._points
+
+    def solve(
+        self, pixels: npt.NDArray[np.intp], samples: Float, vectors: Float, law: Float | None
+    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.int64], Double]:
+        """Return the kinds ``(P, N)``, their numbers, and the results of some pixels.
+
+        Without a law, all samples have the same unknown variance.
+        """
+        kinds = np.zeros(samples.shape, np.uint8)
+        counts = np.zeros((len(pixels), len(SampleKind)), np.int64)
+        results = np.zeros((len(pixels), RESULTS))
+        wide = np.zeros((1, 2, samples.shape[1]), np.float32)
+        wide[:, 0] = 1
+        if law is not None:
+            wide = np.ascontiguousarray(np.broadcast_to(law, (len(law), 2, samples.shape[1])))
+        reference_solutions(
+            samples,
+            vectors,
+            wide,
+            (self._normals[pixels] * self._albedo[pixels, None]).astype(np.float64),
+            np.float32(_LEAST_SCALE if law is None else 1.0),
+            self._table,
+            self._errors and law is not None,
+            self._near,
+            self._points_of(pixels),
+            self._view,
+            kinds,
+            counts,
+            results,
+        )
+        return kinds, counts, results
+
+    def fitted_law(self, pixels: npt.NDArray[np.intp]) -> Float | None:
+        """Return the law of the noise that the residuals of some pixels show."""
+        some = pixels[:: max(1, len(pixels) // _SAMPLED)]
+        samples, vectors = self.model.samples(self._stack, some)
+        kinds, _, results = self.solve(some, samples, vectors, None)
+        of_lights = np.zeros(samples.shape)
+        if self._errors:
+            solutions = np.nan_to_num(results[:, REFERENCE])
+            light_variances(
+                vectors, solutions, self._table, self._near, self._points_of(some), of_lights
+            )
+        return residual_law(samples, vectors, kinds, results, of_lights)
+
+
+def _reasons(counts: npt.NDArray[np.int64], good: Mask, solved: Mask) -> npt.NDArray[np.uint8]:
+    if good.all():
+        return np.full(len(good), Reason.VALID, np.uint8)
+    lit, attached, cast, saturated, outlier, missing = counts.T
+    lost = np.stack([saturated + missing, attached + cast, outlier])
+    few = np.array([Reason.SATURATED, Reason.SHADOW, Reason.OUTLIERS])[np.argmax(lost, axis=0)]
+    reason = np.where(lit < 3, few, Reason.COPLANAR)
+    unsolved = np.where(lit + attached + cast + outlier < 3, Reason.SATURATED, Reason.UNSOLVED)
+    reason = np.where(solved, reason, unsolved)
+    return np.where(good, Reason.VALID, reason).astype(np.uint8)
+
+
+def _agreement(chi2: Float, free: Float) -> Float:
+    """Return the mean square of the normalised residuals around each pixel."""
+    size = (_ACROSS, _ACROSS)
+    total, number = (
+        cv2.boxFilter(part, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
+        for part in (chi2, free)
+    )
+    return np.asarray((total + _PRIOR) / (number + _PRIOR), np.float32)

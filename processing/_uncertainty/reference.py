@@ -1,0 +1,341 @@
+"""The reference solution of a pixel: weighted least squares over its lit samples, compiled."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from processing._stereo.pixel_algebra import ANY_ORDER, MAX_CONDITION
+from processing._stereo.ranks import MAD_TO_SIGMA, ranked
+from processing._uncertainty.light_table import distant_variance, near_variance
+
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_uncertainty/light_table.py 06848a6db1e5
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Kinds = npt.NDArray[np.uint8]
+
+_STEPS = 4
+# The solution is settled if the square of its change is below this share of its variance.
+_SETTLED = 0.01
+# Samples below this share of the mean show no light; only the first step needs it.
+_DARK = 0.05
+# Samples further away than this many standard deviations do not agree.
+_CUT = 4.0
+# A cast shadow has less than this share of the predicted signal. If the samples of the pixel
+# scatter more than the law says, so that it is no outlier by this scatter, less than the other one.
+_SHADOWED, _DEEP = 0.5, 0.25
+# Least variance relative to the square of the albedo: exact data have no noise.
+_LEAST_VARIANCE = np.float32(1e-12)
+# As in `pixel_algebra`: trace(A) trace(A^-1) is at most 9 times the squared condition number.
+_CONDITION2 = 9.0 * MAX_CONDITION**2
+_LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
+# The values of `SampleKind`, for the compiler.
+LIT = 0
+_ATTACHED, _CAST, _SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
+# Columns of the result.
+REFERENCE, NOISE, CHI2, FREE, RESULTS = slice(0, 3), 3, 6, 7, 9
+# Noise, lights, height, CHI2, FREE, squared angle to the given solution.
+VARIANCES = slice(3, 9)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+def _normal_equations(count: int, samples: Float, weight: Float, sums: Double) -> None:
+    """Write the 6 sums of the matrix and the 3 of the right-hand side."""
+    v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
+    a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
+    for k in range(count):
+        x, y, z = lx[k], ly[k], lz[k]
+        wx, wy, wz = weight[k] * x, weight[k] * y, weight[k] * z
+        a00 += wx * x
+        a01 += wx * y
+        a02 += wx * z
+        a11 += wy * y
+        a12 += wy * z
+        a22 += wz * z
+        b0 += wx * v[k]
+        b1 += wy * v[k]
+        b2 += wz * v[k]
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = a00, a01, a02, a11, a12, a22
+    sums[6], sums[7], sums[8] = b0, b1, b2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _inverted(sums: Double, inverse: Double) -> bool:
+    """Write the inverse of a symmetric matrix; return False if it is ill-conditioned."""
+    a00, a01, a02, a11, a12, a22 = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
+    c00 = a11 * a22 - a12 * a12
+    c01 = a02 * a12 - a01 * a22
+    c02 = a01 * a12 - a02 * a11
+    c11 = a00 * a22 - a02 * a02
+    c12 = a01 * a02 - a00 * a12
+    c22 = a00 * a11 - a01 * a01
+    determinant = a00 * c00 + a01 * c01 + a02 * c02
+    trace = a00 + a11 + a22
+    if not (
+        trace * (c00 + c11 + c22) < _CONDITION2 * determinant
+        and determinant > _LEAST_DETERMINANT * trace**3
+    ):
+        return False
+    inverse[0], inverse[1], inverse[2] = c00 / determinant, c01 / determinant, c02 / determinant
+    inverse[3], inverse[4], inverse[5] = c11 / determinant, c12 / determinant, c22 / determinant
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+def _predicted(
+    count: int, samples: Float, m: Double, shading: Float, variance: Float, distance: Float
+) -> None:
+    """Write predicted values, their variances, and distances in standard deviations."""
+    v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
+    floor, slope, of_light = samples[4], samples[5], samples[6]
+    x, y, z, zero = np.float32(m[0]), np.float32(m[1]), np.float32(m[2]), np.float32(0)
+    for k in range(count):
+        shading[k] = lx[k] * x + ly[k] * y + lz[k] * z
+        variance[k] = floor[k] + slope[k] * max(shading[k], zero) + of_light[k]
+        distance[k] = abs(v[k] - max(shading[k], zero)) / np.sqrt(variance[k])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _kind_of(value: float, shading: float, distance: float, scale: float, least: float) -> int:
+    """Return the kind of a measured sample."""
+    if shading <= 0.0:
+        return _ATTACHED if value <= 0.0 or distance <= _CUT * scale else _OUTLIER
+    beyond = distance > _CUT * scale
+    if value < _SHADOWED * shading and beyond:
+        return _CAST
+    if value < _DEEP * shading and least == 1.0 and distance > _CUT:
+        return _CAST
+    return _OUTLIER if beyond else LIT
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _light_errors(
+    count: int, samples: Float, index: npt.NDArray[np.int64], table: Double, near: bool,
+    point: Double, view: Double, m: Double,
+) -> None:  # fmt: skip
+    """Write the variances by the errors of the lights, and the changes by a rise of the object."""
+    for k in range(count):
+        x, y, z = float(samples[1, k]), float(samples[2, k]), float(samples[3, k])
+        shading = x * m[0] + y * m[1] + z * m[2]
+        samples[6, k] = samples[7, k] = 0
+        if not shading > 0:
+            continue
+        light = table[index[k]]
+        if near:
+            strength = math.sqrt(x * x + y * y + z * z)
+            variance, higher = near_variance(light, point, view, m, shading, strength)
+            samples[6, k], samples[7, k] = np.float32(variance), np.float32(higher)
+        else:
+            samples[6, k] = np.float32(distant_variance(light, m, shading))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _tangent_trace(inverse: Double, m: Double, inner: Double) -> float:
+    """Return ``tr(P A B A P)`` for a symmetric B (6 numbers); A is an inverse."""
+    length = math.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
+    n0, n1, n2 = m[0] / length, m[1] / length, m[2] / length
+    # Rows of A, made tangent: each column loses its part along the normal.
+    total = 0.0
+    rows = (
+        (inverse[0], inverse[1], inverse[2]),
+        (inverse[1], inverse[3], inverse[4]),
+        (inverse[2], inverse[4], inverse[5]),
+    )
+    along0 = n0 * inverse[0] + n1 * inverse[1] + n2 * inverse[2]
+    along1 = n0 * inverse[1] + n1 * inverse[3] + n2 * inverse[4]
+    along2 = n0 * inverse[2] + n1 * inverse[4] + n2 * inverse[5]
+    for i in range(3):
+        n = n0 if i == 0 else (n1 if i == 1 else n2)
+        x, y, z = rows[i][0] - n * along0, rows[i][1] - n * along1, rows[i][2] - n * along2
+        total += inner[0] * x * x + inner[3] * y * y + inner[5] * z * z
+        total += 2 * (inner[1] * x * y + inner[2] * x * z + inner[4] * y * z)
+    return max(total, 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _change(inverse: Double, m: Double, b0: float, b1: float, b2: float) -> float:
+    """Return the squared tangent part of ``A b``."""
+    x = inverse[0] * b0 + inverse[1] * b1 + inverse[2] * b2
+    y = inverse[1] * b0 + inverse[3] * b1 + inverse[4] * b2
+    z = inverse[2] * b0 + inverse[4] * b1 + inverse[5] * b2
+    along = x * m[0] + y * m[1] + z * m[2]
+    length2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2]
+    return float(max(x * x + y * y + z * z - along * along / length2, 0.0))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pixel(
+    values: Float, vectors: Float, law: Float, start: Double, least: np.float32,
+    table: Double, errors: bool, near: bool, point: Double, view: Double,
+    samples: Float, scratch: Float, index: npt.NDArray[np.int64], work: Double, kinds: Kinds,
+    result: Double,
+) -> bool:  # fmt: skip
+    """Solve one pixel, see `reference_solutions`; return whether its lit lights determine it."""
+    m, sums, inverse, inner = work[0:3], work[3:12], work[12:18], work[18:24]
+    length = math.sqrt(start[0] ** 2 + start[1] ** 2 + start[2] ** 2)
+    per = 1.0 / length
+    m[0], m[1], m[2] = start[0] * per, start[1] * per, start[2] * per
+    count, mean = 0, 0.0
+    for i in range(len(values)):
+        if math.isfinite(values[i]):
+            samples[0, count] = values[i] * per
+            for c in range(3):
+                samples[1 + c, count] = vectors[c, i]
+            samples[4, count] = law[0, i] * per * per + _LEAST_VARIANCE
+            samples[5, count] = law[1, i] * per
+            samples[6, count] = samples[7, count] = 0
+            mean += max(samples[0, count], np.float32(0))
+            index[count] = i
+            count += 1
+        else:
+            # A light that does not reach the point has no vector.
+            reached = vectors[0, i] != 0 or vectors[1, i] != 0 or vectors[2, i] != 0
+            kinds[i] = _SATURATED if reached else _MISSING
+    v = samples[0]
+    shading, variance, distance, weight = scratch[0], scratch[1], scratch[2], scratch[3]
+    dark = np.float32(_DARK * mean / max(count, 1))
+    zero, one, cut = np.float32(0), np.float32(1), np.float32(_CUT)
+    scale, lit = one, 0
+    for step in range(_STEPS):
+        if errors and step < 2:
+            _light_errors(count, samples, index, table, near, point, view, m)
+        _predicted(count, samples, m, shading, variance, distance)
+        found = 0
+        for k in range(count):
+            weight[found] = distance[k]
+            bright = v[k] > dark or (step > 0 and distance[k] <= cut * scale)
+            found += int(shading[k] > zero and bright)
+        if found > 0:
+            scale = np.float32(MAD_TO_SIGMA) * ranked(weight, found, found // 2, max(least, scale))
+        scale = max(least, scale)
+        lit, dim = 0, 0
+        for k in range(count):
+            kind = _kind_of(v[k], shading[k], distance[k], float(scale), float(least))
+            kinds[index[k]] = kind
+            weight[k] = one / variance[k] if kind == LIT else zero
+            lit += int(kind == LIT)
+            if step == 0 and kind == LIT and v[k] <= dark:
+                # It may be in a shadow, if the given solution is wrong.
+                weight[k] = zero
+                dim += 1
+        if lit < 3:
+            return False
+        _normal_equations(count, samples, weight, sums)
+        if not _inverted(sums, inverse):
+            for k in range(count):
+                if kinds[index[k]] == LIT and v[k] <= dark:
+                    kinds[index[k]] = _CAST
+            return False
+        x = inverse[0] * sums[6] + inverse[1] * sums[7] + inverse[2] * sums[8]
+        y = inverse[1] * sums[6] + inverse[3] * sums[7] + inverse[4] * sums[8]
+        z = inverse[2] * sums[6] + inverse[4] * sums[7] + inverse[5] * sums[8]
+        change2 = (x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2
+        m[0], m[1], m[2] = x, y, z
+        size2 = _SETTLED * (inverse[0] + inverse[3] + inverse[5])
+        if dim == 0 and change2 <= size2:
+            break
+    length2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2]
+    if not length2 > 0:
+        return False
+    along = inverse[0] * m[0] * m[0] + inverse[3] * m[1] * m[1] + inverse[5] * m[2] * m[2]
+    along += 2 * (inverse[1] * m[0] * m[1] + inverse[2] * m[0] * m[2] + inverse[4] * m[1] * m[2])
+    total = max(inverse[0] + inverse[3] + inverse[5] - along / length2, 0.0) / length2
+    of_lights = of_height = 0.0
+    if errors and near:
+        b0 = b1 = b2 = 0.0
+        for k in range(count):
+            b0 += weight[k] * samples[1, k] * samples[7, k]
+            b1 += weight[k] * samples[2, k] * samples[7, k]
+            b2 += weight[k] * samples[3, k] * samples[7, k]
+        of_height = _change(inverse, m, b0, b1, b2) / length2
+    chi2 = 0.0
+    for k in range(count):
+        chi2 += float(distance[k]) ** 2 if weight[k] > zero else 0.0
+    if errors:
+        for k in range(count):
+            weight[k] *= weight[k] * samples[6, k]
+        _normal_equations(count, samples, weight, sums)
+        for i in range(6):
+            inner[i] = sums[i]
+        of_lights = min(_tangent_trace(inverse, m, inner) / length2, total)
+    result[0], result[1], result[2] = m[0] * length, m[1] * length, m[2] * length
+    result[3], result[4], result[5] = total - of_lights, of_lights, of_height
+    result[6], result[7] = chi2, lit - 3.0
+    result[8] = _angle2(m, start, length2)
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _angle2(m: Double, start: Double, length2: float) -> float:
+    """Return the squared angle between two vectors, the first of which has a known length."""
+    x = m[1] * start[2] - m[2] * start[1]
+    y = m[2] * start[0] - m[0] * start[2]
+    z = m[0] * start[1] - m[1] * start[0]
+    along = m[0] * start[0] + m[1] * start[1] + m[2] * start[2]
+    return math.atan2(math.sqrt(x * x + y * y + z * z), along) ** 2
+
+
+@numba.njit(parallel=True, cache=True, error_model="numpy")
+def reference_solutions(
+    values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Double,
+    errors: bool, near: bool, points: Double, view: Double,
+    kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
+) -> None:  # fmt: skip
+    """Solve pixels from given solutions, and classify their samples.
+
+    Parameters
+    ----------
+    values, vectors, law
+        As for an `Estimator`.
+    starts
+        ``(P, 3)`` scaled normals; 0 for pixels that are not solved.
+    least
+        Least scale of the deviations: 1 if the law is that of the noise.
+    table
+        `light_table` of the N lights.
+    errors
+        Whether lights or height have errors.
+    near, points
+        Whether lights are near, and the points ``(P, 3)``.
+    view
+        Centre of the camera, and the relative standard deviation of the depths.
+    kinds
+        ``(P, N)``, receives the values of `SampleKind`.
+    counts
+        ``(P, 6)``, receives their numbers.
+    results
+        ``(P, 9)``, receives the solution, the variances of its direction in rad^2 by noise, lights
+        and height, the sum of squares of the normalised residuals, their degrees of
+        freedom, and the squared angle to the given solution; NaN if the lit lights do not determine
+        the pixel.
+    """
+    pixels, lights = values.shape
+    for block in numba.prange((pixels + 255) // 256):
+        samples = np.zeros((8, lights), np.float32)
+        scratch = np.zeros((4, lights), np.float32)
+        index = np.zeros(lights, np.int64)
+        work = np.zeros(24)
+        for p in range(256 * block, min(256 * (block + 1), pixels)):
+            start = starts[p]
+            of = p if near else 0
+            good = False
+            if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
+                good = _pixel(
+                    values[p], vectors[p if len(vectors) > 1 else 0],
+                    law[p if len(law) > 1 else 0], start, least, table, errors, near, points[of],
+                    view, samples, scratch, index, work, kinds[p], results[p],
+                )  # fmt: skip
+            else:
+                for i in range(lights):
+                    measured = math.isfinite(values[p, i])
+                    kinds[p, i] = _CAST if measured else _SATURATED
+            for i in range(lights):
+                counts[p, kinds[p, i]] += 1
+            if not good:
+                results[p] = np.nan
