@@ -84,7 +84,7 @@ class SurfaceOptions:
         across them; meshes are cut there. discontinuity.png and parts.png show what was found.
     k
         With --discontinuity: how small the jumps are that count; steps of 1 / sqrt(k) pixels begin
-        to be jumps. Default: 4.
+        to be jumps; default: 4.
     """
 
     pixel_mm: Positive | None = None
