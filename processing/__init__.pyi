@@ -69,6 +69,7 @@ from ._surface.integrability import integrability as integrability
 from ._surface.integration import HeightMap as HeightMap
 from ._surface.integration import integrate as integrate
 from ._surface.integration import surface_scale as surface_scale
+from ._surface.jumps import Jumps as Jumps
 from ._surface.mesh import Mesh as Mesh
 from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh

@@ -199,6 +199,20 @@ class SurfaceMetrics(MeshMetrics):
             float, "deg", "median angle between the given normals and the normals of the surface"
         ]
     ]
+    curl: NotRequired[
+        Annotated[
+            float | None,
+            "0..1",
+            "disagreement of the mixed derivatives of the normals: 0 for a surface, 1 for a "
+            "mirrored one, .7 for noise",
+        ]
+    ]
+    jumps: NotRequired[
+        Annotated[int, "", "`--discontinuity`: pairs of neighbours between which the surface jumps"]
+    ]
+    pieces: NotRequired[
+        Annotated[int, "", "`--discontinuity`: pieces that no reliable pair of neighbours connects"]
+    ]
 
 
 class CurvatureMetrics(TypedDict):

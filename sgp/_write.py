@@ -17,6 +17,7 @@ from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
 from sgp._uncertainty import add_uncertainty, sigma_lines
+from sgp._write_jumps import write_jumps
 from sgp._write_meshes import write_meshes
 
 _WRITERS = 2  # files that are encoded at the same time
@@ -194,6 +195,8 @@ def write_surface(
         acquisition.write_exr(result.outputs[name], values[name])
     acquisition.write_mask(result.outputs["mask"], height_map.mask)
     _write_height_picture(folder / "height.png", height_map, result)
+    if height_map.jumps is not None:
+        result.outputs |= write_jumps(folder, height_map.jumps)
     meshes, figures, notices = write_meshes(folder, height_map, normal_map, options, colours)
     result.outputs |= meshes
     result.warnings += notices
@@ -201,7 +204,8 @@ def write_surface(
     result.metrics = {**metrics, **figures}
     result.summary = [
         f"height range {metrics['height_range']:.4g} {metrics['unit']}, "
-        f"{metrics['vertices']} vertices"
+        f"{metrics['vertices']} vertices",
+        *_jumps_line(metrics),
     ]
     if "deviation_rms" in figures:
         result.summary.append(
@@ -210,6 +214,12 @@ def write_surface(
             f"{metrics['unit']} from the surface"
         )
     return result
+
+
+def _jumps_line(metrics: SurfaceMetrics) -> list[str]:
+    if "jumps" not in metrics:
+        return []
+    return [f"{metrics['jumps']} jumps between pixels, {metrics['pieces']} pieces between jumps"]
 
 
 def _write_height_picture(path: Path, height_map: processing.HeightMap, result: Result) -> None:
@@ -239,11 +249,17 @@ def _scale_notice(height_map: processing.HeightMap) -> list[rig.Notice]:
 def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
     """Return the figures of a surface."""
     inside = height_map.height[height_map.mask]
-    return {
+    metrics: SurfaceMetrics = {
         "unit": height_map.unit,
         "height_range": float(np.ptp(inside)),
         "vertices": len(inside),
         "parts": int(height_map.parts.max()) + 1,
         "iterations": height_map.iterations,
         "disagreement_deg": height_map.disagreement_deg,
+        "curl": None if np.isnan(height_map.curl) else height_map.curl,
     }
+    jumps = height_map.jumps
+    if jumps is not None:
+        metrics["jumps"] = jumps.count
+        metrics["pieces"] = int(jumps.pieces.max()) + 1
+    return metrics
