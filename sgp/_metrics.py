@@ -152,6 +152,20 @@ class NormalsMetrics(QualityMetrics):
             "turn",
         ]
     ]
+    excluded: NotRequired[
+        Annotated[
+            list[str],
+            "",
+            "`--exclude auto`: images that were left out because others contradict them",
+        ]
+    ]
+    strength_sigma: NotRequired[
+        Annotated[
+            float,
+            "1",
+            "`--semi-calibrated`: median of the relative standard deviations of the strengths",
+        ]
+    ]
 
 
 class SeparationMetrics(TypedDict):
@@ -184,6 +198,20 @@ class SurfaceMetrics(MeshMetrics):
         Annotated[
             float, "deg", "median angle between the given normals and the normals of the surface"
         ]
+    ]
+    curl: NotRequired[
+        Annotated[
+            float | None,
+            "0..1",
+            "disagreement of the mixed derivatives of the normals: 0 for a surface, 1 for a "
+            "mirrored one, .7 for noise",
+        ]
+    ]
+    jumps: NotRequired[
+        Annotated[int, "", "`--discontinuity`: pairs of neighbours between which the surface jumps"]
+    ]
+    pieces: NotRequired[
+        Annotated[int, "", "`--discontinuity`: pieces that no reliable pair of neighbours connects"]
     ]
 
 

@@ -166,6 +166,7 @@ class RecordingOptions:
         Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
     exclude
         Images to leave out, by name or number: L07,L12 or 0-5,8. The number is the one in the name.
+        auto leaves out images that the other images contradict.
     crop
         Region x,y,w,h to use: column and row of its first pixel, width and height, in pixels.
     downscale
@@ -193,6 +194,16 @@ class RecordingOptions:
     sensor: OptionalInput = None
     max_pixels: Pixels = MAX_PIXELS
 
+    @property
+    def excluded_by_name(self) -> tuple[str, ...]:
+        """Return the images that the user names."""
+        return tuple(name for name in self.exclude if name.lower() != "auto")
+
+    @property
+    def exclude_disagreeing(self) -> bool:
+        """Return whether images that the others contradict are left out."""
+        return len(self.excluded_by_name) < len(self.exclude)
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -214,12 +225,16 @@ class SourceOptions(RecordingOptions):
         one that explains the images best.
     rests_on_plane
         The lowest points of the object are in the working plane, for lights with positions.
+    semi_calibrated
+        Estimate the strengths of the lights with the normals; lights.json with the new intensities
+        and their standard deviations is written with the result.
     """
 
     method: processing.Method = "cauchy"
     channel: processing.StereoChannel = "gray"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
+    semi_calibrated: bool = False
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

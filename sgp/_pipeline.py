@@ -113,6 +113,7 @@ def process(
         smaller than the window of the filter, besides the errors of the stages.
     """
     pixel_mm = _pixel_mm(source, surfaces)
+    surfaces.sharpness()  # refuses wrong combinations before any work
     # Before the normals, which take long.
     unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
     separation.shape_filter().check_size(source.size)
@@ -198,6 +199,8 @@ def _surface(
             camera=source.camera,
             pixel_mm=pixel_mm,
             depth_mm=seen.depth_mm,
+            discontinuity=options.discontinuity,
+            k=options.sharpness(),
             on_progress=progress,
         )
     write(

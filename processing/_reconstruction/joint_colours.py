@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights
+from acquisition import CameraModel, Lights
 from calibration import StackNoise, luma
 from processing._reconstruction.joint_noise import JointNoise, over_colours
 from processing._reconstruction.shading import shading
@@ -35,6 +35,7 @@ def joint_stereo(
     method: Method,
     points_mm: npt.NDArray[np.float64] | None,
     noise: StackNoise | None,
+    camera: CameraModel | None = None,
     on_progress: Progress,
 ) -> tuple[PhotometricStereoResult, Float]:
     """Solve one normal and one albedo per colour from the samples of all colours.
@@ -50,7 +51,7 @@ def joint_stereo(
     ----------
     values
         ``(N, H, W, 3)`` linear radiance. Samples that are not finite are left out.
-    lights, mask, method, points_mm, on_progress
+    lights, mask, method, points_mm, camera, on_progress
         As in `photometric_stereo`.
     noise
         Law of the noise of the values; None if it is unknown.
@@ -78,6 +79,7 @@ def joint_stereo(
         mask,
         method=method,
         points_mm=points_mm,
+        camera=camera,
         on_progress=lambda stage, done, total: on_progress(stage, done, 2 * total),
     )
     model = LightModel(lights, points_mm, mask)
@@ -93,6 +95,7 @@ def joint_stereo(
         method=method,
         points_mm=points_mm,
         noise=None if noise is None else JointNoise.of(noise, colours, values),
+        camera=camera,
         on_progress=lambda stage, done, total: on_progress(stage, total + done, 2 * total),
     )
     scale = _ratio(solved.albedo, luma(colours)).astype(np.float32)

@@ -16,15 +16,22 @@ from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.error_bars import error_bars
+from processing._reconstruction.heights import Heights
 from processing._reconstruction.joint_colours import joint_stereo
+from processing._reconstruction.light_strengths import (
+    LightStrengths,
+    light_strengths,
+    with_strengths,
+)
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
     blocks_of_sites,
     gray_picture,
 )
-from processing._reconstruction.near_height import NearHeight, near_height
+from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality, image_quality
+from processing._reconstruction.scheme_check import exclusion
 from processing._reconstruction.specular import specular_residual
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
@@ -64,6 +71,10 @@ class Reconstruction:
         The height; None if it was not requested.
     quality
         Agreement of images, lights and normals.
+    excluded
+        Names of the images that were left out because they disagree with the others.
+    strengths
+        Strengths of the lights, if they were estimated.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -83,6 +94,8 @@ class Reconstruction:
     specular: npt.NDArray[np.float32]
     surface: HeightMap | None
     quality: ImageQuality
+    excluded: tuple[str, ...]
+    strengths: LightStrengths | None
     error: AngularError | None
     previews: tuple[npt.NDArray[np.float32], ...]
     near_height: NearHeight | None
@@ -105,6 +118,8 @@ def reconstruct(
     distant: bool = False,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
+    exclude_disagreeing: bool = False,
+    semi_calibrated: bool = False,
     surface: bool = True,
     on_progress: Progress = no_progress,
 ) -> Reconstruction:
@@ -136,6 +151,11 @@ def reconstruct(
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
         The lowest points of the object are in the working plane. Only for near lights.
+    exclude_disagreeing
+        Leave out images that the other images contradict (see `image_quality`), unless so many do
+        that it is not known which are right.
+    semi_calibrated
+        Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
     surface
         Also integrate the normals.
     on_progress
@@ -203,23 +223,36 @@ def reconstruct(
         text = f"images left out because they show no light: {', '.join(dark)}"
         warnings.append(Notice("lights-unlit", text))
         stack, lights, gray = stack.take(lit), lights.take(lit), gray[lit]
+    strengths = None
+    if semi_calibrated:
+        strengths = light_strengths(gray, lights, mask, points_mm=points_mm)
+        stack, gray = strengths.divided(stack, gray)
     # Before the height, which a wrong curve would bend.
     warnings += curve_warnings(source, gray, lights, mask, points_mm)
-    near = None
-    if points_mm is not None and source.camera is not None:
-        near = near_height(
-            gray,
-            lights,
-            mask,
-            source.camera,
-            height_mm=height_mm,
-            rests_on_plane=rests_on_plane,
-            on_step=lambda done, total: on_progress("height", done, total),
-        )
-        warnings += near.warnings
-        del points_mm
-        points_mm = source.camera.points_at(near.depth)
+    heights = Heights(source, mask, points_mm, height_mm, rests_on_plane, method, on_progress)
+    near, points_mm = heights.of(gray, lights)
+    if strengths is not None:
+        # Of near lights, strengths and heights depend on each other.
+        if near is not None:
+            again = light_strengths(gray, lights, mask, points_mm=points_mm)
+            stack, gray = again.divided(stack, gray)
+            near, points_mm = heights.of(gray, lights)
+            strengths = strengths.refined(again)
+        lights = strengths.lights
+        source = replace(source, lights=with_strengths(source.lights, lights))
+        warnings += strengths.warnings
     quality = image_quality(gray, lights, mask, points_mm=points_mm)
+    excluded: tuple[str, ...] = ()
+    if exclude_disagreeing:
+        kept = quality.scheme.agreeing(len(lights))
+        excluded = tuple(name for i, name in enumerate(lights.ids) if i not in kept)
+        warnings += exclusion(quality.scheme, lights.ids)
+        if excluded:
+            stack, lights, gray = stack.take(kept), lights.take(kept), gray[kept]
+            near, points_mm = heights.of(gray, lights)
+            quality = image_quality(gray, lights, mask, points_mm=points_mm)
+    if near is not None:
+        warnings += near.warnings
     warnings += quality.warnings
     previews = tuple(
         image.copy() if pattern is None else gray_picture(image, pattern)
@@ -236,6 +269,7 @@ def reconstruct(
             method=method,
             points_mm=points_mm,
             noise=stack.noise,
+            camera=source.camera,
             on_progress=on_progress,
         )
     else:
@@ -246,6 +280,7 @@ def reconstruct(
             method=method,
             points_mm=points_mm,
             noise=stack.noise,
+            camera=source.camera,
             on_progress=on_progress,
         )
         del gray
@@ -284,6 +319,8 @@ def reconstruct(
         specular=specular,
         surface=height,
         quality=quality,
+        excluded=excluded,
+        strengths=strengths,
         error=None if truth is None else angular_error(normal_map, truth, mask),
         previews=previews,
         near_height=near,

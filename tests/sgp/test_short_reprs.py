@@ -47,7 +47,16 @@ BARS = processing.NormalUncertainty(
 SEPARATION = processing.Separation(NORMALS, NORMALS, processing.ShapeFilter(order=2))
 HEIGHT = processing.HeightMap(ONES, None, MASK, MASK.astype(np.int32), "mm", 0.5, None, 9, 1e-6, ())
 QUALITY = processing.ImageQuality(
-    0.02, 0.01, 0.9, ONES[0, :3], ONES[0, :3], ONES[0, :3], 0.1, LIGHTS.ids, ()
+    0.02,
+    0.01,
+    0.9,
+    ONES[0, :3],
+    ONES[0, :3],
+    ONES[0, :3],
+    0.1,
+    processing.SchemeCheck((), False, True),
+    LIGHTS.ids,
+    (),
 )
 ERROR = processing.AngularError(8.394, 6.0, 1.0, ONES)
 
@@ -94,8 +103,8 @@ EXAMPLES: list[tuple[object, str]] = [
     (HEIGHT, "HeightMap(float32[4, 5] in mm, pixel size 0.5 mm)"),
     (processing.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
      "Mesh(vertices=float32[3, 3], faces=int32[1, 3], unit='px')"),
-    (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, ONES, BARS, ONES, HEIGHT, QUALITY,
-                               ERROR, (ONES, ONES), None, ()),
+    (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, ONES, BARS, ONES, HEIGHT, QUALITY, (),
+                               None, ERROR, (ONES, ONES), None, ()),
      f"Reconstruction(/in, {NORMALS!r}, height in mm, mean error 8.39 deg)"),
     (simulator.scene_named("coin"), "Scene(Coin, 36 lights, 0 spheres, 640 x 512 px)"),
     (simulator.Lens(camera=CAMERA),
