@@ -215,6 +215,7 @@ def test_wrong_radius_of_one_sphere_is_noticed(few):
     assert any("agree" in w or "disagree" in w for w in map(str, result.warnings))
 
 
+@pytest.mark.slow
 def test_positions_from_masks(few):
     values, truth = few
     result = calibrate_spheres(
@@ -237,6 +238,7 @@ def test_highlights_are_found_to_a_fiftieth_of_a_pixel(few):
         assert np.median(gap) < 0.02
 
 
+@pytest.mark.slow
 def test_one_mask_may_contain_all_spheres(few):
     values, truth = few
     assert len(calibrate_spheres(values, masks=[truth.sphere_masks.any(axis=0)]).spheres) == 4
