@@ -45,8 +45,8 @@ def surface(
     normals
         Image of normals, or folder with normals.* and mask.png.
     out
-        Folder for height.exr, height.png, depth.exr (with a camera), mask.png, surface.ply and
-        surface.json; discontinuity.png and parts.png with --discontinuity.
+        Folder for height.exr, height.png, depth.exr (with a camera), normal_residual_deg.exr (angle
+        between the given normals and those of the surface), mask.png, surface.ply and surface.json; discontinuity.png and parts.png with --discontinuity.
     mask
         Mask image of the pixels to integrate; default: all pixels with a normal.
     albedo
