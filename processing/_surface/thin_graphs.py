@@ -26,7 +26,7 @@ def is_thin(right: Float, down: Float) -> bool:
     square = (right[:-1, :-1] > 0) & (right[1:, :-1] > 0) & (down[:-1, :-1] > 0)
     square &= down[:-1, 1:] > 0
     middle = square[:-1, :-1] & square[:-1, 1:] & square[1:, :-1] & square[1:, 1:]
-    return np.count_nonzero(middle) < _WIDE * np.count_nonzero((right > 0) | (down > 0))
+    return bool(np.count_nonzero(middle) < _WIDE * np.count_nonzero((right > 0) | (down > 0)))
 
 
 def solve_thin(right: Float, down: Float, b: Double) -> Double:

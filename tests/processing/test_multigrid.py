@@ -128,7 +128,7 @@ def maze(cells: int, wide: int) -> Mask:
     while path:
         r, c = path[-1]
         near = [(r, c + 1), (r + 1, c), (r, c - 1), (r - 1, c)]
-        near = [(q, d) for q, d in near if 0 <= min(q, d) and max(q, d) < cells]
+        near = [(q, d) for q, d in near if min(q, d) >= 0 and max(q, d) < cells]
         near = [cell for cell in near if cell not in seen]
         if not near:
             path.pop()
