@@ -47,7 +47,7 @@ def normal_residual(height_map: HeightMap, normal_map: NormalMap) -> Float:
     >>> import numpy as np
     >>> from processing import NormalMap, integrate, normal_residual
     >>> slope = NormalMap.from_vectors(np.full((4, 6, 3), [-1.0, 0.0, 1.0]))
-    >>> normal_residual(integrate(slope), slope).max() < 0.1
+    >>> bool(normal_residual(integrate(slope), slope).max() < 0.1)
     True
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
