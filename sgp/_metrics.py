@@ -207,11 +207,17 @@ class SurfaceMetrics(MeshMetrics):
             "mirrored one, .7 for noise",
         ]
     ]
+    normal_residual_deg: NotRequired[
+        Annotated[float, "deg", "mean angle between the given normals and those of the surface"]
+    ]
     jumps: NotRequired[
         Annotated[int, "", "`--discontinuity`: pairs of neighbours between which the surface jumps"]
     ]
     pieces: NotRequired[
         Annotated[int, "", "`--discontinuity`: pieces that no reliable pair of neighbours connects"]
+    ]
+    settled: NotRequired[
+        Annotated[bool, "", "`--discontinuity`: whether the surface stood still in the last round"]
     ]
 
 
