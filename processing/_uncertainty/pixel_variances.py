@@ -14,7 +14,7 @@ from calibration import StackNoise
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.light_table import light_table, light_variances
+from processing._uncertainty.light_table import ERRORS, light_table, light_variances
 from processing._uncertainty.reference import (
     NOISE,
     REFERENCE,
@@ -190,7 +190,7 @@ class _Solver:
         self._view = np.zeros(4)
         if camera is not None and lights.near:
             self._view[:] = *camera.centre_mm, depth_sigma
-        self._errors = bool(self._table[:, 8:17].any() or self._view[3] > 0)
+        self._errors = bool(self._table[ERRORS].any() or self._view[3] > 0)
 
     def _points_of(self, pixels: npt.NDArray[np.intp]) -> Double:
         return self._points[pixels] if self._near else self._points
@@ -231,7 +231,7 @@ class _Solver:
         some = pixels[:: max(1, len(pixels) // _SAMPLED)]
         samples, vectors = self.model.samples(self._stack, some)
         kinds, _, results = self.solve(some, samples, vectors, None)
-        of_lights = np.zeros(samples.shape)
+        of_lights = np.zeros(samples.shape, np.float32)
         if self._errors:
             solutions = np.nan_to_num(results[:, REFERENCE])
             light_variances(

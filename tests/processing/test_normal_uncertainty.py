@@ -9,7 +9,7 @@ from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg, 
 from calibration import StackNoise
 from processing import Reason, SampleKind, normal_uncertainty, photometric_stereo
 from processing._stereo.method import METHODS
-from processing._uncertainty.light_table import light_table, near_variance
+from processing._uncertainty.light_table import light_table, near_variances
 from processing._uncertainty.pixel_variances import kinds_of
 
 SLOPE, FLOOR = 1e-4, 2.5e-7
@@ -174,12 +174,9 @@ def test_near_lights_move_samples_as_finite_differences_say():
     moved = shade(point=POINT + 1e-3 * view[3] * (view[:3] - POINT)) - shade()
     for name, (errors, expected) in cases.items():
         table = light_table(dataclasses.replace(NEAR, errors=errors))
-        lengths = np.linalg.norm(NEAR.vectors_at(POINT), axis=1)
-        found = [
-            near_variance(row, POINT, view, NORMAL, *pair)
-            for row, pair in zip(table, zip(shade(), lengths, strict=True), strict=True)
-        ]
-        variances, higher = np.transpose(found)
+        variances, higher = np.zeros((2, 2), np.float32)
+        vectors = np.ascontiguousarray(NEAR.vectors_at(POINT).T, np.float32)
+        near_variances(table, vectors, POINT, view, NORMAL, variances, higher)
         np.testing.assert_allclose(variances, expected, rtol=2e-3, err_msg=name)
         np.testing.assert_allclose(higher, moved / 1e-3, rtol=1e-3)
 
