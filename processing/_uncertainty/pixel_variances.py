@@ -23,6 +23,7 @@ from processing._uncertainty.reference import (
     reference_solutions,
 )
 from processing._uncertainty.residual_law import residual_law
+from processing._uncertainty.residual_structure import neighbour_correlation
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Progress, short_repr
 
@@ -35,7 +36,7 @@ Counts = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 Origin = Literal["sensor", "repeats", "residuals", "unknown"]
 
 _BLOCK = 16384
-# Pixels whose residuals show the noise.
+# Pixels whose residuals show the noise, and whether they are noise.
 _SAMPLED = 4000
 # The agreement with the law is averaged over this many pixels across, and drawn toward 1 by a few
 # degrees of freedom.
@@ -62,6 +63,8 @@ class PixelVariances:
         As in `NormalUncertainty`.
     origin
         Where the law of the noise is from.
+    correlation
+        See `neighbour_correlation`.
     """
 
     noise: Float
@@ -72,6 +75,7 @@ class PixelVariances:
     samples: Counts
     reason: npt.NDArray[np.uint8]
     origin: Origin
+    correlation: float
 
     __repr__ = short_repr
 
@@ -140,6 +144,7 @@ def pixel_variances(
         counts.reshape(-1, *mask.shape),
         reason.reshape(mask.shape),
         origin,
+        solver.correlation(pixels, fitted, law),
     )
 
 
@@ -225,6 +230,17 @@ class _Solver:
             results,
         )
         return kinds, counts, results
+
+    def correlation(
+        self, pixels: npt.NDArray[np.intp], fitted: Float | None, law: NoiseLaw | None
+    ) -> float:
+        """Return how alike the residuals of neighbouring lights are at some pixels."""
+        some = pixels[:: max(1, len(pixels) // _SAMPLED)]
+        samples, vectors = self.model.samples(self._stack, some)
+        known = fitted if law is None else law.of(some, samples, vectors)
+        kinds, _, results = self.solve(some, samples, vectors, known)
+        typical = self.model.typical_vectors(pixels)
+        return neighbour_correlation(samples, vectors, kinds, results, typical)
 
     def fitted_law(self, pixels: npt.NDArray[np.intp]) -> Float | None:
         """Return the law of the noise that the residuals of some pixels show."""
