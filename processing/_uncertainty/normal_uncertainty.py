@@ -84,7 +84,7 @@ def normal_uncertainty(
     `Lights.errors`, to first order; a light without stated errors counts as exact. Where the
     residuals over 5 x 5 pixels exceed the law of the noise, the variance is larger in proportion.
     On glossy surfaces errors are larger than predicted; `NormalUncertainty.neighbour_correlation`
-    shows it.
+    shows it. With a known noise, bands of rows that overlap by 2 rows give the values of the whole.
 
     Parameters
     ----------
