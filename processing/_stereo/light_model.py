@@ -149,7 +149,7 @@ def _check_lights(vectors: Double) -> None:
 
 
 def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:
-    """Return positions and axes ``(3, N)``, mu and ``r0^2 / cos(t0)^mu``.
+    """Return positions, axes, mu and ``r0^2 / cos(t0)^mu``.
 
     The last factor normalises the irradiance at the origin to 1.
     """
@@ -159,35 +159,30 @@ def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:
     distance = np.linalg.norm(positions, axis=1)
     cosine = -np.sum(positions * axes, axis=1) / distance
     reference: Double = distance**2 / cosine**mu
-    return np.ascontiguousarray(positions.T), np.ascontiguousarray(axes.T), mu, reference
+    return positions, axes, mu, reference
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _write_gains(
-    px: float, py: float, pz: float, to_light: Double, axes: Double, mu: Double, reference: Double,
-    gain: Double,
-) -> None:  # fmt: skip
-    """Write the vectors from a point to N LEDs, and the factors that make them light vectors.
+@numba.njit(cache=True)
+def _irradiance(x: float, y: float, z: float, reference: float, axis: Double, mu: float) -> float:
+    """Return the factor that scales (x, y, z), from a point to an LED, to its light vector.
 
-    See `Lights`. A factor that is not above 0 means that the LED does not reach the point, and
-    is also the result if the point is not finite. The first loop has no branch and vectorises.
+    See `Lights`.
     """
-    x, y, z, ratio = to_light[3], to_light[4], to_light[5], to_light[6]
-    for i in range(len(gain)):
-        x[i], y[i], z[i] = to_light[0, i] - px, to_light[1, i] - py, to_light[2, i] - pz
-        distance2 = x[i] * x[i] + y[i] * y[i] + z[i] * z[i]
-        distance = math.sqrt(distance2)
-        cosine = -(x[i] * axes[0, i] + y[i] * axes[1, i] + z[i] * axes[2, i])
-        ratio[i] = cosine / distance
-        gain[i] = reference[i] / (distance2 * distance) if cosine > 0.0 else 0.0
-    for i in range(len(gain)):
-        if mu[i] == 1.0:
-            gain[i] *= ratio[i]
-        elif mu[i] != 0.0 and gain[i] > 0.0:
-            gain[i] *= ratio[i] ** mu[i]
+    distance2 = x * x + y * y + z * z
+    distance = math.sqrt(distance2)
+    cosine = -(x * axis[0] + y * axis[1] + z * axis[2])
+    # The comparison is also false if the point is not finite.
+    if not cosine > 0.0:
+        return 0.0
+    gain = reference / (distance2 * distance)
+    if mu == 0.0:
+        return float(gain)
+    if mu == 1.0:
+        return float(gain * cosine / distance)
+    return float(gain * (cosine / distance) ** mu)
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(parallel=True, cache=True)
 def _near_vectors(
     points: Double, pixels: npt.NDArray[np.intp],
     positions: Double, axes: Double, mu: Double, reference: Double,
@@ -195,17 +190,14 @@ def _near_vectors(
 ) -> None:  # fmt: skip
     """Write the light vectors; the sample of an LED that does not reach a point becomes NaN."""
     count, lights = values.shape
-    for block in numba.prange((count + 255) // 256):
-        to_light, gain = np.zeros((7, lights)), np.zeros(lights)
-        to_light[0:3] = positions
-        for p in range(256 * block, min(256 * (block + 1), count)):
-            px, py, pz = points[pixels[p]]
-            _write_gains(px, py, pz, to_light, axes, mu, reference, gain)
-            for i in range(lights):
-                reached = gain[i] > 0.0
-                factor = gain[i] if reached else 0.0
-                for c in range(3):
-                    vectors[p, c, i] = to_light[3 + c, i] * factor if reached else 0.0
-            for i in range(lights):
-                if not gain[i] > 0.0:
-                    values[p, i] = np.nan
+    for p in numba.prange(count):
+        px, py, pz = points[pixels[p]]
+        for i in range(lights):
+            x, y, z = positions[i, 0] - px, positions[i, 1] - py, positions[i, 2] - pz
+            gain = _irradiance(x, y, z, reference[i], axes[i], mu[i])
+            if gain > 0.0:
+                vectors[p, 0, i] = x * gain
+                vectors[p, 1, i] = y * gain
+                vectors[p, 2, i] = z * gain
+            else:
+                values[p, i] = np.nan

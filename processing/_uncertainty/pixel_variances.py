@@ -237,11 +237,10 @@ class _Solver:
     ) -> float:
         """Return how alike the residuals of neighbouring lights are at some pixels."""
         some = pixels[:: max(1, len(pixels) // _SAMPLED)]
-        samples, vectors = self.model.samples(self._stack, some)
+        samples, vectors = self.model.samples(Frames(self._stack), some)
         known = fitted if law is None else law.of(some, samples, vectors)
         kinds, _, results = self.solve(some, samples, vectors, known)
-        typical = self.model.typical_vectors(pixels)
-        return neighbour_correlation(samples, vectors, kinds, results, typical)
+        return neighbour_correlation(samples, vectors, kinds, results)
 
     def fitted_law(self, pixels: npt.NDArray[np.intp]) -> Float | None:
         """Return the law of the noise that the residuals of some pixels show."""

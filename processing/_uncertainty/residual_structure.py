@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._uncertainty.light_table import Double, Float
 from processing._uncertainty.reference import LIT, REFERENCE, Kinds
@@ -15,9 +14,7 @@ _FEWEST_LIGHTS = 8
 _FEWEST_PIXELS = 100
 
 
-def neighbour_correlation(
-    values: Float, vectors: Float, kinds: Kinds, results: Double, typical: Double
-) -> float:
+def neighbour_correlation(values: Float, vectors: Float, kinds: Kinds, results: Double) -> float:
     """Return the correlation between the residuals of each light and of the one nearest to it.
 
     Noise and errors of lights are independent from light to light; the fit makes their correlation
@@ -31,14 +28,13 @@ def neighbour_correlation(
         Samples of P pixels, see `LightModel.samples`.
     kinds, results
         See `reference_solutions`.
-    typical
-        ``(N, 3)`` light vectors in the middle of the object.
     """
+    typical = vectors.mean(axis=0).T
     solved = np.isfinite(results[:, REFERENCE]).all(axis=1)
     if len(typical) < _FEWEST_LIGHTS or np.count_nonzero(solved) < _FEWEST_PIXELS:
         return math.nan
     units = typical / np.maximum(np.linalg.norm(typical, axis=1, keepdims=True), 1e-30)
-    cosines: npt.NDArray[np.float64] = units @ units.T
+    cosines = units @ units.T
     np.fill_diagonal(cosines, -2)
     nearest = np.argmax(cosines, axis=1)
     of_pixel = np.broadcast_to(vectors, (len(values), *vectors.shape[1:]))[solved]
