@@ -117,6 +117,15 @@ class NormalsMetrics(QualityMetrics):
             "where the law of the noise is from, on which the standard deviations rest",
         ]
     ]
+    neighbour_correlation: NotRequired[
+        Annotated[
+            float | None,
+            "-1..1",
+            "correlation between the residuals of each light and of the one nearest to it: about "
+            "-.1 for noise; above .1 the surface is not matte, and errors are larger than the "
+            "standard deviations; null with fewer than 8 lights",
+        ]
+    ]
     samples: NotRequired[
         Annotated[
             SampleShares,

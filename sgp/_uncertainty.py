@@ -21,6 +21,7 @@ def add_uncertainty(
     metrics["normal_sigma_deg"] = _median(found.sigma_deg)
     metrics["normal_sigma_common_deg"] = _median(found.common_sigma_deg)
     metrics["noise_from"] = found.noise
+    metrics["neighbour_correlation"] = found.neighbour_correlation
     shares = _shares(found, mask)
     metrics["samples"] = SampleShares(
         lit=shares["lit"],

@@ -14,7 +14,11 @@ from processing._normal_map import NormalMap
 from processing._reconstruction.near_height import NearHeight
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.colours import uncertainty_of_colours
-from processing._uncertainty.normal_uncertainty import NormalUncertainty, normal_uncertainty
+from processing._uncertainty.normal_uncertainty import (
+    STRUCTURED,
+    NormalUncertainty,
+    normal_uncertainty,
+)
 from processing._uncertainty.sample_kind import Reason
 from rig import Notice, Progress
 
@@ -127,4 +131,12 @@ def _notices(found: NormalUncertainty, mask: Mask) -> list[Notice]:
     if found.noise == "unknown":
         text = "too few samples of each pixel to estimate how sure the normals are"
         notices.append(Notice("normal-sigma-unknown", text, severity="info"))
+    elif found.neighbour_correlation > STRUCTURED:
+        text = (
+            "the errors of the normals are larger than their standard deviations: neighbouring "
+            f"lights have similar residuals (correlation {found.neighbour_correlation:.2f}; noise "
+            f"has less than {STRUCTURED:g}), so the surface is not matte, or light comes from "
+            "elsewhere"
+        )
+        notices.append(Notice("normal-sigma-too-small", text, severity="info"))
     return notices

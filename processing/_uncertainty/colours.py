@@ -102,4 +102,5 @@ def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
         samples,
         reason,
         known[0] if known else "unknown",
+        max(one.correlation for one in found),
     )

@@ -9,20 +9,23 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights, tangent_basis
+from processing._stereo.pixel_algebra import ANY_ORDER
+
+# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
-# Columns: position, axis, mu, r0^2 / c0^mu, covariance (xx, xy, xz, yy, yz, zz), relative variance
-# of the intensity, variance of the axis (rad^2) and of mu, cosine c0 at the origin, derivative of
-# the logarithm of column 7 by the position, direction from the origin.
-_COLUMNS = 24
+# Rows: position, axis, mu, cosine c0 at the origin, covariance (xx, xy, xz, yy, yz, zz), relative
+# variance of the intensity, variance of the axis (rad^2) and of mu, derivative of the logarithm of
+# r0^2 / c0^mu by the position, direction from the origin divided by c0.
+_ROWS = 23
+ERRORS = slice(8, 17)
 
 
-def light_table(lights: Lights) -> Double:
-    """Return ``(N, 24)`` geometry and errors of lights; values that are not known are 0."""
-    count = len(lights)
-    table = np.zeros((count, _COLUMNS))
+def light_table(lights: Lights) -> Float:
+    """Return ``(23, N)`` geometry and errors of lights; values that are not known are 0."""
+    table = np.zeros((len(lights), _ROWS))
     errors = lights.errors
     if lights.positions_mm is not None:
         positions, axes, mu = lights.positions_mm, np.asarray(lights.axes), np.asarray(lights.mu)
@@ -30,13 +33,12 @@ def light_table(lights: Lights) -> Double:
         u0 = positions / r0[:, None]
         c0 = -np.sum(u0 * axes, axis=1)
         table[:, 0:3], table[:, 3:6], table[:, 6] = positions, axes, mu
-        table[:, 7] = r0**2 / c0**mu
-        table[:, 17] = c0
+        table[:, 7] = c0
         of_cosine = -(axes + c0[:, None] * u0) / r0[:, None]
-        table[:, 18:21] = 2 * u0 / r0[:, None] - (mu / c0)[:, None] * of_cosine
-        table[:, 21:24] = u0
+        table[:, 17:20] = 2 * u0 / r0[:, None] - (mu / c0)[:, None] * of_cosine
+        table[:, 20:23] = u0 / c0[:, None]
     if errors is None:
-        return table
+        return _rows(table)
     if errors.covariances is not None:
         covariances = np.nan_to_num(errors.covariances)
         if not lights.near:
@@ -50,90 +52,101 @@ def light_table(lights: Lights) -> Double:
         table[:, 15] = np.nan_to_num(np.radians(errors.axis_std_deg)) ** 2
     if errors.mu_std is not None:
         table[:, 16] = np.nan_to_num(errors.mu_std) ** 2
-    return table
+    return _rows(table)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def distant_variance(light: Double, m: Double, shading: float) -> float:
-    """Return the variance of ``l . m`` by the errors of a distant light."""
-    variance = light[8] * m[0] * m[0] + light[11] * m[1] * m[1] + light[13] * m[2] * m[2]
-    variance += 2 * (light[9] * m[0] * m[1] + light[10] * m[0] * m[2] + light[12] * m[1] * m[2])
-    return float(variance + light[14] * shading * shading)
+def _rows(table: Double) -> Float:
+    return np.ascontiguousarray(table.T, np.float32)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def near_variance(
-    light: Double, point: Double, view: Double, m: Double, shading: float, strength: float
-) -> tuple[float, float]:
-    """Return the variance of ``l . m`` by the errors of a near light, and its change by the height.
+@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+def distant_variances(table: Float, vectors: Float, m: Double, variance: Float) -> None:
+    """Write the variances of ``l . m`` by the errors of distant lights; 0 in attached shadow."""
+    mx, my, mz = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
+    zero, two = np.float32(0), np.float32(2)
+    for i in range(len(variance)):
+        shading = vectors[0, i] * mx + vectors[1, i] * my + vectors[2, i] * mz
+        total = table[8, i] * mx * mx + table[11, i] * my * my + table[13, i] * mz * mz
+        total += two * table[9, i] * mx * my
+        total += two * (table[10, i] * mx + table[12, i] * my) * mz
+        total += table[14, i] * shading * shading
+        variance[i] = total if shading > zero else zero
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+def near_variances(
+    table: Float, vectors: Float, point: Double, view: Double, m: Double, variance: Float,
+    higher: Float,
+) -> None:  # fmt: skip
+    """Write the variances of ``l . m`` by the errors of near lights, and its changes by the height.
 
     Parameters
     ----------
-    light
-        Row of a `light_table`.
+    table, vectors
+        `light_table` of N lights, and their vectors ``(3, N)`` at the point.
     point, view
         Surface point; centre of the camera and the share of its distance by which the point moves
         toward it.
     m
         Scaled normal.
-    shading, strength
-        ``l . m`` and the length of l.
+    variance, higher
+        ``(N,)``, receive the result; 0 in attached shadow.
     """
-    x, y, z = light[0] - point[0], light[1] - point[1], light[2] - point[2]
-    per = 1.0 / math.sqrt(x * x + y * y + z * z)
-    ux, uy, uz = x * per, y * per, z * per
-    ax, ay, az, mu = light[3], light[4], light[5], light[6]
-    cosine = -(ux * ax + uy * ay + uz * az)
-    gain, relative = strength * per, shading * per
-    bend = mu / cosine
-    # Derivatives by the position of the light, as seen from the point.
-    gx = gain * m[0] - relative * (3 * ux + bend * (ax + cosine * ux))
-    gy = gain * m[1] - relative * (3 * uy + bend * (ay + cosine * uy))
-    gz = gain * m[2] - relative * (3 * uz + bend * (az + cosine * uz))
-    higher = gx * (point[0] - view[0]) + gy * (point[1] - view[1]) + gz * (point[2] - view[2])
-    higher *= view[3]
-    # The irradiance at the origin stays the same if the light moves.
-    gx += shading * light[18]
-    gy += shading * light[19]
-    gz += shading * light[20]
-    variance = light[8] * gx * gx + light[11] * gy * gy + light[13] * gz * gz
-    variance += 2 * (light[9] * gx * gy + light[10] * gx * gz + light[12] * gy * gz)
-    variance += light[14] * shading * shading
-    if light[15] > 0.0:
-        c0 = light[17]
-        tx = light[21] / c0 - ux / cosine
-        ty = light[22] / c0 - uy / cosine
-        tz = light[23] / c0 - uz / cosine
+    mx, my, mz = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
+    px, py, pz = np.float32(point[0]), np.float32(point[1]), np.float32(point[2])
+    rise = np.float32(view[3])
+    rx = (px - np.float32(view[0])) * rise
+    ry = (py - np.float32(view[1])) * rise
+    rz = (pz - np.float32(view[2])) * rise
+    zero, one, two, three = np.float32(0), np.float32(1), np.float32(2), np.float32(3)
+    for i in range(len(variance)):
+        lx, ly, lz = vectors[0, i], vectors[1, i], vectors[2, i]
+        shading = lx * mx + ly * my + lz * mz
+        x, y, z = table[0, i] - px, table[1, i] - py, table[2, i] - pz
+        per = one / np.sqrt(x * x + y * y + z * z)
+        ux, uy, uz = x * per, y * per, z * per
+        ax, ay, az, mu = table[3, i], table[4, i], table[5, i], table[6, i]
+        cosine = -(ux * ax + uy * ay + uz * az)
+        inverse = one / cosine
+        gain, relative, bend = (lx * ux + ly * uy + lz * uz) * per, shading * per, mu * inverse
+        # Derivatives by the position of the light, as seen from the point.
+        gx = gain * mx - relative * (three * ux + bend * (ax + cosine * ux))
+        gy = gain * my - relative * (three * uy + bend * (ay + cosine * uy))
+        gz = gain * mz - relative * (three * uz + bend * (az + cosine * uz))
+        higher[i] = gx * rx + gy * ry + gz * rz if shading > zero else zero
+        # The irradiance at the origin stays the same if the light moves.
+        gx += shading * table[17, i]
+        gy += shading * table[18, i]
+        gz += shading * table[19, i]
+        total = table[8, i] * gx * gx + table[11, i] * gy * gy + table[13, i] * gz * gz
+        total += two * table[9, i] * gx * gy
+        total += two * (table[10, i] * gx + table[12, i] * gy) * gz
+        tx = table[20, i] - ux * inverse
+        ty = table[21, i] - uy * inverse
+        tz = table[22, i] - uz * inverse
         along = tx * ax + ty * ay + tz * az
         across = tx * tx + ty * ty + tz * tz - along * along
-        variance += light[15] * (shading * mu) ** 2 * across
-    if light[16] > 0.0:
-        variance += light[16] * (shading * math.log(cosine / light[17])) ** 2
-    return float(variance), float(higher)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _write_variances(
-    vectors: Float, m: Double, table: Double, near: bool, point: Double, out: Double
-) -> None:
-    nowhere = np.zeros(4)
-    for i in range(len(out)):
-        x, y, z = float(vectors[0, i]), float(vectors[1, i]), float(vectors[2, i])
-        shading = x * m[0] + y * m[1] + z * m[2]
-        if shading > 0.0 and near:
-            strength = math.sqrt(x * x + y * y + z * z)
-            variance, _ = near_variance(table[i], point, nowhere, m, shading, strength)
-            out[i] = variance
-        elif shading > 0.0:
-            out[i] = distant_variance(table[i], m, shading)
+        total += (table[14, i] + table[15, i] * mu * mu * across) * shading * shading
+        variance[i] = total if shading > zero else zero
+    for i in range(len(variance)):
+        shading = vectors[0, i] * mx + vectors[1, i] * my + vectors[2, i] * mz
+        if table[16, i] > zero and shading > zero:
+            x, y, z = table[0, i] - px, table[1, i] - py, table[2, i] - pz
+            along = -(x * table[3, i] + y * table[4, i] + z * table[5, i])
+            ratio = along / (table[7, i] * math.sqrt(x * x + y * y + z * z))
+            variance[i] += table[16, i] * np.float32(shading * math.log(ratio)) ** 2
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def light_variances(
-    vectors: Float, solutions: Double, table: Double, near: bool, points: Double, out: Double
+    vectors: Float, solutions: Double, table: Float, near: bool, points: Double, out: Float
 ) -> None:
     """Write the variances ``(P, N)`` of the shading of pixels by the errors of the lights."""
     for p in numba.prange(len(out)):
         of_pixel = vectors[p] if len(vectors) > 1 else vectors[0]
-        point = points[p] if near else points[0]
-        _write_variances(of_pixel, solutions[p], table, near, point, out[p])
+        if near:
+            unused = np.zeros(out.shape[1], np.float32)
+            nowhere = np.zeros(4)
+            near_variances(table, of_pixel, points[p], nowhere, solutions[p], out[p], unused)
+        else:
+            distant_variances(table, of_pixel, solutions[p], out[p])

@@ -17,6 +17,9 @@ from rig import Progress, check_type, no_progress, pluralize, short_repr
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
+# Least correlation of residuals that are not noise.
+STRUCTURED = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class NormalUncertainty:
@@ -38,6 +41,11 @@ class NormalUncertainty:
         ``(H, W)`` uint8, the `Reason` why a pixel is not valid.
     noise
         Where the law of the noise is from: ``sensor``, ``repeats``, ``residuals``, or ``unknown``.
+    neighbour_correlation
+        Correlation, from -1 to 1, between the residuals of each light and of the one nearest to it,
+        averaged over pixels. It is about -.1 where the residuals are noise. Above .1 the surface
+        is not matte, or light comes from elsewhere, and errors are larger than predicted.
+        NaN with fewer than 8 lights or 100 pixels.
     """
 
     sigma_deg: Float
@@ -45,6 +53,7 @@ class NormalUncertainty:
     samples: Counts
     reason: npt.NDArray[np.uint8]
     noise: Origin
+    neighbour_correlation: float
 
     __repr__ = short_repr
 
@@ -74,7 +83,8 @@ def normal_uncertainty(
     econometrics, 1978), whatever the method. Variances are those of the noise and of
     `Lights.errors`, to first order; a light without stated errors counts as exact. Where the
     residuals over 5 x 5 pixels exceed the law of the noise, the variance is larger in proportion.
-    On glossy surfaces errors are larger than predicted.
+    On glossy surfaces errors are larger than predicted; `NormalUncertainty.neighbour_correlation`
+    shows it. With a known noise, bands of rows that overlap by 2 rows give the values of the whole.
 
     Parameters
     ----------
@@ -148,4 +158,6 @@ def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
         np.degrees(np.sqrt(part, out=np.full_like(part, np.nan), where=valid))
         for part in (total, common)
     )
-    return NormalUncertainty(sigma, of_common, found.samples, found.reason, found.origin)
+    return NormalUncertainty(
+        sigma, of_common, found.samples, found.reason, found.origin, found.correlation
+    )

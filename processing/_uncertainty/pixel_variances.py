@@ -15,7 +15,7 @@ from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.light_table import light_table, light_variances
+from processing._uncertainty.light_table import ERRORS, light_table, light_variances
 from processing._uncertainty.reference import (
     NOISE,
     REFERENCE,
@@ -24,6 +24,7 @@ from processing._uncertainty.reference import (
     reference_solutions,
 )
 from processing._uncertainty.residual_law import residual_law
+from processing._uncertainty.residual_structure import neighbour_correlation
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Progress, short_repr
 
@@ -36,7 +37,7 @@ Counts = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 Origin = Literal["sensor", "repeats", "residuals", "unknown"]
 
 _BLOCK = 16384
-# Pixels whose residuals show the noise.
+# Pixels whose residuals show the noise, and whether they are noise.
 _SAMPLED = 4000
 # The agreement with the law is averaged over this many pixels across, and drawn toward 1 by a few
 # degrees of freedom.
@@ -63,6 +64,8 @@ class PixelVariances:
         As in `NormalUncertainty`.
     origin
         Where the law of the noise is from.
+    correlation
+        See `neighbour_correlation`.
     """
 
     noise: Float
@@ -73,6 +76,7 @@ class PixelVariances:
     samples: Counts
     reason: npt.NDArray[np.uint8]
     origin: Origin
+    correlation: float
 
     __repr__ = short_repr
 
@@ -141,6 +145,7 @@ def pixel_variances(
         counts.reshape(-1, *mask.shape),
         reason.reshape(mask.shape),
         origin,
+        solver.correlation(pixels, fitted, law),
     )
 
 
@@ -191,7 +196,7 @@ class _Solver:
         self._view = np.zeros(4)
         if camera is not None and lights.near:
             self._view[:] = *camera.centre_mm, depth_sigma
-        self._errors = bool(self._table[:, 8:17].any() or self._view[3] > 0)
+        self._errors = bool(self._table[ERRORS].any() or self._view[3] > 0)
 
     def _points_of(self, pixels: npt.NDArray[np.intp]) -> Double:
         return self._points[pixels] if self._near else self._points
@@ -227,12 +232,22 @@ class _Solver:
         )
         return kinds, counts, results
 
+    def correlation(
+        self, pixels: npt.NDArray[np.intp], fitted: Float | None, law: NoiseLaw | None
+    ) -> float:
+        """Return how alike the residuals of neighbouring lights are at some pixels."""
+        some = pixels[:: max(1, len(pixels) // _SAMPLED)]
+        samples, vectors = self.model.samples(Frames(self._stack), some)
+        known = fitted if law is None else law.of(some, samples, vectors)
+        kinds, _, results = self.solve(some, samples, vectors, known)
+        return neighbour_correlation(samples, vectors, kinds, results)
+
     def fitted_law(self, pixels: npt.NDArray[np.intp]) -> Float | None:
         """Return the law of the noise that the residuals of some pixels show."""
         some = pixels[:: max(1, len(pixels) // _SAMPLED)]
         samples, vectors = self.model.samples(Frames(self._stack), some)
         kinds, _, results = self.solve(some, samples, vectors, None)
-        of_lights = np.zeros(samples.shape)
+        of_lights = np.zeros(samples.shape, np.float32)
         if self._errors:
             solutions = np.nan_to_num(results[:, REFERENCE])
             light_variances(

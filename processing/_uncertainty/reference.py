@@ -10,11 +10,11 @@ import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import ANY_ORDER, MAX_CONDITION
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
-from processing._uncertainty.light_table import distant_variance, near_variance
+from processing._uncertainty.light_table import distant_variances, near_variances
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_uncertainty/light_table.py 06848a6db1e5
+# Compiled in: processing/_uncertainty/light_table.py a372003ed0d8
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -23,6 +23,9 @@ Kinds = npt.NDArray[np.uint8]
 _STEPS = 4
 # The solution is settled if the square of its change is below this share of its variance.
 _SETTLED = 0.01
+# The errors of the lights are those at the given solution, or at one that is further away than 1
+# degree from it.
+_MOVED2 = 3e-4
 # Samples below this share of the mean show no light; only the first step needs it.
 _DARK = 0.05
 # Samples further away than this many standard deviations do not agree.
@@ -116,23 +119,18 @@ def _kind_of(value: float, shading: float, distance: float, scale: float, least:
 
 @numba.njit(cache=True, error_model="numpy")
 def _light_errors(
-    count: int, samples: Float, index: npt.NDArray[np.int64], table: Double, near: bool,
-    point: Double, view: Double, m: Double,
+    count: int, samples: Float, index: npt.NDArray[np.int64], vectors: Float, table: Float,
+    near: bool, point: Double, view: Double, m: Double, scratch: Float,
 ) -> None:  # fmt: skip
     """Write the variances by the errors of the lights, and the changes by a rise of the object."""
+    if near:
+        near_variances(table, vectors, point, view, m, scratch[0], scratch[1])
+        for k in range(count):
+            samples[7, k] = scratch[1, index[k]]
+    else:
+        distant_variances(table, vectors, m, scratch[0])
     for k in range(count):
-        x, y, z = float(samples[1, k]), float(samples[2, k]), float(samples[3, k])
-        shading = x * m[0] + y * m[1] + z * m[2]
-        samples[6, k] = samples[7, k] = 0
-        if not shading > 0:
-            continue
-        light = table[index[k]]
-        if near:
-            strength = math.sqrt(x * x + y * y + z * z)
-            variance, higher = near_variance(light, point, view, m, shading, strength)
-            samples[6, k], samples[7, k] = np.float32(variance), np.float32(higher)
-        else:
-            samples[6, k] = np.float32(distant_variance(light, m, shading))
+        samples[6, k] = scratch[0, index[k]]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -172,7 +170,7 @@ def _change(inverse: Double, m: Double, b0: float, b1: float, b2: float) -> floa
 @numba.njit(cache=True, error_model="numpy")
 def _pixel(
     values: Float, vectors: Float, law: Float, start: Double, least: np.float32,
-    table: Double, errors: bool, near: bool, point: Double, view: Double,
+    table: Float, errors: bool, near: bool, point: Double, view: Double,
     samples: Float, scratch: Float, index: npt.NDArray[np.int64], work: Double, kinds: Kinds,
     result: Double,
 ) -> bool:  # fmt: skip
@@ -201,10 +199,10 @@ def _pixel(
     shading, variance, distance, weight = scratch[0], scratch[1], scratch[2], scratch[3]
     dark = np.float32(_DARK * mean / max(count, 1))
     zero, one, cut = np.float32(0), np.float32(1), np.float32(_CUT)
-    scale, lit = one, 0
+    scale, lit, moved = one, 0, False
     for step in range(_STEPS):
-        if errors and step < 2:
-            _light_errors(count, samples, index, table, near, point, view, m)
+        if errors and (step == 0 or (step == 1 and moved)):
+            _light_errors(count, samples, index, vectors, table, near, point, view, m, scratch)
         _predicted(count, samples, m, shading, variance, distance)
         found = 0
         for k in range(count):
@@ -237,6 +235,7 @@ def _pixel(
         z = inverse[2] * sums[6] + inverse[4] * sums[7] + inverse[5] * sums[8]
         change2 = (x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2
         m[0], m[1], m[2] = x, y, z
+        moved = change2 > _MOVED2
         size2 = _SETTLED * (inverse[0] + inverse[3] + inverse[5])
         if dim == 0 and change2 <= size2:
             break
@@ -283,7 +282,7 @@ def _angle2(m: Double, start: Double, length2: float) -> float:
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def reference_solutions(
-    values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Double,
+    values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Float,
     errors: bool, near: bool, points: Double, view: Double,
     kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
 ) -> None:  # fmt: skip

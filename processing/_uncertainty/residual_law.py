@@ -15,7 +15,7 @@ _MEDIAN_SQUARE = 0.4549
 
 
 def residual_law(
-    values: Float, vectors: Float, kinds: Kinds, results: Double, of_lights: Double
+    values: Float, vectors: Float, kinds: Kinds, results: Double, of_lights: Float
 ) -> Float | None:
     """Return a law ``(1, 2, 1)`` of the noise, see `Estimator`; None if there is too little to see.
 

@@ -110,6 +110,19 @@ def test_the_average_is_close_to_the_bound_and_better_than_gray(colour):
     assert average < 1.01 * gray
 
 
+@pytest.mark.parametrize("channel", ["rgb", "gray"])
+def test_errors_are_as_large_as_predicted(channel):
+    result = reconstruct(recording((0.8, 0.3, 0.1), seed=8), method="ls", channel=channel)
+    found = result.uncertainty
+    assert found.valid.all()
+    assert found.neighbour_correlation < 0.1
+    error = angle_deg(result.stereo.normal_map.normals, true_normals())[found.valid]
+    sigma = found.sigma_deg[found.valid].astype(float)
+    for part in np.array_split(np.argsort(sigma), 3):
+        ratio = np.sqrt(np.mean(error[part] ** 2) / np.mean(sigma[part] ** 2))
+        assert 0.85 < ratio < 1.2
+
+
 @pytest.mark.parametrize("noise", [True, False])
 def test_channels_without_signal_do_not_count(noise):
     with_black = reconstruct(recording((0.8, 0.0, 0.0), noise=noise), channel="rgb")

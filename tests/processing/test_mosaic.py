@@ -100,6 +100,15 @@ def test_a_mosaic_is_as_good_as_a_mono_sensor_behind_each_filter(pattern, method
     assert mosaic[edge].mean() < 1.1 * mono[edge].mean()
 
 
+def test_errors_are_as_large_as_predicted():
+    result = reconstruct(recording(sites("RGGB"), "RGGB", seed=8), channel="mosaic")
+    error, found = errors(result), result.uncertainty
+    # The sites have different signals, so their errors differ by a factor of 2.
+    for part in np.array_split(np.argsort(found.sigma_deg.ravel()), 5):
+        actual, predicted = error.ravel()[part], found.sigma_deg.ravel()[part].astype(float)
+        assert 0.85 < np.sqrt(np.mean(actual**2) / np.mean(predicted**2)) < 1.2
+
+
 def _behind(k, method):
     """Return the result of a mono sensor behind filter k, with its own noise."""
     made = recording(np.full(SIZE, k), None, seed=9)

@@ -1,0 +1,48 @@
+"""Whether the residuals are noise, or have a structure that no law of noise explains."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from processing._uncertainty.light_table import Double, Float
+from processing._uncertainty.reference import LIT, REFERENCE, Kinds
+
+# With fewer lights the nearest one is far away, and a highlight is in one image only.
+_FEWEST_LIGHTS = 8
+_FEWEST_PIXELS = 100
+
+
+def neighbour_correlation(values: Float, vectors: Float, kinds: Kinds, results: Double) -> float:
+    """Return the correlation between the residuals of each light and of the one nearest to it.
+
+    Noise and errors of lights are independent from light to light; the fit makes their correlation
+    slightly negative. A surface that is not matte reflects neighbouring lights in a similar
+    way, and the correlation is positive, whatever the strength of the noise. NaN if there are too
+    few lights or pixels.
+
+    Parameters
+    ----------
+    values, vectors
+        Samples of P pixels, see `LightModel.samples`.
+    kinds, results
+        See `reference_solutions`.
+    """
+    typical = vectors.mean(axis=0).T
+    solved = np.isfinite(results[:, REFERENCE]).all(axis=1)
+    if len(typical) < _FEWEST_LIGHTS or np.count_nonzero(solved) < _FEWEST_PIXELS:
+        return math.nan
+    units = typical / np.maximum(np.linalg.norm(typical, axis=1, keepdims=True), 1e-30)
+    cosines = units @ units.T
+    np.fill_diagonal(cosines, -2)
+    nearest = np.argmax(cosines, axis=1)
+    of_pixel = np.broadcast_to(vectors, (len(values), *vectors.shape[1:]))[solved]
+    predicted = np.einsum("pc,pcn->pn", results[solved, REFERENCE], of_pixel)
+    residuals = np.where(kinds[solved] == LIT, np.nan_to_num(values[solved]) - predicted, 0.0)
+    squares = (residuals**2).sum(axis=1)
+    products = (residuals * residuals[:, nearest]).sum(axis=1)
+    structured = squares > 0
+    if not structured.any():
+        return math.nan
+    return float(np.mean(products[structured] / squares[structured]))
