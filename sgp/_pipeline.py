@@ -132,7 +132,7 @@ def process(
         merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
     with watch.stage("normals"):
-        seen = _normals(source, options, maps, write, (unit, pixel_size), true_lights)
+        seen = _normals(source, files, options, maps, write, (unit, pixel_size), true_lights)
     with watch.stage("detail"):
         part_metrics, part_panels = _detail(seen, separation, maps, write)
     with watch.stage("surface"):
@@ -148,6 +148,7 @@ def process(
 
 def _normals(
     source: acquisition.Source,
+    files: list[Path],
     options: SourceOptions,
     maps: MapOptions,
     write: _Write,
@@ -158,7 +159,12 @@ def _normals(
     stage = compute_normals(source, options)
     normal_map = stage.stereo.normal_map
     picture = processing.albedo_picture(stage.albedo, normal_map.mask)
-    write("normals", lambda folder: write_normals_stage(folder, stage, maps, picture))
+    write(
+        "normals",
+        lambda folder: write_normals_stage(
+            folder, stage, maps, picture, command="sgp run", files=files
+        ),
+    )
     crop = Crop.around(stage.mask, scale[1] if scale[0] == "mm" else None)
     return _Normals(
         normal_map=normal_map,

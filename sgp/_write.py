@@ -13,6 +13,7 @@ import processing
 import rig
 from sgp._console import Stages, shown
 from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
+from sgp._output import provenance
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
@@ -29,10 +30,14 @@ def write_normals_stage(
     stage: processing.Reconstruction,
     maps: MapOptions = _MAPS,
     picture: processing.AlbedoPicture | None = None,
+    *,
+    command: str,
+    files: list[Path],
 ) -> Result:
     """Write normals, albedo, error bars and maps of doubts; return files and figures.
 
-    ``picture`` is that of the albedo, if it is known.
+    ``picture`` is that of the albedo, if it is known. Estimated strengths of lights are written
+    with their provenance: the command and its input files.
     """
     solved = stage.stereo
     result = Result(warnings=list(stage.warnings))
@@ -75,9 +80,11 @@ def write_normals_stage(
     result.metrics = metrics
     if stage.strengths is not None:
         result.outputs["lights"] = folder / "lights.json"
-        made_by = {"command": "sgp", "semi_calibrated": True}
+        chosen = {"source": stage.source.path, "semi_calibrated": True}
         acquisition.write_lights(
-            result.outputs["lights"], stage.strengths.lights, provenance=made_by
+            result.outputs["lights"],
+            stage.strengths.lights,
+            provenance=provenance(command, chosen, files),
         )
     solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
     result.summary = [

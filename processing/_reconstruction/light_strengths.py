@@ -81,6 +81,14 @@ class LightStrengths:
         return stack, stack.values if same else gray / single[:, None, None]
 
 
+def of_source(strengths: LightStrengths, given: Lights) -> LightStrengths:
+    """Return strengths whose lights have the positions of those of a source, if these have any."""
+    used = given.take([given.ids.index(name) for name in strengths.lights.ids])
+    one = np.ones(len(used))
+    lights = replace(used, intensities=strengths.lights.intensities)
+    return replace(strengths, lights=_scaled(lights, one, strengths.sigmas))
+
+
 def with_strengths(given: Lights | None, estimated: Lights) -> Lights | None:
     """Return the lights of a source with the estimated intensities of those that were used."""
     if given is None or given.intensities is None or estimated.intensities is None:

@@ -21,6 +21,7 @@ from processing._reconstruction.joint_colours import joint_stereo
 from processing._reconstruction.light_strengths import (
     LightStrengths,
     light_strengths,
+    of_source,
     with_strengths,
 )
 from processing._reconstruction.lit_images import lit_images
@@ -240,6 +241,8 @@ def reconstruct(
             strengths = strengths.refined(again)
         lights = strengths.lights
         source = replace(source, lights=with_strengths(source.lights, lights))
+        if source.lights is not None:
+            strengths = of_source(strengths, source.lights)
         warnings += strengths.warnings
     quality = image_quality(gray, lights, mask, points_mm=points_mm)
     excluded: tuple[str, ...] = ()

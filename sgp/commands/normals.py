@@ -49,7 +49,8 @@ def normals(
     """
     opened = open_recording(source, options)
     stage = compute_normals(opened.source, options)
-    result = write_normals_stage(claim_folder(out, "normals.json"), stage, maps)
+    folder = claim_folder(out, "normals.json")
+    result = write_normals_stage(folder, stage, maps, command="sgp normals", files=opened.files)
     result.inputs = opened.files
     result.parameters |= {"transfer": opened.source.transfer.record()}
     add_sphere_lights(result, out, opened.lit_by, "sgp normals")

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import write_png, write_tiff
+from acquisition import write_exr, write_png, write_tiff
 
 FULL = 65535
 
@@ -55,6 +55,23 @@ def light_twice(recording):
 def near(lights):
     for light in lights:
         light["position_mm"] = [400 * x for x in light.pop("direction")]
+
+
+def zero_intensity(lights):
+    lights[3]["intensity"] = [0, 0, 0]
+
+
+def frames_of(value, count):
+    """Return a change that writes images of floats, of which the last ones have a value."""
+
+    def change(recording):
+        for i in range(8):
+            (recording / f"ball.{i}.png").unlink()
+            image = np.zeros((40, 48), np.float32)
+            image[10:30, 10:30] = value if i >= 8 - count else 0.4
+            write_exr(recording / f"ball.{i}.exr", image)
+
+    return change
 
 
 def drop_image(recording):
@@ -124,6 +141,9 @@ def empty(recording):
         pytest.param(lights_of(zero), 4, ["lights.json", "L03"], id="zero light"),
         pytest.param(lights_of(not_a_number), 4, ["lights.json"], id="NaN light"),
         pytest.param(lights_of(text), 4, ["lights.json"], id="light of words"),
+        pytest.param(lights_of(zero_intensity), 4, ["lights.json", "L03"], id="zero intensity"),
+        pytest.param(frames_of(np.nan, 1), 4, ["ball.7.exr", "NaN"], id="NaN frame"),
+        pytest.param(frames_of(-0.1, 8), 5, ["black"], id="negative frames"),
         pytest.param(resize_image, 4, ["ball.5.png", "47"], id="another size"),
         pytest.param(fill(0), 5, ["black"], id="all black"),
         pytest.param(fill(FULL), 5, ["saturated"], id="all saturated"),

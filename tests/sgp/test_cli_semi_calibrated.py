@@ -68,6 +68,10 @@ def test_estimated_strengths_are_written_and_can_be_used_again(sgp, words, folde
     found = read_lights(tmp_path / "out" / "lights.json")
     others = np.delete(found.intensities[:, 0], 4).mean()
     assert found.intensities[4, 0] / others == pytest.approx(1.3, rel=0.01)
+    made_by = json.loads((tmp_path / "out" / "lights.json").read_text(encoding="utf-8"))
+    assert made_by["provenance"]["command"] == "sgp normals"
+    hashed = [file.rsplit("/", 1)[1] for file in made_by["provenance"]["inputs"]]
+    assert {"ball.4.png", "lights.json", "mask.png"} <= set(hashed)
     assert 0 < report["metrics"]["strength_sigma"] < 0.01
     again = sgp(
         "normals", folder / "images", "--lights", tmp_path / "out" / "lights.json",
@@ -82,3 +86,18 @@ def test_strengths_that_are_not_determined_end_with_one_line(sgp, words, tmp_pat
     assert answer.code == 5
     assert "3 lights: with fewer than 4" in " ".join(answer.err.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_distant_strengths_are_written_with_the_positions(sgp, folder, tmp_path):
+    given = read_lights(folder / "lights.json")
+    near = Lights(positions_mm=9000 * given.unit_directions, mu=np.ones(COUNT), ids=given.ids)
+    write_lights(tmp_path / "near.json", near)
+    answer = sgp(
+        "normals", folder / "images", "--lights", tmp_path / "near.json", "--method", "ls",
+        "--distant", "--semi-calibrated", "--out", tmp_path / "out",
+    )  # fmt: skip
+    assert answer.code == 0, answer.err
+    found = read_lights(tmp_path / "out" / "lights.json")
+    np.testing.assert_allclose(found.positions_mm, near.positions_mm)
+    others = np.delete(found.intensities[:, 0], 4).mean()
+    assert found.intensities[4, 0] / others == pytest.approx(1.3, rel=0.01)
