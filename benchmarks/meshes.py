@@ -42,7 +42,7 @@ def memory() -> float:
 
 
 def forget_peak() -> None:
-    """Let the highest memory of this process begin anew."""
+    """Reset the highest memory of this process."""
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 
 

@@ -75,6 +75,12 @@ def cost(lights, megapixels):
         "best, near LEDs": lambda: photometric_stereo(
             values, leds, mask, method="best", points_mm=points
         ),
+        "ls, known noise": lambda: photometric_stereo(
+            values, distant, mask, method="ls", noise=noise
+        ),
+        "best, known noise": lambda: photometric_stereo(
+            values, distant, mask, method="best", noise=noise
+        ),
         "cauchy, known noise": lambda: photometric_stereo(
             values, distant, mask, method="cauchy", noise=noise
         ),

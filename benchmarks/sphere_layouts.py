@@ -13,18 +13,30 @@ solvable if it is at most 1 mm, so that 2 mm are two standard deviations. The be
 it before, and independently of, what the calibration finds.
 
     python benchmarks/sphere_layouts.py --board patterned --first 5000 --layouts 100
+
+With ``--workers 16 --scores scores.jsonl``, 16 processes share the layouts, and a command that was
+interrupted continues where it ended, unless the code has changed. The table at the end lists the
+seeds of all layouts that fall short.
 """
 
 from __future__ import annotations
 
-import argparse
+import hashlib
+import multiprocessing
+import os
 import resource
+import signal
 import sys
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
+import cv2
 import numpy as np
-from random_layouts import Array, Layout, layout_of, outline, radius_px
+from harness import command_line
+from layout_scores import Score, append_score, read_scores, table
+from random_layouts import Array, Layout, layout_of, outline, radius_px, scene_of
 
 from calibration import EstimateError, SphereCalibration, calibrate_spheres, find_spheres
 from calibration._spheres.cone import OUTLINE_SIGMA_PX, Cone
@@ -33,56 +45,10 @@ from calibration._spheres.joint_refinement import KnownSpheres, linearise, predi
 from calibration._spheres.placed import place
 from simulator import ChromeSphere
 
-TOLERABLE_MM = 2.0
-SOLVABLE_MM = 1.0
 OUTLINE_PX, HIGHLIGHT_PX = 0.04, 0.01
 # Highlights farther from the middle of a sphere are not used.
 FARTHEST_SPOT = 0.85
-
-
-@dataclass
-class Score:
-    """What was found in one layout."""
-
-    seed: int
-    kind: str
-    wanted: int = 0
-    found: int = 0
-    missed: list[str] = field(default_factory=list)
-    false: list[str] = field(default_factory=list)
-    expected_mm: float = np.inf
-    positions_mm: float = np.nan
-    stated_mm: float = np.nan
-    warnings: tuple[str, ...] = ()
-    error: str = ""
-    cpu_s: float = 0.0
-
-    @property
-    def solvable(self) -> bool:
-        """Return whether positions within 2 mm can be expected."""
-        return self.expected_mm <= SOLVABLE_MM
-
-    @property
-    def quiet(self) -> bool:
-        """Return whether positions were returned without a warning."""
-        return bool(np.isfinite(self.positions_mm)) and not self.warnings
-
-    def line(self) -> str:
-        """Return one line for people."""
-        parts = [f"{self.seed} {self.kind}: {self.found}/{self.wanted} found"]
-        if np.isfinite(self.expected_mm):
-            parts.append(f"expected {self.expected_mm:.2f} mm")
-        if self.missed:
-            parts.append("missed " + " ".join(self.missed))
-        if self.false:
-            parts.append("FALSE " + " ".join(self.false))
-        if np.isfinite(self.positions_mm):
-            parts.append(f"positions {self.positions_mm:.2f} mm, stated {self.stated_mm:.2f} mm")
-        if self.warnings:
-            parts.append("warned " + ",".join(self.warnings))
-        if self.error:
-            parts.append(self.error[:110])
-        return "; ".join([*parts, f"{self.cpu_s:.1f} s"])
+_THREADS = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 def expected_mm(layout: Layout, spheres: list[ChromeSphere]) -> float:
@@ -173,55 +139,93 @@ def cpu_s() -> float:
     return usage.ru_utime + usage.ru_stime
 
 
-def summary(scores: list[Score]) -> str:
-    """Return the figures of all layouts of one kind."""
-    wanted, found = sum(s.wanted for s in scores), sum(s.found for s in scores)
-    false = sum(len(s.false) for s in scores)
-    solvable = [s for s in scores if s.solvable]
-    several = [s for s in scores if s.wanted > 1]
-    quiet = [s for s in scores if s.quiet]
-    wrong = [s.seed for s in quiet if s.positions_mm > TOLERABLE_MM]
-    warned = [s.seed for s in solvable if not s.quiet]
-    misses = [s.seed for s in scores if s.missed or s.false]
-    median = np.median([s.positions_mm for s in quiet]) if quiet else np.nan
-    return (
-        f"{scores[0].kind}: {len(scores)} layouts, {found}/{wanted} found "
-        f"({100 * found / max(wanted, 1):.1f} %), {false} false\n"
-        f"  without a warning: {_share(solvable)} solvable layouts, {_share(several)} layouts with "
-        f"two spheres or more\n"
-        f"  solvable, but not without a warning {warned}\n"
-        f"  position sets without warning {len(quiet)}, beyond {TOLERABLE_MM:g} mm {wrong}, "
-        f"median {median:.2f} mm\n"
-        f"  seeds with a missed or a false sphere {misses}\n"
-        f"  CPU {np.mean([s.cpu_s for s in scores]):.1f} s mean, "
-        f"{max(s.cpu_s for s in scores):.1f} s most"
-    )
+def code_version() -> str:
+    """Return a digest of the code that decides the scores."""
+    root = Path(__file__).parent
+    digest = hashlib.sha256()
+    for room in ("acquisition", "calibration", "simulator"):
+        for path in sorted((root.parent / room).rglob("*.py")):
+            digest.update(path.read_bytes())
+    for name in ("random_layouts.py", "sphere_layouts.py"):
+        digest.update((root / name).read_bytes())
+    return digest.hexdigest()[:12]
 
 
-def _share(scores: list[Score]) -> str:
-    """Return how many layouts are calibrated without a warning."""
-    quiet = sum(s.quiet for s in scores)
-    return f"{quiet} of {len(scores)} ({100 * quiet / max(len(scores), 1):.0f} %)"
+def score_of(seed: int, kind: str, small: bool, cache: Path | None) -> Score:
+    """Render and judge one layout; an error of the code is a score, too."""
+    try:
+        return judge(layout_of(seed, kind, small=small, cache=cache))
+    except Exception as error:  # noqa: BLE001 - the other layouts are judged nevertheless
+        return Score(seed, kind, error=f"{type(error).__name__}: {error}", failed=True)
+
+
+def scores_of(
+    jobs: list[tuple[int, str]], workers: int, small: bool, cache: Path | None
+) -> Iterator[Score]:
+    """Yield the scores of layouts as they are finished, the largest layouts first.
+
+    The smallest one is judged before all others, so that one process compiles the kernels.
+    """
+    jobs = sorted(jobs, key=lambda job: _samples(*job, small))
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, context, _start_worker)
+    try:
+        for some in (jobs[:1], jobs[:0:-1]):
+            started = [pool.submit(score_of, *job, small, cache) for job in some]
+            for one in as_completed(started):
+                yield one.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _start_worker() -> None:
+    """Let one core do the work of a process, and let Ctrl-C end it without a traceback."""
+    cv2.setNumThreads(1)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def _samples(seed: int, kind: str, small: bool) -> int:
+    """Return the number of pixels of a layout under all lights."""
+    scene = scene_of(seed, kind, small=small)
+    return int(np.prod(scene.lens.size)) * len(np.asarray(scene.lights.positions_mm))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = command_line(__doc__)
     parser.add_argument("--board", choices=("plain", "patterned", "both"), default="both")
     parser.add_argument("--first", type=int, default=5000, help="first seed")
     parser.add_argument("--layouts", type=int, default=100, help="layouts of each kind")
     parser.add_argument("--small", action="store_true", help="images of at most 960 x 804 pixels")
+    parser.add_argument("--workers", type=int, default=1, help="processes that share the layouts")
+    parser.add_argument(
+        "--scores", type=Path, help="file of scores; layouts that it contains are not repeated"
+    )
     parser.add_argument("--cache", type=Path, help="folder that keeps rendered layouts")
     args = parser.parse_args()
+    if args.workers < 1 or args.layouts < 1:
+        parser.error("--workers and --layouts must be at least 1")
     if args.cache is not None:
         args.cache.mkdir(parents=True, exist_ok=True)
-    for kind in ("plain", "patterned") if args.board == "both" else (args.board,):
-        scores = []
-        for seed in range(args.first, args.first + args.layouts):
-            layout = layout_of(seed, kind, small=args.small, cache=args.cache)
-            scores.append(judge(layout))
-            print(scores[-1].line())
-            sys.stdout.flush()
-        print(summary(scores))
+    kinds = ("plain", "patterned") if args.board == "both" else (args.board,)
+    seeds = range(args.first, args.first + args.layouts)
+    jobs = [(seed, kind) for kind in kinds for seed in seeds]
+    code = code_version() + (" small" if args.small else "")
+    known = [] if args.scores is None else read_scores(args.scores, code)
+    scores = {(s.seed, s.kind): s for s in known if (s.seed, s.kind) in jobs and not s.failed}
+    left = [job for job in jobs if job not in scores]
+    os.environ.update(dict.fromkeys(_THREADS, "1"))  # of the workers
+    try:
+        for score in scores_of(left, args.workers, args.small, args.cache) if left else ():
+            scores[score.seed, score.kind] = score
+            if args.scores is not None:
+                append_score(args.scores, code, score)
+            print(score.line(), flush=True)
+    except (KeyboardInterrupt, BrokenProcessPool) as end:
+        cause = "interrupted" if isinstance(end, KeyboardInterrupt) else "a worker was killed"
+        kept = "" if args.scores is None else f", {args.scores} has them: repeat the command"
+        print(f"{cause}: {len(scores)} of {len(jobs)} layouts are judged{kept}")
+        sys.exit(130)
+    print(table([scores[job] for job in jobs]))
 
 
 if __name__ == "__main__":

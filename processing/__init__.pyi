@@ -1,3 +1,5 @@
+from ._curvature.curvature import Curvature as Curvature
+from ._curvature.curvature import curvature as curvature
 from ._detail.filter_kind import FilterKind as FilterKind
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
 from ._detail.local_transfer import transfer_local as transfer_local
@@ -42,12 +44,18 @@ from ._projection.view import View as View
 from ._projection.view import view_rotation as view_rotation
 from ._reconstruction.albedo_picture import AlbedoPicture as AlbedoPicture
 from ._reconstruction.albedo_picture import albedo_picture as albedo_picture
+from ._reconstruction.light_strengths import LightStrengths as LightStrengths
+from ._reconstruction.light_strengths import light_strengths as light_strengths
 from ._reconstruction.near_height import HeightStep as HeightStep
 from ._reconstruction.near_height import NearHeight as NearHeight
 from ._reconstruction.quality import ImageQuality as ImageQuality
 from ._reconstruction.quality import image_quality as image_quality
 from ._reconstruction.reconstruct import Reconstruction as Reconstruction
+from ._reconstruction.reconstruct import StereoChannel as StereoChannel
 from ._reconstruction.reconstruct import reconstruct as reconstruct
+from ._reconstruction.scheme_check import Disagreement as Disagreement
+from ._reconstruction.scheme_check import SchemeCheck as SchemeCheck
+from ._reconstruction.specular import specular_residual as specular_residual
 from ._stereo.estimator import Estimator as Estimator
 from ._stereo.method import Method as Method
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult
@@ -61,6 +69,7 @@ from ._surface.integrability import integrability as integrability
 from ._surface.integration import HeightMap as HeightMap
 from ._surface.integration import integrate as integrate
 from ._surface.integration import surface_scale as surface_scale
+from ._surface.jumps import Jumps as Jumps
 from ._surface.mesh import Mesh as Mesh
 from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh

@@ -152,6 +152,20 @@ class NormalsMetrics(QualityMetrics):
             "turn",
         ]
     ]
+    excluded: NotRequired[
+        Annotated[
+            list[str],
+            "",
+            "`--exclude auto`: images that were left out because others contradict them",
+        ]
+    ]
+    strength_sigma: NotRequired[
+        Annotated[
+            float,
+            "1",
+            "`--semi-calibrated`: median of the relative standard deviations of the strengths",
+        ]
+    ]
 
 
 class SeparationMetrics(TypedDict):
@@ -185,6 +199,33 @@ class SurfaceMetrics(MeshMetrics):
             float, "deg", "median angle between the given normals and the normals of the surface"
         ]
     ]
+    curl: NotRequired[
+        Annotated[
+            float | None,
+            "0..1",
+            "disagreement of the mixed derivatives of the normals: 0 for a surface, 1 for a "
+            "mirrored one, .7 for noise",
+        ]
+    ]
+    jumps: NotRequired[
+        Annotated[int, "", "`--discontinuity`: pairs of neighbours between which the surface jumps"]
+    ]
+    pieces: NotRequired[
+        Annotated[int, "", "`--discontinuity`: pieces that no reliable pair of neighbours connects"]
+    ]
+
+
+class CurvatureMetrics(TypedDict):
+    """Figures of a map of curvatures."""
+
+    unit: Annotated[Literal["mm", "px"], "", "unit of lengths; `px` if the scale is not known"]
+    pixels: Annotated[int, "px", "pixels with a curvature"]
+    scale: Annotated[float, "`unit`", "standard deviation of the weights of the fits"]
+    mean_median: Annotated[
+        float, "1/`unit`", "median of the mean curvature, positive where convex toward the camera"
+    ]
+    mean_rms: Annotated[float, "1/`unit`", "root mean square of the mean curvature"]
+    gaussian_median: Annotated[float, "1/`unit`^2", "median of the Gaussian curvature"]
 
 
 class StagesMetrics(TypedDict):
@@ -498,6 +539,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp normals": (NormalsMetrics,),
     "sgp inspect": (InspectMetrics,),
     "sgp surface": (SurfaceMetrics,),
+    "sgp curvature": (CurvatureMetrics,),
     "sgp run": (RunMetrics, NormalsMetrics, SeparationMetrics, SurfaceMetrics),
     "sgp demo": (DemoMetrics,),
     "sgp detail separate": (SeparationMetrics,),

@@ -15,7 +15,6 @@ from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
 
 import acquisition
-import calibration
 import processing
 from rig import MAX_PIXELS
 from sgp._exit import UsageError
@@ -120,6 +119,8 @@ Steps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=1
 Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=4096))]
 Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]
 Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]
+# The range of `processing.curvature`.
+FitScale = Annotated[float, Parameter(converter=_real, validator=Number(gte=0.3, lte=100))]
 # One day; the camera checks its own range.
 Microseconds = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=8.64e10))]
 Gamma = Annotated[str, Parameter(converter=_gamma)]
@@ -165,6 +166,7 @@ class RecordingOptions:
         Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
     exclude
         Images to leave out, by name or number: L07,L12 or 0-5,8. The number is the one in the name.
+        auto leaves out images that the other images contradict.
     crop
         Region x,y,w,h to use: column and row of its first pixel, width and height, in pixels.
     downscale
@@ -192,6 +194,16 @@ class RecordingOptions:
     sensor: OptionalInput = None
     max_pixels: Pixels = MAX_PIXELS
 
+    @property
+    def excluded_by_name(self) -> tuple[str, ...]:
+        """Return the images that the user names."""
+        return tuple(name for name in self.exclude if name.lower() != "auto")
+
+    @property
+    def exclude_disagreeing(self) -> bool:
+        """Return whether images that the others contradict are left out."""
+        return len(self.excluded_by_name) < len(self.exclude)
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
@@ -205,19 +217,24 @@ class SourceOptions(RecordingOptions):
         cauchy (gives shadows and highlights a low weight), or best (also fits the reflectance;
         most accurate on surfaces that are not matte, and takes about three times as long).
     channel
-        gray, rgb (one solution per channel, averaged), or mosaic (the normal of every site of a
+        gray, rgb (one solution per channel, averaged), joint (one normal and one albedo per channel
+        that explain all channels best), or mosaic (the normal of every site of a
         colour mosaic from its own samples, without interpolation between pixels).
     height_mm
         Mean height of the object above the working plane, for lights with positions; default: the
         one that explains the images best.
     rests_on_plane
         The lowest points of the object are in the working plane, for lights with positions.
+    semi_calibrated
+        Estimate the strengths of the lights with the normals; lights.json with the new intensities
+        and their standard deviations is written with the result.
     """
 
     method: processing.Method = "cauchy"
-    channel: calibration.Channel = "gray"
+    channel: processing.StereoChannel = "gray"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False
+    semi_calibrated: bool = False
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

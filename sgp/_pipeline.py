@@ -113,6 +113,7 @@ def process(
         smaller than the window of the filter, besides the errors of the stages.
     """
     pixel_mm = _pixel_mm(source, surfaces)
+    surfaces.sharpness()  # refuses wrong combinations before any work
     # Before the normals, which take long.
     unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
     separation.shape_filter().check_size(source.size)
@@ -198,6 +199,8 @@ def _surface(
             camera=source.camera,
             pixel_mm=pixel_mm,
             depth_mm=seen.depth_mm,
+            discontinuity=options.discontinuity,
+            k=options.sharpness(),
             on_progress=progress,
         )
     write(
@@ -235,6 +238,7 @@ def _normals_panels(
         lights_panel(f"{lights_title}, rings in degrees", stage.lights, true_lights),
         normals_panel("normals (right red, up green)", solved.normal_map, crop),
         image_panel("albedo", stage.albedo, crop, stage.mask),
+        _highlights(stage, crop),
         *_doubts(solved, len(names), crop),
         *_error_bars(stage.uncertainty, crop),
     ]
@@ -247,6 +251,14 @@ def _error_bars(found: processing.NormalUncertainty, crop: Crop) -> list[Panel]:
         return []
     title = f"normals: standard deviation, median {np.nanmedian(sigma):.2g} deg"
     return [map_panel(title, sigma, "deg", crop, error=True)]
+
+
+def _highlights(stage: processing.Reconstruction, crop: Crop) -> Panel:
+    """Return a map of the light above a matte surface, relative to the mean albedo."""
+    mask = stage.stereo.normal_map.mask
+    percent = 100 * stage.specular / np.mean(stage.stereo.albedo[mask], dtype=np.float64)
+    title = f"light above a matte surface, mean {np.mean(percent[mask]):.2g} %"
+    return map_panel(title, percent, "% of the mean albedo", crop, error=True, mask=mask)
 
 
 def _doubts(solved: processing.PhotometricStereoResult, count: int, crop: Crop) -> list[Panel]:

@@ -88,9 +88,12 @@ def add_sphere_lights(
     described.inputs = result.inputs
     described.warnings = list(seen.warnings)
     outputs = {"lights": folder / "lights.json", "lights_png": folder / "lights.png"}
-    write_calibration(
-        outputs["lights"], seen.lights, command, {"source": seen.source.path}, described
-    )
+    if "lights" in result.outputs:  # with estimated strengths
+        del outputs["lights"]
+    else:
+        write_calibration(
+            outputs["lights"], seen.lights, command, {"source": seen.source.path}, described
+        )
     shown = [ShownSpheres(seen.source, seen.brightest)]
     draw_spheres(outputs["lights_png"], shown, seen.estimate)
     result.outputs |= outputs

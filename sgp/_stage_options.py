@@ -8,6 +8,7 @@ from typing import Literal
 from cyclopts import Parameter
 
 import processing
+from sgp._exit import UsageError
 from sgp._options import Count, Order, Positive, Triangles
 
 
@@ -78,6 +79,12 @@ class SurfaceOptions:
     base
         Thickness of the base of solid.stl below the lowest point, in mm, or in pixels if the scale
         is not known; default: 2 % of the longer side. Implies --close.
+    discontinuity
+        Look for jumps in depth, where one part of the object hides another, and do not smooth
+        across them; meshes are cut there. discontinuity.png and parts.png show what was found.
+    k
+        With --discontinuity: how small the jumps are that count; steps of 1 / sqrt(k) pixels begin
+        to be jumps; default: 4.
     """
 
     pixel_mm: Positive | None = None
@@ -88,6 +95,16 @@ class SurfaceOptions:
     triangles: Triangles | None = None
     close: bool = False
     base: Positive | None = None
+    discontinuity: bool = False
+    k: Positive | None = None
+
+    def sharpness(self) -> float:
+        """Return the k of jumps."""
+        if self.k is None:
+            return 4.0
+        if not self.discontinuity:
+            raise UsageError("--k is for jumps in depth: give --discontinuity too")
+        return self.k
 
     def formats(self) -> tuple[str, ...]:
         """Return the suffixes of the meshes to write."""

@@ -133,9 +133,9 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
         source, lit_by = light_by_spheres(source, options.radius_mm, places_mm)
         compared = rig_notices(lit_by.estimate.lights, options.rig, source.setup.rig)
         lit_by = replace(lit_by, warnings=(*lit_by.warnings, *compared))
-    if options.exclude:
+    if options.excluded_by_name:
         total = len(source.light_ids)
-        source = acquisition.exclude(source, options.exclude)
+        source = acquisition.exclude(source, options.excluded_by_name)
         left = len(source.light_ids)
         if left < _FEWEST_IMAGES:
             raise UsageError(
@@ -162,6 +162,8 @@ def compute_normals(
             distant=options.distant,
             height_mm=options.height_mm,
             rests_on_plane=options.rests_on_plane,
+            exclude_disagreeing=options.exclude_disagreeing,
+            semi_calibrated=options.semi_calibrated,
             surface=False,
             on_progress=progress,
         )

@@ -17,6 +17,7 @@ from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
 from sgp._uncertainty import add_uncertainty, sigma_lines
+from sgp._write_jumps import write_jumps
 from sgp._write_meshes import write_meshes
 
 _WRITERS = 2  # files that are encoded at the same time
@@ -29,7 +30,7 @@ def write_normals_stage(
     maps: MapOptions = _MAPS,
     picture: processing.AlbedoPicture | None = None,
 ) -> Result:
-    """Write normals and albedo as .exr and .png, error bars, maps and mask; return files, figures.
+    """Write normals, albedo, error bars and maps of doubts; return files and figures.
 
     ``picture`` is that of the albedo, if it is known.
     """
@@ -42,6 +43,7 @@ def write_normals_stage(
     values = {
         "albedo": stage.albedo,
         "residual": solved.residual,
+        "specular": stage.specular,
         "used": solved.used.astype(np.float32),
         "normal_sigma_deg": stage.uncertainty.sigma_deg,
     }
@@ -71,10 +73,17 @@ def write_normals_stage(
     result.parameters = {"albedo_png": {"white": picture.white}}
     metrics = normals_metrics(stage)
     result.metrics = metrics
+    if stage.strengths is not None:
+        result.outputs["lights"] = folder / "lights.json"
+        made_by = {"command": "sgp", "semi_calibrated": True}
+        acquisition.write_lights(
+            result.outputs["lights"], stage.strengths.lights, provenance=made_by
+        )
     solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
     result.summary = [
         *quality_lines(stage.quality),
         *_height_line(metrics),
+        *_strength_line(stage.strengths),
         *sigma_lines(stage.uncertainty, stage.mask),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
         f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
@@ -94,6 +103,16 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
     # Gloss would shift the height that explains the images best.
     known = "" if sigma is None else f" (sd {sigma:.2g}, if it is matte)"
     return [f"mean height {metrics['mean_height_mm']:.2f} mm above the working plane{known}"]
+
+
+def _strength_line(strengths: processing.LightStrengths | None) -> list[str]:
+    if strengths is None:
+        return []
+    factors = strengths.factors
+    return [
+        f"strengths of lights {factors.min():.2f} to {factors.max():.2f} of the given ones "
+        f"(sd {np.median(strengths.sigmas):.1%}); their geometric mean is fixed"
+    ]
 
 
 def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
@@ -117,6 +136,10 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
         metrics["height_changes_mm"] = [step.change_mm for step in near.steps]
         if np.isfinite(near.mean_height_sigma_mm):
             metrics["mean_height_sigma_mm"] = near.mean_height_sigma_mm
+    if stage.excluded:
+        metrics["excluded"] = list(stage.excluded)
+    if stage.strengths is not None:
+        metrics["strength_sigma"] = float(np.median(stage.strengths.sigmas))
     if stage.error is not None:
         metrics["coverage"] = stage.error.coverage
         metrics["mae_deg"] = stage.error.mae_deg
@@ -172,6 +195,8 @@ def write_surface(
         acquisition.write_exr(result.outputs[name], values[name])
     acquisition.write_mask(result.outputs["mask"], height_map.mask)
     _write_height_picture(folder / "height.png", height_map, result)
+    if height_map.jumps is not None:
+        result.outputs |= write_jumps(folder, height_map.jumps)
     meshes, figures, notices = write_meshes(folder, height_map, normal_map, options, colours)
     result.outputs |= meshes
     result.warnings += notices
@@ -179,7 +204,8 @@ def write_surface(
     result.metrics = {**metrics, **figures}
     result.summary = [
         f"height range {metrics['height_range']:.4g} {metrics['unit']}, "
-        f"{metrics['vertices']} vertices"
+        f"{metrics['vertices']} vertices",
+        *_jumps_line(metrics),
     ]
     if "deviation_rms" in figures:
         result.summary.append(
@@ -188,6 +214,12 @@ def write_surface(
             f"{metrics['unit']} from the surface"
         )
     return result
+
+
+def _jumps_line(metrics: SurfaceMetrics) -> list[str]:
+    if "jumps" not in metrics:
+        return []
+    return [f"{metrics['jumps']} jumps between pixels, {metrics['pieces']} pieces between jumps"]
 
 
 def _write_height_picture(path: Path, height_map: processing.HeightMap, result: Result) -> None:
@@ -217,11 +249,17 @@ def _scale_notice(height_map: processing.HeightMap) -> list[rig.Notice]:
 def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
     """Return the figures of a surface."""
     inside = height_map.height[height_map.mask]
-    return {
+    metrics: SurfaceMetrics = {
         "unit": height_map.unit,
         "height_range": float(np.ptp(inside)),
         "vertices": len(inside),
         "parts": int(height_map.parts.max()) + 1,
         "iterations": height_map.iterations,
         "disagreement_deg": height_map.disagreement_deg,
+        "curl": None if np.isnan(height_map.curl) else height_map.curl,
     }
+    jumps = height_map.jumps
+    if jumps is not None:
+        metrics["jumps"] = jumps.count
+        metrics["pieces"] = int(jumps.pieces.max()) + 1
+    return metrics

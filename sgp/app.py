@@ -35,7 +35,18 @@ _PARAMETERS = Group("Parameters")
 _SIGNALLED = 128
 _COMMANDS = Path(__file__).with_name("commands")
 # Command modules are named, not imported: `sgp --help` must not wait for OpenCV.
-_TOP = ("demo", "run", "normals", "inspect", "surface", "project", "compare", "simulate", "doctor")
+_TOP = (
+    "demo",
+    "run",
+    "normals",
+    "inspect",
+    "surface",
+    "curvature",
+    "project",
+    "compare",
+    "simulate",
+    "doctor",
+)
 _COMPLETION = "completion"
 # For each group: its help page, and its commands by module.
 _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -84,6 +85,11 @@ class StackNoise:
             "sensor",
         )
 
+    @property
+    def linear(self) -> bool:
+        """Whether the variance is linear in the values, with the same law at every second pixel."""
+        return self.slope.shape[1] == 1 and self.used is None and self.response is None
+
     def variance(self, image: int, values: npt.ArrayLike, first_row: int = 0) -> Array:
         """Return the variance of the samples of an image.
 
@@ -158,7 +164,7 @@ class StackNoise:
         columns = np.arange(width) % self.site_factor.shape[1]
         return self.site_factor[rows][:, columns]
 
-    def take(self, indices: list[int]) -> StackNoise:
+    def take(self, indices: list[int]) -> Self:
         """Return the law of the images with these indices, in this order."""
         return replace(
             self,
@@ -181,7 +187,7 @@ class StackNoise:
             response=response if response is None or response.ndim == 2 else response[..., channel],
         )
 
-    def rows(self, first: int, last: int) -> StackNoise:
+    def rows(self, first: int, last: int) -> Self:
         """Return the law of the rows from ``first`` to before ``last``, of which the first is 0."""
         return replace(
             self,

@@ -87,10 +87,10 @@ def refine(
 
     The sum of the squared errors of the highlights, relative to their standard deviations, and of
     the squared deviations of the centres from those given by the outlines, relative to their
-    covariance, is minimised. The covariance of the positions is the inverse of the information
-    matrix, multiplied by the reduced chi-square if that exceeds 1: then the errors are larger than
-    their standard deviations. If it is below 1, it shows that independent errors of highlights are
-    smaller, and their part of the covariance is multiplied by it; it says little about outlines.
+    covariance, is minimised. The covariance of the positions has two parts. That of the highlights
+    is multiplied by the reduced chi-square if that exceeds 1, because then their errors are larger
+    than stated, and also if it is below 1 and the errors are independent. That of the outlines is
+    multiplied by how much the centres deviate from the outlines, if that is more than expected.
 
     Parameters
     ----------
@@ -130,9 +130,11 @@ def refine(
     # Outlines give as many values as there are unknowns of the centres.
     freedom = 2 * int(np.isfinite(sigma_px).sum()) - lights.size
     chi_square = system.square / freedom if freedom > 0 else float("nan")
-    scale = max(chi_square, 1.0) if freedom > 0 else 1.0
-    share = min((system.square + _EXPECTED) / (freedom + _EXPECTED), 1.0) if peaks else 1.0
-    return Refined(lights, centres, scale * system.covariance(share), chi_square)
+    share = max(chi_square, 1.0) if freedom > 0 else 1.0
+    if peaks and share == 1:
+        share = min((system.square + _EXPECTED) / (freedom + _EXPECTED), 1.0)
+    outlines_share = system.outlines_share((centres - spheres.centres_mm).ravel())
+    return Refined(lights, centres, system.covariance(share, outlines_share), chi_square)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,11 +186,23 @@ class System:
         change = np.sum(of_light * self.pull_light) + of_centre @ self.pull_centre
         return self.square - float(change)
 
-    def covariance(self, share: float = 1.0) -> Array:
+    def outlines_share(self, off: Array) -> float:
+        """Return the variance of the outlines in multiples of that stated, at least 1.
+
+        ``off (3 K,)`` is how far the centres are from the outlines; what the highlights do not
+        determine follows the outlines and shows nothing about them.
+        """
+        _, schur = self._eliminated()
+        freedom = len(off) - float(np.trace(np.linalg.solve(schur, self.of_outlines)))
+        square = float(off @ self.of_outlines @ off)
+        return max((square + _EXPECTED) / (freedom + _EXPECTED), 1.0)
+
+    def covariance(self, share: float = 1.0, outlines_share: float = 1.0) -> Array:
         """Return the covariances ``(N, 3, 3)`` of the lights.
 
-        ``share`` is the variance of the highlights in multiples of that with which they count. If
-        it is 1, these are blocks of the inverse of the information.
+        ``share`` and ``outlines_share`` are the variances of highlights and outlines in multiples
+        of those with which they count. If both are 1, these are blocks of the inverse of the
+        information.
         """
         gain, schur = self._eliminated()
         inverse = np.linalg.inv(schur)
@@ -196,7 +210,7 @@ class System:
         outlines = inverse @ self.of_outlines @ inverse
         of_outlines: Array = np.einsum("nap,pq,nbq->nab", gain, outlines, gain)
         inside: Array = np.linalg.inv(self.of_light) + shared
-        covariance: Array = share * inside + (1 - share) * of_outlines
+        covariance: Array = share * inside + (outlines_share - share) * of_outlines
         return covariance
 
 

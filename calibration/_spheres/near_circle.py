@@ -10,6 +10,7 @@ from calibration._errors import EstimateError
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.mirrored_border import is_mirrored_border
 from calibration._spheres.outline import (
     SHARP_PX,
     OutlineImages,
@@ -103,7 +104,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
         pass
     else:
         if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
-            _check_inside(pictures, first[0])
+            _check_inside(pictures, first[0], first[2])
             return NearOutline(*first, None)
         found.append((0.0, *first))
     trials = [one[1] for one in found]
@@ -135,7 +136,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
             f"length, scatters by {scatter:.1f} px and is known to {best.sigma_px:.1f} px: give "
             "a better circle or a mask, or light the background evenly"
         )
-    _check_inside(pictures, best.outline)
+    _check_inside(pictures, best.outline, best.coverage)
     return best
 
 
@@ -144,12 +145,20 @@ def _is_sharp(outline: Ellipse, points_px: Array, coverage: float) -> bool:
     return coverage >= _SAFE_COVERAGE and scatter_px(outline, points_px) < SHARP_PX
 
 
-def _check_inside(pictures: OutlineImages, outline: Ellipse) -> None:
+def _check_inside(pictures: OutlineImages, outline: Ellipse, coverage: float) -> None:
     """Raise `EstimateError` if an outline may be the horizon that is mirrored in a ball.
 
-    It is mirrored at about 73 % of the radius, as a circle with nearly the same centre.
+    It is mirrored at about 73 % of the radius, as a circle with nearly the same centre; what is
+    inside of it does not vary like what is outside.
     """
     radius = outline.radius_px
+    if is_mirrored_border(pictures.median, outline, mostly_seen=coverage >= _SAFE_COVERAGE):
+        x, y = outline.centre_px
+        raise EstimateError(
+            f"the edge at ({x:.0f}, {y:.0f}, {radius:.0f}) px may be the border of what a larger "
+            "sphere mirrors: what is just inside of it does not vary like what is just outside: "
+            "give a circle closer to the outline, or a mask"
+        )
     around = Ellipse(outline.centre_px, (_OUTER * radius, _OUTER * radius))
     edges = EdgesAround(pictures.upper, around, _OUTER_REACH * radius)
     for trial in edges.leaders():

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from acquisition import Lights, Source
 from calibration import linear_images, luma
+from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from rig import Progress
@@ -68,7 +69,7 @@ def colour_albedo(
     for i, image in enumerate(linear_images(source, ids, channel="rgb")):
         if i == 0 and (image == image[..., :1]).all(where=np.isfinite(image)):
             return stereo.albedo
-        gray = luma(image)[None]
+        gray = Frames(luma(image)[None])
         model = LightModel(lights.take([i]), points_mm, mask)
         for first in range(0, len(pixels), _BLOCK):
             part = slice(first, first + _BLOCK)

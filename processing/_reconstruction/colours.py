@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights
+from acquisition import CameraModel, Lights
 from calibration import EstimateError, StackNoise, luma
 from processing._normal_map import NormalMap
 from processing._stereo.method import Method
@@ -28,6 +28,7 @@ def stereo_of_colours(
     method: Method,
     points_mm: npt.NDArray[np.float64] | None,
     noise: StackNoise | None,
+    camera: CameraModel | None = None,
     on_progress: Progress,
 ) -> tuple[PhotometricStereoResult, Float]:
     """Solve every channel on its own, and average the normals.
@@ -41,7 +42,7 @@ def stereo_of_colours(
     ----------
     values
         ``(N, H, W, 3)`` linear radiance.
-    lights, mask, method, points_mm, on_progress
+    lights, mask, method, points_mm, camera, on_progress
         As in `photometric_stereo`.
     noise
         Law of the noise of the values; None if it is unknown.
@@ -76,6 +77,7 @@ def stereo_of_colours(
                 method=method,
                 points_mm=points_mm,
                 noise=None if noise is None else noise.of_colour(channel),
+                camera=camera,
                 on_progress=of_channel,
             )
         except EstimateError as error:

@@ -13,6 +13,7 @@ from processing._reconstruction.self_calibration import (
     Factors,
     align,
     angles_deg,
+    explained,
     factorise,
     solve,
 )
@@ -64,8 +65,6 @@ _NAMED_DEG = 6.0
 # opposite directions is improbable; none of 240 random objects has such a pair.
 _EXCHANGED_DEG = 4.0
 _EXCHANGED_FACTOR = 4.0
-# Of the places of lights along an axis, most lights differ from what the images show by less.
-_UNEXPLAINED = 0.5
 # A relative difference below this is rounding: noise makes frames differ.
 _IDENTICAL = 1e-8
 _LISTED = 4
@@ -138,7 +137,7 @@ def check_lights(
         _SHUFFLED_RESIDUAL, _SHUFFLED_FACTOR * consistency
     ):
         return LightCheck(consistency, error, gain, (shuffled(residual, consistency),))
-    if not _explained(mapped, given):
+    if not explained(mapped, given):
         return LightCheck(consistency, unknown, unknown, ())
     doubtful, alien = _aliens(factors, samples)
     wrong = _far(error) | _odd(gain, consistency) | alien
@@ -149,18 +148,6 @@ def check_lights(
     suspects = sorted({*suspects, *pairs})
     warnings = _named(suspects, turned, pairs, error, gain, alien, mapped, given, ids)
     return LightCheck(consistency, error, gain, tuple(warnings))
-
-
-def _explained(mapped: Double, given: Double) -> bool:
-    """Return whether the images follow the lights along all three axes of their places.
-
-    On a surface that is curved along one axis only (steps, a cylinder), a third component may come
-    from pixels that are partly in shadow. It does not follow the lights along the other axis, and
-    single lights cannot be judged.
-    """
-    axes = np.linalg.svd(given, full_matrices=False)[2].T
-    off = np.median(np.abs((mapped - given) @ axes), axis=0)
-    return bool(np.all(off < _UNEXPLAINED * np.median(np.abs(given @ axes), axis=0)))
 
 
 def shuffled(residual: float, consistency: float) -> Notice:

@@ -12,8 +12,12 @@ from scipy.optimize import minimize_scalar
 from acquisition import Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages
+from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
-from processing._stereo.photometric_stereo import photometric_stereo
+from processing._stereo.method import Method
+from processing._stereo.solve import solve_maps
+from processing._stereo.stereo_maps import StereoMaps
+from rig import no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -33,8 +37,14 @@ class MeanHeightSearch:
     """Finds the mean height of a surface of known shape."""
 
     def __init__(
-        self, coarse: CoarseImages, lights: Lights, distance: float, limits: tuple[float, float]
+        self,
+        coarse: CoarseImages,
+        lights: Lights,
+        distance: float,
+        limits: tuple[float, float],
+        method: Method,
     ) -> None:
+        self._method = method
         flat = coarse.values.reshape(len(coarse.values), -1)
         pixels = np.flatnonzero(coarse.mask)
         pixels = pixels[_lit(flat[:, pixels]) >= _FEWEST_LIT]
@@ -127,15 +137,16 @@ class MeanHeightSearch:
         depth = relative * (self._distance - height)
         points = (self._centre + depth[:, None] * self._rays)[None]
         every = np.ones(points.shape[:2], np.bool_)
+        model, frames = LightModel(self._lights, points, every), Frames(self._values)
         try:
-            solved = photometric_stereo(
-                self._values, self._lights, every, method="cauchy", points_mm=points
-            )
+            model.check(every)
         except EstimateError:
             return np.full((len(depth), len(self._values)), np.nan)
-        model = LightModel(self._lights, points, every)
-        samples, vectors = model.samples(self._values, np.arange(len(depth)))
-        normals, albedo = solved.normal_map.normals[0], solved.albedo[0]
+        maps = StereoMaps.empty(every.shape)
+        # These pixels are no neighbours, so that their differences do not show the noise.
+        solve_maps(frames, model, every, None, self._method, maps, None, no_progress)
+        samples, vectors = model.samples(frames, np.arange(len(depth)))
+        normals, albedo = maps.normals[0], maps.albedo[0]
         shading = np.maximum(np.einsum("pc,pcn->pn", normals, vectors), 0)
         residuals = samples - albedo[:, None] * shading
         residuals[albedo == 0] = np.nan

@@ -15,6 +15,7 @@ from acquisition import CameraModel, DataError, Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages, coarse_images
 from processing._reconstruction.mean_height_search import MeanHeightSearch
+from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
 from processing._surface.integration import HeightMap, integrate
 from rig import Notice, short_repr
@@ -88,6 +89,7 @@ def near_height(
     mask: Mask,
     camera: CameraModel,
     *,
+    method: Method = "cauchy",
     height_mm: float | None = None,
     rests_on_plane: bool = False,
     on_step: Callable[[int, int], None] = lambda done, total: None,
@@ -110,6 +112,9 @@ def near_height(
         ``(H, W)`` bool, the object.
     camera
         Camera with a working distance.
+    method
+        Method of `photometric_stereo` for the normals. The law of the noise of the averages is
+        estimated from them.
     height_mm
         Mean height of the object above the working plane, if it is known.
     rests_on_plane
@@ -134,7 +139,7 @@ def near_height(
             f"from {lowest:.0f} to {highest:.0f} mm"
         )
     coarse = coarse_images(values, mask, camera)
-    search = MeanHeightSearch(coarse, lights, distance, (lowest, highest))
+    search = MeanHeightSearch(coarse, lights, distance, (lowest, highest), method)
     depth = np.full(coarse.mask.shape, distance - (height_mm or 0.0))
     sigma = math.nan
     steps: list[HeightStep] = []
@@ -145,7 +150,7 @@ def near_height(
                 depth, sigma = search.moved(depth)
                 if not sigma < _LEAST_KNOWN * search.light_distance_mm:
                     return _not_determined(mask, distance, sigma)
-            surface = _surface(coarse, lights, depth)
+            surface = _surface(coarse, lights, depth, method)
         except EstimateError:
             return _not_determined(mask, distance - (height_mm or 0.0), math.nan)
         inside = surface.mask
@@ -179,9 +184,14 @@ def _limits(lights: Lights, distance: float) -> tuple[float, float]:
     return _RANGE[0] * away, highest
 
 
-def _surface(coarse: CoarseImages, lights: Lights, depth: Double) -> HeightMap:
+def _surface(coarse: CoarseImages, lights: Lights, depth: Double, method: Method) -> HeightMap:
     stereo = photometric_stereo(
-        coarse.values, lights, coarse.mask, method="cauchy", points_mm=coarse.points(depth)
+        coarse.values,
+        lights,
+        coarse.mask,
+        method=method,
+        points_mm=coarse.points(depth),
+        camera=coarse.camera,
     )
     mean = float(depth[coarse.mask].mean())
     camera = replace(coarse.camera, working_distance_mm=mean)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ from acquisition import DataError, Lights
 from processing._reconstruction.cells import Cells, cells_of
 from processing._reconstruction.light_check import LightCheck, check_lights, duplicates
 from processing._reconstruction.samples import Samples, samples_of
+from processing._reconstruction.scheme_check import SchemeCheck, check_scheme, scheme_notices
 from processing._reconstruction.under_lights import Fit, Remedy, fit, remedy
 from processing._stereo.photometric_stereo import photometric_stereo
 from processing._surface.integrability import Integrability, integrability
@@ -45,6 +46,8 @@ class ImageQuality:
     curl
         Disagreement of the mixed derivatives of the normals, see `integrability`: 0 for a surface,
         1 for a mirrored one, about .7 for noise; NaN with too few pixels.
+    scheme
+        Comparison of each image with what the other images predict.
     ids
         Names of the N lights.
     warnings
@@ -58,6 +61,7 @@ class ImageQuality:
     light_error_deg: Double
     light_gain: Double
     curl: float
+    scheme: SchemeCheck = field(repr=False)
     ids: tuple[str, ...]
     warnings: tuple[Notice, ...]
 
@@ -116,12 +120,14 @@ def image_quality(
     if not cells.mask.any():
         unknown = np.full(len(lights), np.nan)
         return ImageQuality(
-            np.nan, np.nan, np.nan, unknown, unknown, unknown, np.nan, lights.ids, ()
-        )
+            np.nan, np.nan, np.nan, unknown, unknown, unknown, np.nan,
+            SchemeCheck((), False, False), lights.ids, (),
+        )  # fmt: skip
     samples = samples_of(cells, lights)
     found = fit(samples)
     check = check_lights(samples, found.residual, lights.ids, values, mask)
     shape = _integrability(cells, lights)
+    scheme = check_scheme(cells, lights)
     return ImageQuality(
         residual=found.residual,
         consistency=check.consistency,
@@ -130,8 +136,9 @@ def image_quality(
         light_error_deg=check.error_deg,
         light_gain=check.gain,
         curl=shape.curl,
+        scheme=scheme,
         ids=lights.ids,
-        warnings=_likely(cells, lights, samples, found, check, shape),
+        warnings=_likely(cells, lights, samples, found, check, shape, scheme),
     )
 
 
@@ -142,18 +149,34 @@ def _likely(
     found: Fit,
     check: LightCheck,
     shape: Integrability,
+    scheme: SchemeCheck,
 ) -> tuple[Notice, ...]:
     """Return the warnings of the most likely cause; one mistake disturbs the other tests."""
     copies = duplicates(samples, lights.ids)
     if copies:
         return tuple(copies)
     change = remedy(cells, lights, found)
+    if change is not None and not change.images:
+        return (_remedy_warning(change, found, lights.ids),)
+    if any(notice.code == "lights-shuffled" for notice in check.warnings):
+        return check.warnings
+    singles = _of_images(check, scheme, lights.ids)
+    if scheme.undecided or (scheme.checked and singles):
+        return singles
     if change is not None and not _names_only(check, change.images, lights.ids):
         return (_remedy_warning(change, found, lights.ids),)
     axes = _axes_warning(shape)
-    if any(notice.code == "lights-shuffled" for notice in check.warnings) or not axes:
+    return tuple(axes) if axes else singles
+
+
+def _of_images(check: LightCheck, scheme: SchemeCheck, ids: tuple[str, ...]) -> tuple[Notice, ...]:
+    """Return the warnings about single images: the scheme, and how images are turned."""
+    if not scheme.checked:
         return check.warnings
-    return tuple(axes)
+    turned = tuple(notice for notice in check.warnings if notice.code == "image-turned")
+    names = {name for notice in turned for name in notice.where.split(", ")}
+    others = tuple(one for one in scheme.found if ids[one.image] not in names)
+    return (*turned, *scheme_notices(replace(scheme, found=others), ids))
 
 
 def _names_only(check: LightCheck, images: tuple[int, ...], ids: tuple[str, ...]) -> bool:

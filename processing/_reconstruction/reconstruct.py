@@ -3,31 +3,43 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, setup_notices
-from calibration import Channel, EstimateError, linear_stack, luma
+from calibration import EstimateError, linear_stack, luma
 from processing._mask import object_mask
 from processing._metrics import AngularError, angular_error
 from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.error_bars import error_bars
+from processing._reconstruction.heights import Heights
+from processing._reconstruction.joint_colours import joint_stereo
+from processing._reconstruction.light_strengths import (
+    LightStrengths,
+    light_strengths,
+    with_strengths,
+)
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
     blocks_of_sites,
     gray_picture,
 )
-from processing._reconstruction.near_height import NearHeight, near_height
+from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality, image_quality
+from processing._reconstruction.scheme_check import exclusion
+from processing._reconstruction.specular import specular_residual
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
 from processing._uncertainty.normal_uncertainty import NormalUncertainty
 from rig import Notice, Progress, check_type, no_progress
+
+StereoChannel = Literal["gray", "rgb", "joint", "mosaic"]
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
@@ -53,10 +65,16 @@ class Reconstruction:
         ``(H, W)``; see `colour_albedo`. 0 outside the mask of the normals.
     uncertainty
         Standard deviations of the normals, what the samples show, and why pixels are not valid.
+    specular
+        ``(H, W)`` float32 mean light above a matte surface, see `specular_residual`.
     surface
         The height; None if it was not requested.
     quality
         Agreement of images, lights and normals.
+    excluded
+        Names of the images that were left out because they disagree with the others.
+    strengths
+        Strengths of the lights, if they were estimated.
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
@@ -73,8 +91,11 @@ class Reconstruction:
     stereo: PhotometricStereoResult
     albedo: npt.NDArray[np.float32]
     uncertainty: NormalUncertainty
+    specular: npt.NDArray[np.float32]
     surface: HeightMap | None
     quality: ImageQuality
+    excluded: tuple[str, ...]
+    strengths: LightStrengths | None
     error: AngularError | None
     previews: tuple[npt.NDArray[np.float32], ...]
     near_height: NearHeight | None
@@ -93,10 +114,12 @@ def reconstruct(
     source: Source,
     *,
     method: Method = "cauchy",
-    channel: Channel = "gray",
+    channel: StereoChannel = "gray",
     distant: bool = False,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
+    exclude_disagreeing: bool = False,
+    semi_calibrated: bool = False,
     surface: bool = True,
     on_progress: Progress = no_progress,
 ) -> Reconstruction:
@@ -118,7 +141,8 @@ def reconstruct(
         Method of `photometric_stereo`.
     channel
         ``gray``: normals from gray images, for which a mosaic is demosaiced. ``rgb``: one solution
-        per channel; the normals are averaged with weights from the noise. ``mosaic``: normals of
+        per channel; the normals are averaged with weights from the noise. ``joint``: one normal and
+        one albedo per channel that explain the samples of all channels best. ``mosaic``: normals of
         every site of a Bayer mosaic from its own samples, without interpolation, so that edges of
         colours are as sharp as others; the albedo in colour is interpolated afterwards.
     distant
@@ -127,6 +151,11 @@ def reconstruct(
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
         The lowest points of the object are in the working plane. Only for near lights.
+    exclude_disagreeing
+        Leave out images that the other images contradict (see `image_quality`), unless so many do
+        that it is not known which are right.
+    semi_calibrated
+        Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
     surface
         Also integrate the normals.
     on_progress
@@ -166,9 +195,12 @@ def reconstruct(
         raise DataError(
             f"{source.path}: a height matters only under lights with positions: leave it out"
         )
-    stack = linear_stack(source, channel=channel, on_progress=on_progress)
+    stack = linear_stack(
+        source, channel="rgb" if channel == "joint" else channel, on_progress=on_progress
+    )
     pattern = stack.pattern
-    gray = luma(stack.values) if channel == "rgb" else stack.values
+    colour = channel in ("rgb", "joint")
+    gray = luma(stack.values) if colour else stack.values
     warnings = [*source.warnings, *setup_notices(source), *stack.warnings]
     mask, elsewhere = stack.mask, source.not_object
     on_progress("normals", 0, 1)  # the images are examined first
@@ -191,38 +223,53 @@ def reconstruct(
         text = f"images left out because they show no light: {', '.join(dark)}"
         warnings.append(Notice("lights-unlit", text))
         stack, lights, gray = stack.take(lit), lights.take(lit), gray[lit]
+    strengths = None
+    if semi_calibrated:
+        strengths = light_strengths(gray, lights, mask, points_mm=points_mm)
+        stack, gray = strengths.divided(stack, gray)
     # Before the height, which a wrong curve would bend.
     warnings += curve_warnings(source, gray, lights, mask, points_mm)
-    near = None
-    if points_mm is not None and source.camera is not None:
-        near = near_height(
-            gray,
-            lights,
-            mask,
-            source.camera,
-            height_mm=height_mm,
-            rests_on_plane=rests_on_plane,
-            on_step=lambda done, total: on_progress("height", done, total),
-        )
-        warnings += near.warnings
-        del points_mm
-        points_mm = source.camera.points_at(near.depth)
+    heights = Heights(source, mask, points_mm, height_mm, rests_on_plane, method, on_progress)
+    near, points_mm = heights.of(gray, lights)
+    if strengths is not None:
+        # Of near lights, strengths and heights depend on each other.
+        if near is not None:
+            again = light_strengths(gray, lights, mask, points_mm=points_mm)
+            stack, gray = again.divided(stack, gray)
+            near, points_mm = heights.of(gray, lights)
+            strengths = strengths.refined(again)
+        lights = strengths.lights
+        source = replace(source, lights=with_strengths(source.lights, lights))
+        warnings += strengths.warnings
     quality = image_quality(gray, lights, mask, points_mm=points_mm)
+    excluded: tuple[str, ...] = ()
+    if exclude_disagreeing:
+        kept = quality.scheme.agreeing(len(lights))
+        excluded = tuple(name for i, name in enumerate(lights.ids) if i not in kept)
+        warnings += exclusion(quality.scheme, lights.ids)
+        if excluded:
+            stack, lights, gray = stack.take(kept), lights.take(kept), gray[kept]
+            near, points_mm = heights.of(gray, lights)
+            quality = image_quality(gray, lights, mask, points_mm=points_mm)
+    if near is not None:
+        warnings += near.warnings
     warnings += quality.warnings
     previews = tuple(
         image.copy() if pattern is None else gray_picture(image, pattern)
         for image in (gray[0], gray[-1])
     )
     albedo = None
-    if channel == "rgb":
+    if colour:
         del gray
-        stereo, albedo = stereo_of_colours(
+        of_colours = joint_stereo if channel == "joint" else stereo_of_colours
+        stereo, albedo = of_colours(
             stack.values,
             lights,
             mask,
             method=method,
             points_mm=points_mm,
             noise=stack.noise,
+            camera=source.camera,
             on_progress=on_progress,
         )
     else:
@@ -233,6 +280,7 @@ def reconstruct(
             method=method,
             points_mm=points_mm,
             noise=stack.noise,
+            camera=source.camera,
             on_progress=on_progress,
         )
         del gray
@@ -242,6 +290,9 @@ def reconstruct(
     )
     warnings += doubts
     _check_facing(source, stereo)
+    specular = specular_residual(
+        stack.values, lights, stereo, points_mm=points_mm, noise=stack.noise
+    )
     used = stack.ids
     del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
@@ -265,8 +316,11 @@ def reconstruct(
         stereo=stereo,
         albedo=albedo,
         uncertainty=uncertainty,
+        specular=specular,
         surface=height,
         quality=quality,
+        excluded=excluded,
+        strengths=strengths,
         error=None if truth is None else angular_error(normal_map, truth, mask),
         previews=previews,
         near_height=near,

@@ -14,6 +14,8 @@ Mask = npt.NDArray[np.bool_]
 
 _ROUNDS = 25
 _PLAIN_ROUNDS = 8
+# Of the places of lights along an axis, most lights differ from what the images show by less.
+_UNEXPLAINED = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +127,18 @@ def align(found: Double, given: Double) -> Double:
         root = (1 / (1 + (deviation / scale) ** 2) / length)[:, None] ** 0.5
         mapped = found @ np.linalg.lstsq(root * found, root * given, rcond=None)[0]
     return mapped
+
+
+def explained(mapped: Double, given: Double) -> bool:
+    """Return whether the images follow the lights along all three axes of their places.
+
+    On a surface that is curved along one axis only (steps, a cylinder), a third component may come
+    from pixels that are partly in shadow. It does not follow the lights along the other axis, and
+    single lights cannot be judged.
+    """
+    axes = np.linalg.svd(given, full_matrices=False)[2].T
+    off = np.median(np.abs((mapped - given) @ axes), axis=0)
+    return bool(np.all(off < _UNEXPLAINED * np.median(np.abs(given @ axes), axis=0)))
 
 
 def angles_deg(a: Double, b: Double) -> Double:

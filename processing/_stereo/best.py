@@ -26,35 +26,39 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.reflectance_fit import reflectance_fit
 from processing._stereo.reweighted import reweighted
 
-# Compiled in: processing/_stereo/cauchy.py 45273ba8f525
+# Compiled in: processing/_stereo/cauchy.py 39ee337ee3ae
 # Compiled in: processing/_stereo/least_trimmed.py 6488b5e06f2f
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reflectance_fit.py 8a7fcddf207b
+# Compiled in: processing/_stereo/reflectance_fit.py 08c41a43f3d2
 # Compiled in: processing/_stereo/reweighted.py 2852404e4e82
 
 # With fewer samples the subsets that agree are too small: `cauchy` is used.
 _FEWEST = 12
 
 
-def best(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
+def best(
+    values: Float, vectors: Float, law: Float | None = None, view: Float | None = None
+) -> tuple[Double, Double]:
     """Solve by least trimmed squares, then fit ``v = max(l . n, 0) (c0 + c1 (h . n)^2)``.
 
     Pixels whose residuals are noise keep the Lambertian model; those with fewer than 12 samples are
-    solved by `cauchy`. The camera is in direction z.
+    solved by `cauchy`.
 
     This is an `Estimator`; see there for the parameters and the result.
     """
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))
     triples = light_triples(values.shape[1])
-    _solve_pixels(values, vectors, *law_or_alike(law, values.shape[1]), triples, scaled, rms)
+    toward = np.array([[0, 0, 1]], np.float32) if view is None else view
+    of_noise = law_or_alike(law, values.shape[1])
+    _solve_pixels(values, vectors, *of_noise, toward, triples, scaled, rms)
     return scaled, rms
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _best_pixel(
-    count: int, usable: Float, known: bool, triples: Triples, bright: Float, scratch: Float,
-    gram: Double,
+    count: int, usable: Float, known: bool, view: Float, triples: Triples, bright: Float,
+    scratch: Float, gram: Double,
 ) -> tuple[bool, float, float, float]:  # fmt: skip
     if count < _FEWEST:
         return cauchy_pixel(count, usable, known, scratch)
@@ -85,7 +89,9 @@ def _best_pixel(
         return True, m0, m1, m2
     for k in range(count):
         usable[0, k] *= per
-    x, y, z = reflectance_fit(count, usable, rank_of_spread(found), spread, scratch, gram, x, y, z)
+    x, y, z = reflectance_fit(
+        count, usable, view, rank_of_spread(found), spread, scratch, gram, x, y, z
+    )
     for k in range(count):
         usable[0, k] /= per
     return True, x * length, y * length, z * length
@@ -93,7 +99,7 @@ def _best_pixel(
 
 @numba.njit(parallel=True, cache=True)
 def _solve_pixels(
-    values: Float, vectors: Float, law: Float, known: bool, triples: Triples,
+    values: Float, vectors: Float, law: Float, known: bool, view: Float, triples: Triples,
     scaled: Double, rms: Double,
 ) -> None:  # fmt: skip
     pixels, lights = values.shape
@@ -105,7 +111,10 @@ def _solve_pixels(
         for p in range(256 * block, min(256 * (block + 1), pixels)):
             of = p if len(vectors) > 1 else 0
             count = usable_samples(values[p], vectors[of], law[p if len(law) > 1 else 0], usable)
-            solved, m0, m1, m2 = _best_pixel(count, usable, known, triples, bright, scratch, gram)
+            solved, m0, m1, m2 = _best_pixel(
+                count, usable, known, view[p if len(view) > 1 else 0], triples, bright, scratch,
+                gram,
+            )  # fmt: skip
             if solved:
                 rms[p] = rms_residual(count, usable, m0, m1, m2)
             scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2

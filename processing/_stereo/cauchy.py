@@ -29,7 +29,9 @@ _STEP2 = 1e-8
 _SCALE_FLOOR = 1e-6
 
 
-def cauchy(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
+def cauchy(
+    values: Float, vectors: Float, law: Float | None = None, view: Float | None = None
+) -> tuple[Double, Double]:
     """Solve ``value = max(vector . m, 0)`` by reweighted least squares.
 
     The iteration starts at the least-squares solution. It takes up to 10 steps with the weight
@@ -37,7 +39,7 @@ def cauchy(values: Float, vectors: Float, law: Float | None = None) -> tuple[Dou
     If the law of the noise is known, pixels whose residuals are noise end with weighted least
     squares, see `reweighted`.
 
-    This is an `Estimator`; see there for the parameters and the result.
+    This is an `Estimator`; see there for the parameters and the result. The view has no effect.
     """
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))

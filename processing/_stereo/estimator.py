@@ -21,7 +21,7 @@ class Estimator(Protocol):
     """
 
     def __call__(
-        self, values: Float, vectors: Float, law: Float | None = None, /
+        self, values: Float, vectors: Float, law: Float | None = None, view: Float | None = None, /
     ) -> tuple[Double, Double]:
         """Return the scaled normals and the residuals of P pixels under N lights.
 
@@ -35,6 +35,9 @@ class Estimator(Protocol):
         law
             ``(1, 2, N)`` or ``(P, 2, N)`` float32: variance of a sample without light, and its
             increase per value; None if the noise is not known.
+        view
+            ``(1, 3)`` or ``(P, 3)`` float32 unit vectors toward the camera, for models of
+            reflectance; None for the direction z.
 
         Returns
         -------

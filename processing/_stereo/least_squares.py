@@ -22,13 +22,15 @@ from processing._stereo.reweighted import reweighted
 # Compiled in: processing/_stereo/reweighted.py 2852404e4e82
 
 
-def least_squares(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
+def least_squares(
+    values: Float, vectors: Float, law: Float | None = None, view: Float | None = None
+) -> tuple[Double, Double]:
     """Solve ``value = vector . m`` by least squares, attached shadows included.
 
     If the law of the noise is known, pixels whose residuals are noise are solved again with its
     weights, see `reweighted`.
 
-    This is an `Estimator`; see there for the parameters and the result.
+    This is an `Estimator`; see there for the parameters and the result. The view has no effect.
     """
     # If all pixels share the lights, the inverse is the same for all pixels without a missing
     # sample.

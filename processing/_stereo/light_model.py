@@ -9,6 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
+from calibration import EstimateError
+from processing._stereo.frames import Frames
+from processing._stereo.pixel_algebra import MAX_CONDITION
+from rig import pluralize
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -51,23 +55,54 @@ class LightModel:
             )
         self._points = points.reshape(-1, 3)
 
-    def typical_vectors(self, pixels: npt.NDArray[np.intp]) -> Double:
+    @property
+    def intensities(self) -> Double:
+        """``(N,)`` mean intensities over the colours."""
+        return np.asarray(np.mean(np.asarray(self._lights.intensities), axis=1), np.float64)
+
+    def check(self, mask: Mask) -> None:
+        """Refuse lights that leave a direction of the normal undetermined, by `EstimateError`."""
+        _check_lights(self._typical_vectors(mask))
+
+    def _typical_vectors(self, mask: Mask) -> Double:
         """Return the ``(N, 3)`` light vectors in the middle of the object."""
         if self._points is None:
             return self._lights.vectors_at(np.zeros(3))
+        pixels = np.flatnonzero(mask)
         some = self._points[pixels[:: 1 + len(pixels) // 1000]]
         finite = some[np.isfinite(some).all(axis=1)]
         if not len(finite):
             raise DataError("the surface points inside the mask are not finite: check the camera")
         return self._lights.vectors_at(np.median(finite, axis=0))
 
-    def samples(self, stack: Float, pixels: npt.NDArray[np.intp]) -> tuple[Float, Float]:
+    def parameters(self) -> tuple[Double, Float, tuple[Float, Float, Float, Float]]:
+        """Return what a kernel needs to compute light vectors.
+
+        Returns
+        -------
+        points
+            ``(H * W, 3)`` surface points; empty for distant lights.
+        vectors
+            ``(3, N)`` light vectors that all pixels share; those of the directions from the origin
+            for near lights.
+        near
+            Positions, axes, exponents mu and ``r0^2 / cos(t0)^mu`` of near lights.
+        """
+        vectors = np.ascontiguousarray(self._lights.unit_directions.T, np.float32)
+        if self._points is None:
+            empty = np.zeros((0, 3), np.float32)
+            return np.zeros((0, 3)), vectors, (empty, empty, empty[:, 0], empty[:, 0])
+        near = _near_parameters(self._lights)
+        positions, axes, mu, reference = (np.ascontiguousarray(x, np.float32) for x in near)
+        return self._points, vectors, (positions, axes, mu, reference)
+
+    def samples(self, frames: Frames, pixels: npt.NDArray[np.intp]) -> tuple[Float, Float]:
         """Return the input of an `Estimator`: the values of some pixels and their light vectors.
 
         Parameters
         ----------
-        stack
-            ``(N, H, W)`` linear radiance.
+        frames
+            N images of linear radiance.
         pixels
             ``(P,)`` indices into the flat image.
 
@@ -80,14 +115,37 @@ class LightModel:
             ``(1, 3, N)`` float32 for distant lights, which all pixels share; ``(P, 3, N)`` for near
             lights.
         """
-        lights = len(stack)
-        values = np.ascontiguousarray(stack.reshape(lights, -1)[:, pixels].T)
+        values = frames.of_pixels(pixels)
+        return values, self._vectors(pixels, values)
+
+    def vectors(self, pixels: npt.NDArray[np.intp]) -> Float:
+        """Return the light vectors of `samples`; 0 where a light does not reach the point."""
+        return self._vectors(pixels, np.zeros((len(pixels), len(self._lights)), np.float32))
+
+    def _vectors(self, pixels: npt.NDArray[np.intp], values: Float) -> Float:
         if self._points is None:
             directions = self._lights.unit_directions.T[None]
-            return values, np.ascontiguousarray(directions, np.float32)
-        vectors = np.zeros((len(pixels), 3, lights), np.float32)
+            return np.ascontiguousarray(directions, np.float32)
+        vectors = np.zeros((len(pixels), 3, len(self._lights)), np.float32)
         _near_vectors(self._points, pixels, *_near_parameters(self._lights), values, vectors)
-        return values, vectors
+        return vectors
+
+
+def _check_lights(vectors: Double) -> None:
+    """Reject lights that leave a direction of the normal undetermined."""
+    if len(vectors) < 3:
+        raise EstimateError(
+            f"{pluralize(len(vectors), 'light does', 'lights do')} not determine a normal: at "
+            "least 3 are required"
+        )
+    strength = np.linalg.svd(vectors, compute_uv=False)
+    condition = strength[0] / max(strength[2], 1e-12 * strength[0], np.finfo(np.float64).tiny)
+    if not condition <= MAX_CONDITION:
+        raise EstimateError(
+            f"the {len(vectors)} lights are too close to one plane to determine normals "
+            f"(condition number {condition:.3g}, the maximum is {MAX_CONDITION:g}): "
+            "add lights outside the plane"
+        )
 
 
 def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:

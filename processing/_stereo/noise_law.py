@@ -38,9 +38,8 @@ class NoiseLaw:
                 f"{pluralize(images, 'image')}"
             )
         self._noise = noise
-        # The variance of one exposure without a flat is linear, and alike at every second pixel.
         self._linear: Double | None = None
-        if noise.slope.shape[1] == 1 and noise.used is None and noise.response is None:
+        if noise.linear:
             tile = np.zeros((2, 2))
             floor, unit = (
                 np.stack([noise.variance(i, tile + v) for i in range(images)]) for v in (0.0, 1.0)
@@ -53,8 +52,8 @@ class NoiseLaw:
     def of(self, pixels: npt.NDArray[np.intp], values: Float, vectors: Float) -> Float:
         """Return the law of some samples, ``(1, 2, N)`` or ``(P, 2, N)``, see `Estimator`.
 
-        The law of merged exposures is not linear: its variance at the signal that least squares
-        predict is used.
+        The law of merged exposures or colours is not linear: its variance at the signal that least
+        squares predict is used.
 
         Parameters
         ----------

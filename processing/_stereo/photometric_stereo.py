@@ -7,23 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Lights
+from acquisition import CameraModel, DataError, Lights
 from calibration import EstimateError, StackNoise, check_linear
 from processing._normal_map import NormalMap
-from processing._stereo.estimator import ESTIMATORS
+from processing._stereo.frames import Frames
+from processing._stereo.image_noise import law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import METHODS, Method
 from processing._stereo.noise_law import NoiseLaw
-from processing._stereo.pixel_algebra import MAX_CONDITION
+from processing._stereo.solve import solve_maps
+from processing._stereo.stereo_maps import StereoMaps
 from rig import Notice, Progress, check_type, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-
-# Number of pixels that are estimated together. Their samples approximately fit into the
-# second-level cache, and the cost of starting the threads is small in comparison.
-_BLOCK = 16384
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +62,7 @@ def photometric_stereo(
     method: Method = "cauchy",
     points_mm: npt.ArrayLike | None = None,
     noise: StackNoise | None = None,
+    camera: CameraModel | None = None,
     on_progress: Progress = no_progress,
 ) -> PhotometricStereoResult:
     """Estimate normals and albedo per pixel from images under known lights.
@@ -86,16 +85,19 @@ def photometric_stereo(
         ``best``: least trimmed squares (Rousseeuw, 1984), then a fit of
         ``max(n . l, 0) (c0 + c1 (n . h)^2)`` to the samples that agree, with the half vector h
         between light and camera (compare Shi et al., 2014). It is the most accurate on
-        glossy and shadowed surfaces. The camera is taken to be in direction z. With fewer than 12
-        samples it is ``cauchy``.
+        glossy and shadowed surfaces. With fewer than 12 samples it is ``cauchy``.
     points_mm
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.
     noise
-        Law of the noise of the images, `Stack.noise`; None if it is unknown. Every method solves
-        pixels whose residuals agree with it again, by least squares weighted with the variances at
-        the predicted signals. The errors of these pixels are those of the Cramer-Rao bound. For
-        ``best`` without it, they are about twice as large.
+        Law of the noise of the images, `Stack.noise`. None if it is unknown: a law is then
+        estimated from the differences between neighbouring pixels, except for ``ls``. Every method
+        solves pixels whose residuals agree with the law again, by least squares weighted with the
+        variances at the predicted signals. The errors of these pixels are those of the Cramer-Rao
+        bound.
+    camera
+        Camera of the images, for the direction of view of ``best``; None for a distant camera in
+        direction z.
     on_progress
         Receives the stage ``normals``, one step per pixel. An exception it raises ends the
         computation.
@@ -133,33 +135,19 @@ def photometric_stereo(
         raise DataError(
             f"{method!r} is not a method of photometric stereo: use {', '.join(METHODS)}"
         )
-    estimate = ESTIMATORS[method]
     stack, mask = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(mask)
     _check_inputs(stack, lights, mask)
-    pixels = np.flatnonzero(mask)
     model = LightModel(lights, points_mm, mask)
-    law = None if noise is None else NoiseLaw(noise, (len(stack), *mask.shape))
-    _check_lights(model.typical_vectors(pixels))
-    normals = np.zeros((mask.size, 3), np.float32)
-    albedo = np.zeros(mask.shape, np.float32)
-    residual = np.zeros(mask.shape, np.float32)
-    used = np.zeros(mask.shape, np.uint16)
-    for first in range(0, len(pixels), _BLOCK):
-        block = pixels[first : first + _BLOCK]
-        samples, vectors = model.samples(stack, block)
-        of_block = None if law is None else law.of(block, samples, vectors)
-        scaled, rms = estimate(samples, vectors, of_block)
-        length = np.sqrt(np.einsum("pc,pc->p", scaled, scaled))
-        with np.errstate(over="ignore"):
-            strength = length.astype(np.float32)
-        solved = strength > 0
-        determined = block[solved]
-        normals[determined] = scaled[solved] / length[solved, None]
-        albedo.flat[determined] = strength[solved]
-        residual.flat[determined] = rms[solved]
-        used.flat[block] = np.isfinite(samples).sum(axis=1)
-        on_progress("normals", min(first + _BLOCK, len(pixels)), len(pixels))
-    has_normal = albedo > 0
+    model.check(mask)
+    frames = Frames(stack)
+    law: NoiseLaw | Float | None = None
+    if noise is not None:
+        law = NoiseLaw(noise, (len(stack), *mask.shape))
+    elif method != "ls":
+        law = law_of_images(frames, model, mask)
+    maps = StereoMaps.empty(mask.shape)
+    solve_maps(frames, model, mask, law, method, maps, camera, on_progress)
+    has_normal = maps.albedo > 0
     if not has_normal.any():
         raise EstimateError(_why_nothing(stack, mask))
     total = int(np.count_nonzero(mask))
@@ -169,10 +157,10 @@ def photometric_stereo(
         "or too few usable samples"
     )
     return PhotometricStereoResult(
-        normal_map=NormalMap(normals.reshape(*mask.shape, 3), has_normal),
-        albedo=albedo,
-        residual=residual,
-        used=used,
+        normal_map=NormalMap.of_unit_vectors(maps.normals, has_normal),
+        albedo=maps.albedo,
+        residual=maps.residual,
+        used=maps.used,
         warnings=(Notice("pixels-without-normal", text),) if lost else (),
     )
 
@@ -194,23 +182,6 @@ def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
         )
     if not mask.any():
         raise DataError("the mask is empty: there is no pixel to compute")
-
-
-def _check_lights(vectors: Double) -> None:
-    """Reject lights that leave a direction of the normal undetermined."""
-    if len(vectors) < 3:
-        raise EstimateError(
-            f"{pluralize(len(vectors), 'light does', 'lights do')} not determine a normal: at "
-            "least 3 are required"
-        )
-    strength = np.linalg.svd(vectors, compute_uv=False)
-    condition = strength[0] / max(strength[2], 1e-12 * strength[0], np.finfo(np.float64).tiny)
-    if not condition <= MAX_CONDITION:
-        raise EstimateError(
-            f"the {len(vectors)} lights are too close to one plane to determine normals "
-            f"(condition number {condition:.3g}, the maximum is {MAX_CONDITION:g}): "
-            "add lights outside the plane"
-        )
 
 
 def _why_nothing(stack: Float, mask: Mask) -> str:

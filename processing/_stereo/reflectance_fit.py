@@ -18,7 +18,7 @@ _ITERATIONS = 12
 _FIRST = 2
 _CUT = 4.0
 # Afterwards the weight is that of Cauchy, with this multiple of the spread as scale.
-_CAUCHY = 1.3
+_CAUCHY = 2.0
 _LEAST_SPREAD = 1e-4
 _RIDGE = 1e-6
 _LONGEST_STEP = 0.3
@@ -28,11 +28,13 @@ _STEP = 3e-4
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
-def _half_vectors(count: int, usable: Float, half: Float) -> None:
-    """Write the unit vectors between the lights and the camera, which is in direction z."""
+def _half_vectors(count: int, usable: Float, view: Float, half: Float) -> None:
+    """Write the unit vectors between the lights and the direction of the camera."""
+    vx, vy, vz = view[0], view[1], view[2]
     for k in range(count):
         x, y, z = usable[1, k], usable[2, k], usable[3, k]
-        z += np.sqrt(x * x + y * y + z * z)
+        distance = np.sqrt(x * x + y * y + z * z)
+        x, y, z = x + vx * distance, y + vy * distance, z + vz * distance
         per = np.float32(1) / np.sqrt(x * x + y * y + z * z)
         half[0, k], half[1, k], half[2, k] = x * per, y * per, z * per
 
@@ -117,8 +119,8 @@ def _solve_in_place(gram: Double) -> bool:
 
 @numba.njit(cache=True, error_model="numpy")
 def reflectance_fit(
-    count: int, usable: Float, rank: int, spread: np.float32, scratch: Float, gram: Double,
-    m0: float, m1: float, m2: float,
+    count: int, usable: Float, view: Float, rank: int, spread: np.float32, scratch: Float,
+    gram: Double, m0: float, m1: float, m2: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Fit ``v = max(l . n, 0) (c0 + c1 (h . n)^2)`` from a Lambertian solution; return a new one.
 
@@ -129,6 +131,8 @@ def reflectance_fit(
     ----------
     count, usable
         Samples of one pixel, see `usable_samples`, in a unit in which the albedo is about 1.
+    view
+        ``(3,)`` unit vector toward the camera.
     rank, spread
         Rank and value of the deviation that limits the scale of the weights.
     scratch
@@ -146,7 +150,7 @@ def reflectance_fit(
     weight, model, half = scratch[0], scratch[1:7], scratch[7:10]
     residual = model[5]
     one, zero = np.float32(1), np.float32(0)
-    _half_vectors(count, usable, half)
+    _half_vectors(count, usable, view, half)
     c0 = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
     n0, n1, n2, c1 = m0 / c0, m1 / c0, m2 / c0, 0.0
     guess = spread

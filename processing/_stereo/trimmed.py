@@ -26,7 +26,9 @@ _TRIMMED = 0.2
 _FEWEST = 8
 
 
-def trimmed(values: Float, vectors: Float, law: Float | None = None) -> tuple[Double, Double]:
+def trimmed(
+    values: Float, vectors: Float, law: Float | None = None, view: Float | None = None
+) -> tuple[Double, Double]:
     """Solve ``value = vector . m`` without the darkest and the brightest fifth of the samples.
 
     The darkest samples are shadows, and the brightest are highlights, if there are any. A pixel
@@ -34,7 +36,7 @@ def trimmed(values: Float, vectors: Float, law: Float | None = None) -> tuple[Do
     of them. If the law of the noise
     is known, pixels whose residuals are noise end with weighted least squares, see `reweighted`.
 
-    This is an `Estimator`; see there for the parameters and the result.
+    This is an `Estimator`; see there for the parameters and the result. The view has no effect.
     """
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))

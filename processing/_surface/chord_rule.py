@@ -129,3 +129,17 @@ def perspective_edges(
                     right[r + 1, c + 1] = cosine2 * cosine2
                     step_right[r + 1, c + 1] = math.log(near / far)
     return right, down, step_right, step_down
+
+
+def facing_cosines(normals: Float, rays: Double) -> Float:
+    """Return the ``(H, W)`` float32 dot product of each normal and the line of sight to the camera.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32 unit vectors.
+    rays
+        ``(H, W, 3)`` float64 directions of the pixels from the camera, with z = -1.
+    """
+    cosines: Float = -np.einsum("rck,rck->rc", normals, rays).astype(np.float32)
+    return cosines

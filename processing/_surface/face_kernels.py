@@ -9,12 +9,15 @@ import numpy.typing as npt
 Float = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 Counts = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 # A triangle of each kind, by the corners of a square: a and b above d and e.
 _KINDS = 4  # a d b, b d e, a d e, a e b
 
 
-def faces_of(parts: Ints, vertices: Float) -> Ints:
+def faces_of(
+    parts: Ints, vertices: Float, cut_right: Mask | None = None, cut_down: Mask | None = None
+) -> Ints:
     """Return the triangles of a surface.
 
     Parameters
@@ -23,6 +26,8 @@ def faces_of(parts: Ints, vertices: Float) -> Ints:
         ``(H, W)`` int32 part of each pixel, -1 outside.
     vertices
         ``(V, 3)`` float32, the points of the pixels inside, in reading order.
+    cut_right, cut_down
+        ``(H, W)`` bool: no triangle has both the pixel and its right (lower) neighbour as corners.
 
     Returns
     -------
@@ -31,13 +36,15 @@ def faces_of(parts: Ints, vertices: Float) -> Ints:
         triangles a d b in reading order, then b d e, a d e and a e b. A square of four pixels of
         one part is split along its shorter diagonal, b d if both are equal.
     """
+    right = np.zeros(parts.shape, bool) if cut_right is None else np.ascontiguousarray(cut_right)
+    down = np.zeros(parts.shape, bool) if cut_down is None else np.ascontiguousarray(cut_down)
     per_row = np.count_nonzero(parts >= 0, axis=1)
     first = np.concatenate([[0], np.cumsum(per_row)])
-    counts = _counted(parts, vertices, first)
+    counts = _counted(parts, right, down, vertices, first)
     ends = np.cumsum(counts.T.ravel())
     begins = np.ascontiguousarray((ends - counts.T.ravel()).reshape(_KINDS, -1).T)
     faces = np.zeros((int(ends[-1]) if len(ends) else 0, 3), np.int32)
-    _filled(parts, vertices, first, begins, faces)
+    _filled(parts, right, down, vertices, first, begins, faces)
     return faces
 
 
@@ -51,7 +58,7 @@ def _distance2(vertices: Float, one: int, other: int) -> np.float32:
 
 @numba.njit(cache=True)
 def _square(
-    parts: Ints, vertices: Float, r: int, c: int, above: int, below: int
+    parts: Ints, right: Mask, down: Mask, vertices: Float, r: int, c: int, above: int, below: int
 ) -> tuple[bool, bool, bool, bool]:
     """Return which triangles the square has whose pixel a is (r, c).
 
@@ -65,21 +72,26 @@ def _square(
     if adb and bde:
         # All four are inside, so b follows a and e follows d.
         across = _distance2(vertices, above, below + 1)
-        if _distance2(vertices, above + 1, below) <= across:
-            return True, True, False, False
-        return False, False, True, True
-    return adb, bde, ade, aeb
+        adb = bde = _distance2(vertices, above + 1, below) <= across
+        ade = aeb = not adb
+    ab, de, ad, be = right[r, c], right[r + 1, c], down[r, c], down[r, c + 1]
+    return (
+        adb and not (ab or ad),
+        bde and not (be or de),
+        ade and not (ad or de),
+        aeb and not (ab or be),
+    )
 
 
 @numba.njit(parallel=True, cache=True)
-def _counted(parts: Ints, vertices: Float, first: Counts) -> Counts:
+def _counted(parts: Ints, right: Mask, down: Mask, vertices: Float, first: Counts) -> Counts:
     """Return the number of triangles of each row of squares and each kind."""
     rows, columns = parts.shape
     counts = np.zeros((max(rows - 1, 0), _KINDS), np.int64)
     for r in numba.prange(rows - 1):
         above, below = first[r], first[r + 1]
         for c in range(columns - 1):
-            adb, bde, ade, aeb = _square(parts, vertices, r, c, above, below)
+            adb, bde, ade, aeb = _square(parts, right, down, vertices, r, c, above, below)
             counts[r, 0] += adb
             counts[r, 1] += bde
             counts[r, 2] += ade
@@ -95,14 +107,22 @@ def _put(faces: Ints, place: int, one: int, two: int, three: int) -> None:
 
 
 @numba.njit(parallel=True, cache=True)
-def _filled(parts: Ints, vertices: Float, first: Counts, begins: Counts, faces: Ints) -> None:
+def _filled(
+    parts: Ints,
+    right: Mask,
+    down: Mask,
+    vertices: Float,
+    first: Counts,
+    begins: Counts,
+    faces: Ints,
+) -> None:
     """Write the triangles; those of a row of squares and a kind begin at ``begins``."""
     rows, columns = parts.shape
     for r in numba.prange(rows - 1):
         above, below = first[r], first[r + 1]
         i, j, k, m = begins[r, 0], begins[r, 1], begins[r, 2], begins[r, 3]
         for c in range(columns - 1):
-            adb, bde, ade, aeb = _square(parts, vertices, r, c, above, below)
+            adb, bde, ade, aeb = _square(parts, right, down, vertices, r, c, above, below)
             b = above + (parts[r, c] >= 0)
             e = below + (parts[r + 1, c] >= 0)
             if adb:

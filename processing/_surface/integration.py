@@ -12,11 +12,17 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing._normal_map import NormalMap, check_normal_map
-from processing._surface.chord_rule import orthographic_edges, perspective_edges
+from processing._surface.chord_rule import (
+    facing_cosines,
+    orthographic_edges,
+    perspective_edges,
+)
 from processing._surface.consistency import SampledSteps, consistency_warning
 from processing._surface.grid_graph import divergence, label_parts
 from processing._surface.integrability import integrability
-from processing._surface.multigrid import Solution, solve
+from processing._surface.jumps import SHARPNESS, Jumps, solve_with_jumps
+from processing._surface.multigrid import solve
+from processing._surface.surface_notices import doubts_of_parts, doubts_of_solution
 from rig import Notice, Progress, no_progress
 
 Float = npt.NDArray[np.float32]
@@ -57,6 +63,11 @@ class HeightMap:
         not those of one surface.
     disagreement_deg
         Median angle between the given normals and those of the surface, along pixel edges.
+    curl
+        Disagreement of the mixed derivatives of the normals, see `Integrability`: 0 for those of a
+        surface. NaN if too few normals face the camera.
+    jumps
+        Where the surface jumps in depth; None if jumps were not looked for.
     """
 
     height: Float
@@ -70,6 +81,8 @@ class HeightMap:
     relative_residual: float
     warnings: tuple[Notice, ...]
     disagreement_deg: float = math.nan
+    curl: float = math.nan
+    jumps: Jumps | None = None
 
     def __repr__(self) -> str:
         shape = f"{self.height.dtype}{list(self.height.shape)}"
@@ -106,6 +119,8 @@ def integrate(
     camera: CameraModel | None = None,
     pixel_mm: float | None = None,
     depth_mm: Float | None = None,
+    discontinuity: bool = False,
+    k: float = SHARPNESS,
     on_progress: Progress = no_progress,
 ) -> HeightMap:
     """Integrate a normal map into a height map by weighted least squares on its mask.
@@ -127,6 +142,12 @@ def integrate(
     depth_mm
         ``(H, W)`` approximate depth, for a camera with a working distance: the mean depth of each
         part is that of these values instead of the working distance.
+    discontinuity
+        Look for jumps in depth, where one part of the surface hides another, and do not smooth
+        across them (see `processing._surface.jumps`). `HeightMap.jumps` says where they are.
+    k
+        With ``discontinuity``, how small the jumps are that count, in 1/px^2: a step of
+        ``1 / sqrt(k)`` pixels begins to be one.
     on_progress
         Receives the stage ``integrating``, in percent.
 
@@ -140,7 +161,7 @@ def integrate(
     Raises
     ------
     DataError
-        If the camera has another image size, the pixel size is not a positive length, or both
+        If the camera has another image size, the pixel size or ``k`` is not positive, or both
         a pixel size and a working distance are given.
     EstimateError
         If no two neighbouring normals face the camera, or the range of depths is implausible.
@@ -158,14 +179,16 @@ def integrate(
     array([-1.25, -0.75, -0.25,  0.25,  0.75,  1.25], dtype=float32)
     """
     check_normal_map("normal_map", normal_map)
-    if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
-        raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
+    _check_pixel(pixel_mm)
+    if not (math.isfinite(k) and k > 0):
+        raise DataError(f"a sharpness k of {k} is not positive: 4 is a good value")
     if depth_mm is not None:
         _check_depth(depth_mm, normal_map, camera)
     window = _bounding_box(normal_map.mask)
     normals, inside = normal_map.normals[window], normal_map.mask[window]
     # A kernel is compiled for each layout of its arguments: all windows have the same one.
     contiguous = np.ascontiguousarray(normals), np.ascontiguousarray(inside)
+    facing = contiguous[0][..., 2]
     if camera is None:
         edges = orthographic_edges(*contiguous)
     else:
@@ -175,7 +198,10 @@ def integrate(
                 f"{normal_map.size[1]} x {normal_map.size[0]}: crop or replace the camera"
             )
         y, x = np.mgrid[window]
-        edges = perspective_edges(*contiguous, camera.rays(np.stack([x, y], axis=-1)))
+        rays = camera.rays(np.stack([x, y], axis=-1))
+        edges = perspective_edges(*contiguous, rays)
+        facing = facing_cosines(contiguous[0], rays)
+        del rays, x, y
     del contiguous
     right, down, step_right, step_down = edges
     labels, count = label_parts(right, down)
@@ -190,10 +216,18 @@ def integrate(
             "no two neighbouring pixels of the normal map face the camera, so there is nothing to "
             "integrate: check the axes of the map (Z toward the camera) and its mask"
         )
-    b = divergence(right, down, step_right, step_down)
     sampled = SampledSteps(right, down, step_right, step_down)
-    del step_right, step_down, edges
-    solution = solve(right, down, b, on_progress=on_progress)
+    jumps = None
+    if discontinuity:
+        scale = 1.0 if camera is None else camera.focal_px
+        facing = np.pad(np.where(inside, facing, 0), 1)
+        solution, jumps = solve_with_jumps(edges, facing, k=k, scale=scale, on_progress=on_progress)
+        jumps = jumps.placed(window, normal_map.size)
+        del step_right, step_down, edges
+    else:
+        b = divergence(right, down, step_right, step_down)
+        del step_right, step_down, edges
+        solution = solve(right, down, b, on_progress=on_progress)
     parts = np.full(normal_map.size, -1, np.int32)
     parts[window] = labels[1:-1, 1:-1]
     mask = parts >= 0
@@ -216,7 +250,8 @@ def integrate(
         height[mask] = distance - depths
     isolated = int(np.count_nonzero(normal_map.mask & ~mask))
     angle_deg = sampled.disagreement_deg(solution.u, 1.0 if camera is None else -camera.focal_px)
-    doubts = consistency_warning(angle_deg, integrability(normals, inside))
+    shape = integrability(normals, inside)
+    doubts = consistency_warning(angle_deg, shape)
     return HeightMap(
         height=height,
         depth=depth,
@@ -227,8 +262,10 @@ def integrate(
         camera=camera,
         iterations=solution.iterations,
         relative_residual=solution.relative_residual,
-        warnings=(*_warnings(count, isolated, solution), *doubts),
+        warnings=(*doubts_of_parts(parts, isolated, jumps), *doubts_of_solution(solution), *doubts),
         disagreement_deg=angle_deg,
+        curl=shape.curl,
+        jumps=jumps,
     )
 
 
@@ -260,7 +297,8 @@ def surface_scale(
     Raises
     ------
     DataError
-        If a pixel size and a camera with a working distance are given: each states the scale.
+        If the pixel size is not a positive length, or a pixel size and a camera with a working
+        distance are given: each states the scale.
 
     Examples
     --------
@@ -273,7 +311,13 @@ def surface_scale(
         ...
     processing.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
     """
+    _check_pixel(pixel_mm)
     return _scale(camera, pixel_mm)[:2]
+
+
+def _check_pixel(pixel_mm: float | None) -> None:
+    if pixel_mm is not None and not (math.isfinite(pixel_mm) and pixel_mm > 0):
+        raise DataError(f"a pixel size of {pixel_mm} mm is not a positive length")
 
 
 def _scale(
@@ -308,28 +352,3 @@ def _relative_depth(u: Double, members: npt.NDArray[np.int32], count: int) -> Do
         )
     relative = np.exp(u)
     return np.asarray(relative / _part_means(relative, members, count)[members], np.float64)
-
-
-def _warnings(count: int, isolated: int, solution: Solution) -> tuple[Notice, ...]:
-    warnings = []
-    if count > 1:
-        text = (
-            f"the surface consists of {count} parts that are not connected: the mean height of "
-            "each part is arbitrary, so their heights relative to each other are not known"
-        )
-        warnings.append(Notice("surface-in-parts", text))
-    if isolated:
-        one = "1 pixel of the mask is isolated or faces away from the camera and has no height"
-        many = (
-            f"{isolated} pixels of the mask are isolated or face away from the camera and have no "
-            "height"
-        )
-        text = one if isolated == 1 else many
-        warnings.append(Notice("pixels-without-height", text))
-    if not solution.converged:
-        text = (
-            f"the solver stopped at a relative residual of {solution.relative_residual:.1e} after "
-            f"{solution.iterations} iterations: heights may be inaccurate over long distances"
-        )
-        warnings.append(Notice("solver-not-converged", text))
-    return tuple(warnings)

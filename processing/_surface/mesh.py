@@ -60,7 +60,8 @@ def height_mesh(
     """Make a mesh from a height map: one vertex per pixel of its mask, in reading order.
 
     Four neighbouring pixels form two triangles, split along the shorter diagonal in space; three of
-    the four form one triangle. No triangle connects two parts of the surface.
+    the four form one triangle. No triangle connects two parts of the surface, or spans
+    a jump that `integrate` found.
 
     With fewer triangles, edges collapse where the surface is flattest (Garland and Heckbert,
     Surface simplification using quadric error metrics, 1997; library fast-simplification). Normals
@@ -105,7 +106,9 @@ def height_mesh(
             "the normals do not cover the height map: give the normal map it was integrated from"
         )
     vertices = _vertices(height_map)
-    faces = faces_of(height_map.parts, vertices)
+    jumps = height_map.jumps
+    cuts = () if jumps is None else (jumps.right, jumps.down)
+    faces = faces_of(height_map.parts, vertices, *cuts)
     if not len(faces):
         raise DataError(
             "the surface contains no triangle: it is nowhere two pixels wide; check the mask"

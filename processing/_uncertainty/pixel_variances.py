@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
+from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
@@ -116,7 +117,7 @@ def pixel_variances(
     reference = np.zeros((mask.size, 3), np.float32) if keep_reference else None
     for first in range(0, len(pixels), _BLOCK):
         block = pixels[first : first + _BLOCK]
-        samples, vectors = solver.model.samples(stack, block)
+        samples, vectors = solver.model.samples(Frames(stack), block)
         known = fitted if law is None else law.of(block, samples, vectors)
         _, of_block, results = solver.solve(block, samples, vectors, known)
         counts[:, block] = of_block.T
@@ -156,7 +157,7 @@ def kinds_of(
     scaled = stereo.normal_map.normals, stereo.albedo
     solver = _Solver(stack, lights, mask, scaled, points_mm, None, 0.0)
     pixels = np.flatnonzero(mask)
-    samples, vectors = solver.model.samples(stack, pixels)
+    samples, vectors = solver.model.samples(Frames(stack), pixels)
     if noise is None:
         law = solver.fitted_law(pixels)
     else:
@@ -229,7 +230,7 @@ class _Solver:
     def fitted_law(self, pixels: npt.NDArray[np.intp]) -> Float | None:
         """Return the law of the noise that the residuals of some pixels show."""
         some = pixels[:: max(1, len(pixels) // _SAMPLED)]
-        samples, vectors = self.model.samples(self._stack, some)
+        samples, vectors = self.model.samples(Frames(self._stack), some)
         kinds, _, results = self.solve(some, samples, vectors, None)
         of_lights = np.zeros(samples.shape)
         if self._errors:

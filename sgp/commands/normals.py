@@ -38,8 +38,8 @@ def normals(
         Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     out
         Folder for normals.exr, normals.png, normal_sigma_deg.exr (standard deviations of the
-        normals), albedo.exr, albedo.png, residual.exr, used.exr, samples_*.png, validity.png,
-        mask.png and normals.json.
+        normals), albedo.exr, albedo.png, residual.exr, specular.exr, used.exr, samples_*.png,
+        validity.png, mask.png and normals.json.
     options
         Lights, camera, mask and method.
     maps

@@ -46,7 +46,7 @@ def surface(
         Image of normals, or folder with normals.* and mask.png.
     out
         Folder for height.exr, height.png, depth.exr (with a camera), mask.png, surface.ply and
-        surface.json.
+        surface.json; discontinuity.png and parts.png with --discontinuity.
     mask
         Mask image of the pixels to integrate; default: all pixels with a normal.
     albedo
@@ -62,6 +62,7 @@ def surface(
     force
         Write into an output folder that already contains files.
     """
+    sharpness = options.sharpness()
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
     normal_map = read.normal_map
     if mask is not None:
@@ -70,7 +71,12 @@ def surface(
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
     with Stages() as progress:
         height_map = processing.integrate(
-            normal_map, camera=model, pixel_mm=options.pixel_mm, on_progress=progress
+            normal_map,
+            camera=model,
+            pixel_mm=options.pixel_mm,
+            discontinuity=options.discontinuity,
+            k=sharpness,
+            on_progress=progress,
         )
     colours = None if albedo is None else _colours(albedo, normal_map, max_pixels)
     claimed = claim_folder(out, "surface.json")

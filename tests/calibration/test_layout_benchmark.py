@@ -63,3 +63,30 @@ def test_a_layout_is_solvable_up_to_one_millimetre(benchmark):
     assert score.solvable
     score.expected_mm = 1.01
     assert not score.solvable
+
+
+def test_the_table_lists_the_seeds_that_fall_short(benchmark):
+    good = {"wanted": 2, "found": 2, "expected_mm": 0.9, "positions_mm": 0.5}
+    scores = [
+        benchmark.Score(7, "plain", **good),
+        benchmark.Score(8, "plain", **{**good, "positions_mm": 2.1}),
+        benchmark.Score(9, "plain", **good, warnings=("lights-uncertain",)),
+        benchmark.Score(7, "patterned", **{**good, "found": 1}, missed=["(1,2,r20)"]),
+    ]
+    rows = dict(line[2:-2].split(" | ", 1) for line in benchmark.table(scores).splitlines()[2:])
+    assert rows["spheres found"] == "6 of 6 (100.0 %) | 1 of 2 (50.0 %)"
+    assert rows["seeds with a missed sphere"] == "none | 7"
+    assert rows["seeds beyond 2 mm without a warning"] == "8 | none"
+    assert rows["solvable layouts without a warning"] == "2 of 3 (67 %) | 1 of 1 (100 %)"
+    assert rows["solvable, but not without a warning"] == "9 0.50 mm lights-uncertain | none"
+
+
+def test_scores_of_this_code_are_read_again(benchmark, tmp_path):
+    path = tmp_path / "scores.jsonl"
+    scores = [benchmark.Score(seed, "plain", warnings=("one-sphere",)) for seed in (1, 2)]
+    benchmark.append_score(path, "new", scores[0])
+    benchmark.append_score(path, "old", scores[1])
+    with path.open("a") as file:
+        file.write('{"code": "new", "se')
+    assert list(map(str, benchmark.read_scores(path, "new"))) == [str(scores[0])]
+    assert benchmark.read_scores(tmp_path / "none.jsonl", "new") == []

@@ -1,12 +1,14 @@
 """Positions from exact and noisy geometry; the bounds are 1.5 x an independent calculation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 from calibration import EstimateError
 from calibration._spheres.cone import fit_cone
-from calibration._spheres.joint_refinement import KnownSpheres
+from calibration._spheres.joint_refinement import KnownSpheres, linearise, refine
 from calibration._spheres.light_positions import (
     _names,
     locate_lights,
@@ -227,3 +229,30 @@ def test_distant_light_has_no_distance(bench):
     placed, highlights = observe(bench, TWO_R10, lights, 0.1, 0.05, seed=1)
     with pytest.raises(EstimateError, match="light L0"):
         locate(bench, placed, highlights)
+
+
+@pytest.mark.parametrize(
+    ("highlights", "outlines", "least", "most"),
+    [
+        pytest.param(1.0, 1.0, 1.0, 1.5, id="as stated"),
+        pytest.param(3.0, 1.0, 1.0, 2.0, id="highlights three times worse"),
+        pytest.param(1.0, 4.0, 3.0, 16.0, id="outlines four times worse"),
+    ],
+)
+def test_deviations_of_the_centres_show_errors_of_outlines(
+    bench, dome_mm, highlights, outlines, least, most
+):
+    """Worse highlights hardly change what is stated for the outlines."""
+    placed, seen = observe(bench, FOUR_R20, dome_mm, 0.0, 0.03 * highlights, seed=7)
+    normal = np.random.default_rng(5).normal(size=12)
+    off = outlines * (np.linalg.cholesky(placed.covariance_mm2) @ normal).reshape(4, 3)
+    placed = replace(placed, centres_mm=placed.centres_mm + off)
+    sigma_px = np.full(seen.shape[:2], 0.03)
+    names = tuple(f"L{k:02}" for k in range(len(dome_mm)))
+    found = refine(bench.camera, placed, dome_mm, seen, sigma_px, names)
+    system = linearise(bench.camera, placed, found.positions_mm, found.centres_mm, seen, sigma_px)
+    share = system.outlines_share((found.centres_mm - placed.centres_mm).ravel())
+    assert least <= share <= most
+    assert found.chi_square > 6 or highlights == 1
+    stated = system.covariance(max(found.chi_square, 1.0), share)
+    np.testing.assert_allclose(found.covariance_mm2, stated)

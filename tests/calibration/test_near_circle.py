@@ -6,6 +6,7 @@ import pytest
 from acquisition import angle_deg
 from calibration import EstimateError, calibrate_spheres
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.mirrored_border import is_mirrored_border
 from calibration._spheres.near_circle import outline_near
 from calibration._spheres.outline import OutlineImages
 from tests.quick_sample import quick
@@ -76,3 +77,28 @@ def test_a_ring_inside_a_ring_may_be_a_mirrored_horizon():
     with pytest.raises(EstimateError, match=r"may be the horizon .* outline at \(80, 78, 60\) px"):
         outline_near(pictures, Ellipse((80.0, 78.0), (44.0, 44.0)), 4.4)
     assert outline_near(pictures, Ellipse((80.0, 78.0), (58.0, 58.0)), 5.8).covariance_px2 is None
+
+
+@pytest.mark.parametrize(
+    ("reflectance", "inside", "border"),
+    [
+        pytest.param(0.6, 0.05, True, id="a dark room within what the ball mirrors"),
+        pytest.param(0.6, None, False, id="the mirror image reaches farther inside"),
+        pytest.param(1.0, 0.05, False, id="no darker ball around the edge"),
+    ],
+)
+def test_the_border_of_what_a_ball_mirrors_is_no_outline(reflectance, inside, border):
+    """A ball of 50 px mirrors a bright and a dark half, and a dark room within 38 px."""
+    rows, columns = np.mgrid[:160, :160]
+    behind = np.where(rows > 70 + 0.2 * columns, 0.08, 0.5)
+    distance = np.hypot(columns - 80, rows - 78)
+    image = np.where(distance < 50, reflectance * behind, behind)
+    if inside is not None:
+        image[distance < 38] = inside
+    image = image.astype(np.float32)
+    assert is_mirrored_border(image, Ellipse((80.0, 78.0), (38.0, 38.0))) == border
+    hidden = is_mirrored_border(image, Ellipse((80.0, 78.0), (38.0, 38.0)), mostly_seen=False)
+    assert hidden == (inside is not None)
+    for seen in (True, False):
+        outline = Ellipse((80.0, 78.0), (50.0, 50.0))
+        assert not is_mirrored_border(image, outline, mostly_seen=seen)

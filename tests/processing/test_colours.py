@@ -103,6 +103,9 @@ def bound_deg(colour):
 def test_the_average_is_close_to_the_bound_and_better_than_gray(colour):
     average = rms_deg(reconstruct(recording(colour), method="ls", channel="rgb"))
     gray = rms_deg(reconstruct(recording(colour), method="ls", channel="gray"))
+    joint = rms_deg(reconstruct(recording(colour), method="ls", channel="joint"))
+    assert joint < 1.05 * bound_deg(colour)
+    assert joint < 1.005 * average
     assert average < 1.08 * bound_deg(colour)
     assert average < 1.01 * gray
 
@@ -124,9 +127,10 @@ def test_a_channel_is_left_out_where_it_is_saturated():
     assert (result.stereo.used[:, 40:] == 12).all()
 
 
-def test_the_albedo_in_colour():
+@pytest.mark.parametrize("channel", ["rgb", "joint"])
+def test_the_albedo_in_colour(channel):
     colour = (0.7, 0.4, 0.2)
-    result = reconstruct(recording(colour), channel="rgb")
+    result = reconstruct(recording(colour), channel=channel)
     np.testing.assert_allclose(result.albedo.mean(axis=(0, 1)) / 0.9, colour, rtol=0.01)
 
 

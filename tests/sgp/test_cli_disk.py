@@ -82,6 +82,7 @@ def writers(made: Path, disk: Path) -> list[str]:
         f"run {made}/sim {lights} --out {disk}/result",
         f"normals {made}/sim {lights} --out {disk}/normals",
         f"surface {made}/normals --out {disk}/surface --glb",
+        f"curvature {made}/normals --out {disk}/curvature",
         f"detail separate {made}/normals --out {disk}/parts",
         f"detail combine {made}/normals {made}/normals --out {disk}/back",
         f"detail transfer {made}/normals {made}/normals --out {disk}/transfer",

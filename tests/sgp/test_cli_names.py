@@ -61,6 +61,7 @@ def test_sources_that_image_libraries_cannot_open(sgp, recording, place, as_json
             ("calibrate", "flat", source, *lights, "--out", out),
             ("calibrate", "sensor", source, "--out", out),
             ("surface", source, "--out", out),
+            ("curvature", source, "--out", out),
             ("compare", source, source),
             ("detail", "separate", source, "--out", out),
             ("project", source, "--out", out),

@@ -57,6 +57,7 @@ def test_run_names_the_window_before_it_computes(make, sgp, size, words, complai
         (["normals", "images", "--lights", "lights.json", "--out", "out"], 1),
         (["inspect", "images", "--lights", "lights.json"], 1),
         (["surface", "map", "--out", "out", "--glb"], 2),
+        (["curvature", "map", "--out", "out"], 2),
         (["detail", "separate", "map", "--out", "out"], 11),
         (["detail", "transfer", "map", "map", "--out", "out"], 11),
         (["compare", "map", "map"], 1),

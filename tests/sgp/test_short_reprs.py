@@ -47,7 +47,16 @@ BARS = processing.NormalUncertainty(
 SEPARATION = processing.Separation(NORMALS, NORMALS, processing.ShapeFilter(order=2))
 HEIGHT = processing.HeightMap(ONES, None, MASK, MASK.astype(np.int32), "mm", 0.5, None, 9, 1e-6, ())
 QUALITY = processing.ImageQuality(
-    0.02, 0.01, 0.9, ONES[0, :3], ONES[0, :3], ONES[0, :3], 0.1, LIGHTS.ids, ()
+    0.02,
+    0.01,
+    0.9,
+    ONES[0, :3],
+    ONES[0, :3],
+    ONES[0, :3],
+    0.1,
+    processing.SchemeCheck((), False, True),
+    LIGHTS.ids,
+    (),
 )
 ERROR = processing.AngularError(8.394, 6.0, 1.0, ONES)
 
@@ -90,11 +99,12 @@ EXAMPLES: list[tuple[object, str]] = [
     (QUALITY, "ImageQuality(residual=0.02, consistency=0.01, used=0.9, image_residual=float32[3], "
               "light_error_deg=float32[3], light_gain=float32[3], curl=0.1, ids=3 items)"),
     (ERROR, "AngularError(mae_deg=8.394, median_deg=6, coverage=1, map_deg=float32[4, 5])"),
+    (processing.curvature(NORMALS, pixel_mm=0.1), "Curvature(float32[4, 5] in 1/mm, scale 2 px)"),
     (HEIGHT, "HeightMap(float32[4, 5] in mm, pixel size 0.5 mm)"),
     (processing.Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32)),
      "Mesh(vertices=float32[3, 3], faces=int32[1, 3], unit='px')"),
-    (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, ONES, BARS, HEIGHT, QUALITY, ERROR,
-                               (ONES, ONES), None, ()),
+    (processing.Reconstruction(SOURCE, LIGHTS, MASK, STEREO, ONES, BARS, ONES, HEIGHT, QUALITY, (),
+                               None, ERROR, (ONES, ONES), None, ()),
      f"Reconstruction(/in, {NORMALS!r}, height in mm, mean error 8.39 deg)"),
     (simulator.scene_named("coin"), "Scene(Coin, 36 lights, 0 spheres, 640 x 512 px)"),
     (simulator.Lens(camera=CAMERA),

@@ -1,0 +1,160 @@
+"""Surfaces with jumps in depth: errors on captured objects with known depth, and costs.
+
+``--data`` is a folder with the objects of DiLiGenT, each with ``normal_map.png``, ``mask.png``,
+``K.txt`` and ``depth_gt.npz`` (mm). All objects have one set of parameters. The error is the mean
+absolute error of the depth over every pixel of the mask, after scaling by the median of true by
+estimated depth. "bound" is the error if each piece between jumps had its best scale; "noise" is the
+mean error over seeds with noise on each component of the normals. "spanning" counts triangles that
+span a true step of more than 5 mm, without and with jumps.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from harness import alone, command_line, measured
+
+import acquisition
+import processing
+
+Double = npt.NDArray[np.float64]
+# Mean errors in mm of the authors' code of bilateral normal integration.
+BINI = {"bear": 0.334, "buddha": 1.098, "cat": 0.074, "cow": 0.058, "goblet": 9.02}
+STEP_MM = 5.0
+
+
+def object_of(folder: Path) -> tuple[processing.NormalMap, acquisition.CameraModel, Double]:
+    """Return normals, camera and true depth of an object."""
+    read = processing.read_normals(folder / "normal_map.png").normal_map
+    mask = acquisition.read_mask(folder / "mask.png", read.size)
+    with np.load(folder / "depth_gt.npz") as stored:
+        depth = stored[stored.files[0]].astype(np.float64)
+    camera = acquisition.read_camera(folder / "K.txt", read.size)
+    return processing.NormalMap.from_vectors(read.normals, mask), camera, depth
+
+
+def noisy(normals: processing.NormalMap, noise_deg: float, seed: int) -> processing.NormalMap:
+    """Return normals with noise on each component."""
+    noise = np.random.default_rng(seed).normal(scale=np.radians(noise_deg), size=(*normals.size, 3))
+    return processing.NormalMap.from_vectors(normals.normals + noise, normals.mask)
+
+
+def error_mm(surface: processing.HeightMap, depth: Double, mask: npt.NDArray[np.bool_]) -> float:
+    """Return the mean absolute error; a pixel without a depth has that of the nearest one."""
+    estimate = filled(surface, mask)
+    scale = np.median(depth[mask] / estimate[mask])
+    return float(np.abs(depth - scale * estimate)[mask].mean())
+
+
+def filled(surface: processing.HeightMap, mask: npt.NDArray[np.bool_]) -> Double:
+    depth, known = np.asarray(surface.depth), surface.mask
+    if not (mask & ~known).any():
+        return depth.astype(np.float64)
+    _, nearest = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    values = np.zeros(nearest.max() + 1)
+    values[nearest[known]] = depth[known]
+    return values[nearest]
+
+
+def pieces_of(surface: processing.HeightMap) -> npt.NDArray[np.int32]:
+    if surface.jumps is None:
+        raise ValueError("jumps were not looked for")
+    return surface.jumps.pieces
+
+
+def bound_mm(surface: processing.HeightMap, depth: Double) -> float:
+    """Return the mean error if each piece between jumps had its best scale."""
+    pieces, estimate = pieces_of(surface), np.asarray(surface.depth)
+    errors = []
+    for piece in range(int(pieces.max()) + 1):
+        inside = pieces == piece
+        ratio = depth[inside] / estimate[inside]
+        errors.append(np.abs(ratio - np.median(ratio)) * estimate[inside])
+    return float(np.concatenate(errors).mean())
+
+
+def spanning(surface: processing.HeightMap, depth: Double) -> int:
+    """Return the number of triangles whose corners differ by more than STEP_MM in true depth."""
+    corners = depth[surface.mask][processing.height_mesh(surface).faces]
+    return int(np.count_nonzero(np.ptp(corners, axis=1) > STEP_MM))
+
+
+def large_map(pixels: int) -> processing.NormalMap:
+    """Return normals of overlapping balls on a wavy ground, with 1 degree of noise."""
+    n = round(pixels**0.5)
+    y, x = (a.astype(np.float32) for a in np.mgrid[1 : -1 : n * 1j, -1 : 1 : n * 1j])
+    height = 0.02 * np.sin(9 * x) * np.cos(7 * y)
+    normals = np.dstack(
+        [-0.18 * np.cos(9 * x) * np.cos(7 * y), 0.14 * np.sin(9 * x) * np.sin(7 * y), 1 + 0 * x]
+    )
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        u, v = rng.uniform(-0.9, 0.9, 2)
+        radius = rng.uniform(0.08, 0.3)
+        squared = radius**2 - (x - u) ** 2 - (y - v) ** 2
+        ball = np.sqrt(np.maximum(squared, 1e-9)) - 0.4 * radius
+        nearer = (squared > 0) & (ball > height)
+        height[nearer] = ball[nearer]
+        normals[nearer] = (np.dstack([x - u, y - v, ball + 0.4 * radius]) / radius)[nearer]
+    noise = rng.normal(scale=np.radians(1), size=normals.shape)
+    return processing.NormalMap.from_vectors(normals + noise)
+
+
+def cost(pixels: int) -> tuple[float, float, int]:
+    """Return CPU seconds, bytes per pixel and iterations of an integration with jumps."""
+    small, normals = large_map(10_000), large_map(pixels)
+    processing.integrate(small, discontinuity=True)  # compiles
+    spent, surface = measured(lambda: processing.integrate(normals, discontinuity=True))
+    return spent.cpu_s, spent.peak_bytes / pixels, surface.iterations
+
+
+def main() -> None:
+    parser = command_line(__doc__)
+    parser.add_argument("--data", type=Path, required=True, help="folder of the objects")
+    parser.add_argument("--k", type=float, default=4.0, help="sharpness")
+    parser.add_argument("--noise-deg", type=float, default=3.0, help="noise of the normals")
+    parser.add_argument("--seeds", type=int, default=3, help="seeds of the noise")
+    parser.add_argument("--first-seed", type=int, default=1000, help="the first of them")
+    parser.add_argument(
+        "--pixels", type=int, nargs="*", default=[300_000, 1_000_000], help="sizes for the costs"
+    )
+    options = parser.parse_args()
+    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    print(
+        f"{'object':8} {'plain':>7} {'jumps':>7} {'bound':>7} {'BiNI':>7} {'pieces':>6} "
+        f"{'noise, plain':>12} {'noise, jumps':>12} {'spanning':>11}"
+    )
+    for folder in sorted(path for path in options.data.iterdir() if (path / "K.txt").exists()):
+        normals, camera, depth = object_of(folder)
+        mask = normals.mask
+        plain = processing.integrate(normals, camera=camera)
+        jumps = processing.integrate(normals, camera=camera, discontinuity=True, k=options.k)
+        doubtful: list[list[float]] = [[], []]
+        for seed in seeds:
+            worse = noisy(normals, options.noise_deg, seed)
+            for errors, wanted in zip(doubtful, (False, True), strict=True):
+                result = processing.integrate(
+                    worse, camera=camera, discontinuity=wanted, k=options.k
+                )
+                errors.append(error_mm(result, depth, mask))
+        mean_errors = [error_mm(surface, depth, mask) for surface in (plain, jumps)]
+        print(
+            f"{folder.name:8} {mean_errors[0]:7.3f} {mean_errors[1]:7.3f} "
+            f"{bound_mm(jumps, depth):7.3f} {BINI.get(folder.name, np.nan):7.3f} "
+            f"{pieces_of(jumps).max() + 1:6d} {np.mean(doubtful[0]):12.3f} "
+            f"{np.mean(doubtful[1]):12.3f} {spanning(plain, depth):5d} {spanning(jumps, depth):5d}",
+            flush=True,
+        )
+    print(f"\n{'pixels':>9} {'CPU s':>7} {'bytes/px':>8} {'iterations':>10}")
+    for pixels in options.pixels:
+        cpu_s, per_pixel, iterations = alone(cost, pixels)
+        print(f"{pixels:9,d} {cpu_s:7.2f} {per_pixel:8.0f} {iterations:10d}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Slopes and curvature of a surface from its normals."""

@@ -1,0 +1,45 @@
+"""Height of the surface, computed again whenever images or lights change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import Lights, Source
+from processing._reconstruction.near_height import NearHeight, near_height
+from processing._stereo.method import Method
+from rig import Progress
+
+
+@dataclass(frozen=True, eq=False)
+class Heights:
+    """Where the surface is, from the images."""
+
+    source: Source
+    mask: npt.NDArray[np.bool_]
+    plane_mm: npt.NDArray[np.float64] | None
+    height_mm: float | None
+    rests_on_plane: bool
+    method: Method
+    on_progress: Progress
+
+    def of(
+        self, values: npt.NDArray[np.float32], lights: Lights
+    ) -> tuple[NearHeight | None, npt.NDArray[np.float64] | None]:
+        """Return the height under near lights and the points; None under distant lights."""
+        camera = self.source.camera
+        if self.plane_mm is None or camera is None:
+            return None, self.plane_mm
+        near = near_height(
+            values,
+            lights,
+            self.mask,
+            camera,
+            method=self.method,
+            height_mm=self.height_mm,
+            rests_on_plane=self.rests_on_plane,
+            on_step=lambda done, total: self.on_progress("height", done, total),
+        )
+        return near, camera.points_at(near.depth)

@@ -1,0 +1,174 @@
+"""One normal from all colours of images: every light gives one sample with the least variance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, Lights
+from calibration import StackNoise, luma
+from processing._reconstruction.joint_noise import JointNoise, over_colours
+from processing._reconstruction.shading import shading
+from processing._stereo.light_model import LightModel
+from processing._stereo.method import Method
+from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
+from rig import Progress
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+_ROWS = 64
+# Residuals of noiseless images are rounding errors of about this size, relative to the albedo.
+_ROUNDING = 1e-5
+# Smaller variances are those of samples without noise, which all weigh alike.
+_LEAST = 1e-20
+
+
+def joint_stereo(
+    values: Float,
+    lights: Lights,
+    mask: Mask,
+    *,
+    method: Method,
+    points_mm: npt.NDArray[np.float64] | None,
+    noise: StackNoise | None,
+    camera: CameraModel | None = None,
+    on_progress: Progress,
+) -> tuple[PhotometricStereoResult, Float]:
+    """Solve one normal and one albedo per colour from the samples of all colours.
+
+    For a pixel of colours a, light i gives the sample ``luma(a) sum(a v / var) / sum(a^2 / var)``
+    over its measured colours v. If the surface is matte, this is the estimate of
+    ``luma(a) max(l . n, 0)`` with the least variance (Gauss and Markov), and the method sees no
+    difference to gray images. The colours are those that explain the samples best under the
+    normals of a first pass. If the noise is unknown, the variance is that of shot noise,
+    proportional to the signal of the frame.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W, 3)`` linear radiance. Samples that are not finite are left out.
+    lights, mask, method, points_mm, camera, on_progress
+        As in `photometric_stereo`.
+    noise
+        Law of the noise of the values; None if it is unknown.
+
+    Returns
+    -------
+    tuple[PhotometricStereoResult, Float]
+        Normals, with the luma of the albedos, the residual of the combined samples, and the number
+        of lights with at least one colour; the albedo ``(H, W, 3)``.
+
+    Raises
+    ------
+    EstimateError
+        If the samples do not determine a normal.
+    """
+    colours = np.zeros((*mask.shape, 3), np.float32)
+    intensities = np.asarray(lights.intensities)
+    samples = np.zeros(values.shape[:3], np.float32)
+    for rows in _bands(mask):
+        colours[rows] = _mean_colours(values[:, rows])
+        _combine(values, rows, colours, None, noise, intensities, samples)
+    first = photometric_stereo(
+        samples,
+        lights,
+        mask,
+        method=method,
+        points_mm=points_mm,
+        camera=camera,
+        on_progress=lambda stage, done, total: on_progress(stage, done, 2 * total),
+    )
+    model = LightModel(lights, points_mm, mask)
+    for rows in _bands(mask):
+        lit = shading(model, first.normal_map, rows)
+        found = _colours(values[:, rows], samples[:, rows], lit, first, rows)
+        colours[rows] = np.where(first.normal_map.mask[rows, :, None], found, colours[rows])
+        _combine(values, rows, colours, lit, noise, intensities, samples)
+    solved = photometric_stereo(
+        samples,
+        lights,
+        mask,
+        method=method,
+        points_mm=points_mm,
+        noise=None if noise is None else JointNoise.of(noise, colours, values),
+        camera=camera,
+        on_progress=lambda stage, done, total: on_progress(stage, total + done, 2 * total),
+    )
+    scale = _ratio(solved.albedo, luma(colours)).astype(np.float32)
+    return solved, colours * scale[..., None]
+
+
+def _bands(mask: Mask) -> Iterator[slice]:
+    return (slice(top, top + _ROWS) for top in range(0, len(mask), _ROWS))
+
+
+def _mean_colours(values: Float) -> Double:
+    """Return the mean colours ``(R, W, 3)``, of the lights that have all colours if there are any.
+
+    Other lights would weight the colours differently.
+    """
+    measured = np.isfinite(values)
+    complete = measured & measured.all(axis=-1, keepdims=True)
+    counted = np.where(complete.any(axis=0), complete, measured)
+    total = np.sum(values, axis=0, where=counted, dtype=np.float64)
+    return _ratio(np.maximum(total, 0), counted.sum(axis=0).astype(np.float64))
+
+
+def _colours(
+    values: Float, samples: Float, shades: Double, first: PhotometricStereoResult, rows: slice
+) -> Double:
+    """Return the colours ``(R, W, 3)`` that explain the samples of some rows best.
+
+    As in `colour_albedo`, a sample has little weight if it differs from the first solution.
+    """
+    albedo = first.albedo[rows].astype(np.float64)
+    spread = np.maximum(first.residual[rows], albedo * _ROUNDING)
+    total, squares = np.zeros((2, *values.shape[1:]))
+    for of_light, sample, lit in zip(values, samples, shades, strict=True):
+        deviation = _ratio(sample - albedo * lit, spread)
+        weight = (lit / (1 + deviation * deviation))[..., None]
+        measured = np.isfinite(of_light) & np.isfinite(weight)
+        total += np.where(measured, weight * of_light, 0)
+        squares += np.where(measured, weight * lit[..., None], 0)
+    return _ratio(np.maximum(total, 0), squares)
+
+
+def _combine(
+    values: Float,
+    rows: slice,
+    colours: Float,
+    shades: Double | None,
+    noise: StackNoise | None,
+    intensities: npt.NDArray[np.floating],
+    samples: Float,
+) -> None:
+    """Write the combined samples of some rows; NaN where no colour was measured.
+
+    Without a shading, the variances are those of the measured signals.
+    """
+    colour = colours[rows]
+    gray = luma(colour)
+    for i, (of_light, out) in enumerate(zip(values[:, rows], samples[:, rows], strict=True)):
+        measured = np.isfinite(of_light)
+        seen = np.where(measured, of_light, 0)
+        if noise is None:
+            # The variance of a signal a s is proportional to a s / intensity.
+            weight = np.where(measured, intensities[i], 0)
+        else:
+            if shades is None:
+                lit = _ratio(np.maximum(over_colours(seen), 0), over_colours(colour * measured))
+            else:
+                lit = shades[i]
+            variance = noise.variance(i, colour * lit[..., None], rows.start)
+            weight = np.where(measured, colour / np.maximum(variance, _LEAST), 0)
+        scale = over_colours(weight * colour)
+        out[:] = np.where(scale > 0, gray * _ratio(over_colours(weight * seen), scale), np.nan)
+
+
+def _ratio(above: npt.NDArray[np.floating], below: npt.NDArray[np.floating]) -> Double:
+    """Return the quotient, 0 where the divisor is not positive."""
+    return np.asarray(np.divide(above, below, out=np.zeros(below.shape), where=below > 0))

@@ -1,0 +1,133 @@
+"""What the images show above a matte surface."""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights
+from calibration import StackNoise, check_linear, luma
+from processing._stereo.light_model import LightModel
+from processing._stereo.noise_law import NoiseLaw
+from processing._stereo.photometric_stereo import PhotometricStereoResult
+from processing._stereo.pixel_algebra import law_or_alike
+from rig import check_type
+
+Float = npt.NDArray[np.float32]
+
+_BLOCK = 16384
+# Where the noise is known, smaller residuals may be noise: 1 in 700 samples of a matte surface.
+_SIGMAS = 3.0
+
+
+def specular_residual(
+    values: npt.ArrayLike,
+    lights: Lights,
+    stereo: PhotometricStereoResult,
+    *,
+    points_mm: npt.ArrayLike | None = None,
+    noise: StackNoise | None = None,
+) -> Float:
+    """Return the mean light that each pixel reflects above a matte surface.
+
+    This is the mean over the measured samples of ``max(v - a max(l . n, 0), 0)`` with the albedo a
+    and the normal n. Shadows do not reduce it. If the noise is known, samples within 3 standard
+    deviations of the prediction count as 0; otherwise a matte surface has 0.4 standard deviations
+    of the noise. It depends on the lights, and a broad lobe is in part explained by the albedo, so
+    it is a lower limit of what the gloss adds. Saturated samples are not measured: use several
+    exposures for glossy objects.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear radiance as in `photometric_stereo`, or ``(N, H, W, 3)``, of which the
+        luma is used.
+    lights
+        The N lights.
+    stereo
+        Normals and gray albedo from these images.
+    points_mm
+        ``(H, W, 3)`` surface points for lights with positions, else None.
+    noise
+        Law of the noise of the values, `Stack.noise`; None if it is unknown.
+
+    Returns
+    -------
+    NDArray
+        ``(H, W)`` float32 in the unit of the albedo, at least 0; 0 outside the mask of the normals.
+
+    Raises
+    ------
+    DataError
+        If shapes or counts differ, or near lights have no points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights
+    >>> from processing import photometric_stereo, specular_residual
+    >>> lights = Lights(directions=[[0, 0, 1], [1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]])
+    >>> values = np.tile(lights.unit_directions[:, 2, None, None], (1, 2, 2))
+    >>> stereo = photometric_stereo(values, lights, np.ones((2, 2), bool))
+    >>> values[0, 0, 0] += 0.5  # a highlight in one of five images
+    >>> print(specular_residual(values, lights, stereo).round(3))
+    [[0.1 0. ]
+     [0.  0. ]]
+    """
+    check_linear("values", values)
+    check_type("lights", lights, Lights, "Lights(directions)")
+    check_type("stereo", stereo, PhotometricStereoResult, "photometric_stereo(...) returns one")
+    stack, mask = np.asarray(values, np.float32), stereo.normal_map.mask
+    if stack.shape[:3] != (len(lights), *mask.shape) or stack.shape[3:] not in ((), (3,)):
+        raise DataError(
+            f"values of shape {stack.shape} do not fit {len(lights)} lights and normals of shape "
+            f"{mask.shape}"
+        )
+    model = LightModel(lights, points_mm, mask)
+    law = None if noise is None else NoiseLaw(noise, (len(lights), *mask.shape))
+    scaled = (stereo.normal_map.normals * stereo.albedo[..., None]).reshape(-1, 3)
+    flat = stack.reshape(len(lights), mask.size, *stack.shape[3:])
+    residual = np.zeros(mask.size, np.float32)
+    pixels = np.flatnonzero(mask)
+    for first in range(0, len(pixels), _BLOCK):
+        block = pixels[first : first + _BLOCK]
+        seen = flat[:, block] if stack.ndim == 3 else luma(flat[:, block])
+        samples, vectors = np.ascontiguousarray(seen.T), model.vectors(block)
+        of_block, known = law_or_alike(
+            None if law is None else law.of(block, samples, vectors), len(lights)
+        )
+        residual[block] = _above(samples, vectors, of_block, known, scaled[block])
+    return residual.reshape(mask.shape)
+
+
+@numba.njit(cache=True)
+def _mean_excess(values: Float, vectors: Float, law: Float, known: bool, scaled: Float) -> float:
+    total, count = 0.0, 0
+    for i in range(len(values)):
+        x, y, z = vectors[0, i], vectors[1, i], vectors[2, i]
+        # The vector of a near light that does not reach the point is 0.
+        if not math.isfinite(values[i]) or (x == 0 and y == 0 and z == 0):
+            continue
+        matte = max(x * scaled[0] + y * scaled[1] + z * scaled[2], np.float32(0))
+        least = _SIGMAS * math.sqrt(law[0, i] + law[1, i] * matte) if known else 0.0
+        excess = values[i] - matte
+        total += excess if excess > least else 0.0
+        count += 1
+    return total / max(count, 1)
+
+
+@numba.njit(parallel=True, cache=True)
+def _above(values: Float, vectors: Float, law: Float, known: bool, scaled: Float) -> Float:
+    """Return the mean excess of each of P pixels; see `Estimator` for the parameters."""
+    pixels = len(values)
+    mean = np.zeros(pixels, np.float32)
+    for block in numba.prange((pixels + 255) // 256):
+        for p in range(256 * block, min(256 * (block + 1), pixels)):
+            mean[p] = _mean_excess(
+                values[p], vectors[p if len(vectors) > 1 else 0], law[p if len(law) > 1 else 0],
+                known, scaled[p],
+            )  # fmt: skip
+    return mean

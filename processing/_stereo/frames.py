@@ -1,0 +1,141 @@
+"""Images in memory as the compiled solvers read them: any type and strides, one pixel at a time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+Index = npt.NDArray[np.int64]
+Samples = npt.NDArray[Any]
+Flat = tuple[Samples, ...]
+
+# Pixels that are solved together. Their samples fit into the second-level cache.
+TILE = 1024
+_KINDS = (np.uint8, np.uint16, np.float32)
+
+
+class Frames:
+    """N images of H x W pixels, whose samples are converted where they are used.
+
+    A sample becomes ``(raw - dark) * gain``, or NaN from a limit on. The images are read in place:
+    they may be a region of larger images, or have gaps between rows. Only arrays whose neighbours
+    in a row are not neighbours in memory are copied.
+
+    Parameters
+    ----------
+    images
+        ``(N, H, W)``, numbers.
+    gain
+        ``(N,)`` factor of each image; default: 1.
+    dark
+        One number for all pixels, or ``(H, W)``.
+    limit
+        Raw samples from this value on are saturated.
+    """
+
+    def __init__(
+        self,
+        images: Samples,
+        *,
+        gain: npt.ArrayLike | None = None,
+        dark: npt.ArrayLike = 0.0,
+        limit: float = np.inf,
+    ) -> None:
+        count, self.height, self.width = images.shape
+        if images.dtype not in _KINDS:
+            images = images.astype(np.float32)
+        size = images.itemsize
+        regular = all(step >= 0 and step % size == 0 for step in images.strides)
+        neighbours = self.width == 1 or images.strides[2] == size
+        if not (regular and neighbours and images.dtype.isnative):
+            images = np.array(images, images.dtype.newbyteorder("="), order="C")
+        self.image_step, self.row_step = (step // size for step in images.strides[:2])
+        extent = sum((n - 1) * step for n, step in zip(images.shape, images.strides, strict=True))
+        flat = np.lib.stride_tricks.as_strided(
+            images, (extent // size + 1 if images.size else 0,), (size,), writeable=False
+        )
+        # One array per type, of which one is used: the solvers are compiled once.
+        self.flat: Flat = tuple(
+            flat
+            if flat.dtype == kind
+            else np.lib.stride_tricks.as_strided(np.zeros(0, kind), writeable=False)
+            for kind in _KINDS
+        )
+        self._images = images  # keeps the memory
+        self.gain = np.ones(count, np.float32)
+        if gain is not None:
+            self.gain[:] = gain
+        self.dark = np.ascontiguousarray(np.atleast_2d(np.asarray(dark, np.float32)))
+        self.limit = np.float32(limit)
+
+    def __len__(self) -> int:
+        return len(self.gain)
+
+    def of_pixels(self, pixels: npt.NDArray[np.intp]) -> Float:
+        """Return the samples ``(P, N)`` of some pixels, indices into the flat image."""
+        values = np.zeros((len(pixels), len(self)), np.float32)
+        _gather(
+            self.flat, self.image_step, self.row_step, self.width,
+            self.gain, self.dark, self.limit, pixels, values,
+        )  # fmt: skip
+        return values
+
+
+@numba.njit(cache=True)
+def _raw(flat: Flat, at: int) -> np.float32:
+    if len(flat[0]):
+        return np.float32(flat[0][at])
+    return np.float32(flat[1][at]) if len(flat[1]) else np.float32(flat[2][at])
+
+
+@numba.njit(parallel=True, cache=True)
+def _gather(
+    flat: Flat, image_step: int, row_step: int, width: int,
+    gain: Float, dark: Float, limit: np.float32, pixels: Index, values: Float,
+) -> None:  # fmt: skip
+    for block in numba.prange((len(pixels) + 255) // 256):
+        last = min(256 * (block + 1), len(pixels))
+        for i in range(len(gain)):
+            for p in range(256 * block, last):
+                row, column = divmod(pixels[p], width)
+                raw = _raw(flat, i * image_step + row * row_step + column)
+                shift = dark[0, 0] if dark.size == 1 else dark[row, column]
+                values[p, i] = (raw - shift) * gain[i] if raw < limit else np.float32(np.nan)
+
+
+@numba.njit(cache=True)
+def load_tile(
+    flat: Flat, image_step: int, row_step: int, width: int,
+    gain: Float, dark: Float, limit: np.float32, first: int, count: int, tile: Float,
+) -> None:  # fmt: skip
+    """Write the samples of ``count`` consecutive pixels from ``first`` on into ``(N, TILE)``."""
+    shift = np.zeros(TILE, np.float32)
+    done = 0
+    while done < count:
+        row, column = divmod(first + done, width)
+        n = min(count - done, width - column)
+        if dark.size == 1:
+            shift[:n] = dark[0, 0]
+        else:
+            shift[:n] = dark[row, column : column + n]
+        start = row * row_step + column
+        for i in range(len(gain)):
+            begin, out = start + i * image_step, tile[i, done : done + n]
+            if len(flat[0]):
+                _load_row(flat[0][begin : begin + n], shift, gain[i], limit, out)
+            elif len(flat[1]):
+                _load_row(flat[1][begin : begin + n], shift, gain[i], limit, out)
+            else:
+                _load_row(flat[2][begin : begin + n], shift, gain[i], limit, out)
+        done += n
+
+
+@numba.njit(cache=True)
+def _load_row(raw: Samples, dark: Float, gain: np.float32, limit: np.float32, out: Float) -> None:
+    for k in range(len(out)):
+        value = np.float32(raw[k])
+        out[k] = (value - dark[k]) * gain if value < limit else np.float32(np.nan)

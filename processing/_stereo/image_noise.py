@@ -1,0 +1,110 @@
+"""The noise of images whose sensor is unknown, from the differences between neighbouring pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import nnls
+
+from processing._stereo.cauchy import cauchy
+from processing._stereo.frames import Frames
+from processing._stereo.least_squares import least_squares
+from processing._stereo.light_model import LightModel
+from processing._stereo.ranks import MAD_TO_SIGMA
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Pairs of neighbours that are compared, and the fewest that show the noise.
+_PAIRS = 3000
+_FEWEST_PAIRS = 300
+# Fewest samples of a pair: three explain the change of albedo and normal.
+_FEWEST_LIT = 5
+# Samples above this share of the mean are lit.
+_DARK = 0.05
+_BINS = 8
+# Share of the smallest deviations of a bin that determines its spread, and the quantile of the
+# normal distribution: edges and highlights change from pixel to pixel, too.
+_QUANTILE = 0.25
+_QUANTILE_TO_SIGMA = 1 / 0.31864
+# Largest standard deviation in those that the residuals of a robust fit show. With few lights these
+# are too small.
+_LARGEST = 2.0
+# Least standard deviation, relative to the median signal: images without noise have no law.
+_LEAST = 1e-5
+
+
+def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None:
+    """Estimate the law of the noise from the images, None if they do not show it.
+
+    The samples of two neighbours differ by their albedo and their normal, which is linear in the
+    light vectors if the reflectance is smooth, and by noise. The noise is what least squares leave
+    of the difference. It is that of one sensor at one exposure time: the variance of the samples
+    before their division by the intensities is linear in the signal (EMVA 1288).
+
+    Parameters
+    ----------
+    frames, model
+        N images and lights.
+    mask
+        ``(H, W)`` bool.
+
+    Returns
+    -------
+    NDArray or None
+        ``(1, 2, N)`` variance without light and per value, see `Estimator`.
+    """
+    intensities = model.intensities
+    pairs = np.flatnonzero(mask[:, 1:] & mask[:, :-1])
+    if len(frames) < _FEWEST_LIT or len(pairs) < _FEWEST_PAIRS:
+        return None
+    pairs = pairs[:: 1 + len(pairs) // _PAIRS]
+    rows, columns = np.divmod(pairs, mask.shape[1] - 1)
+    left = rows * mask.shape[1] + columns
+    first, vectors = model.samples(frames, left)
+    second, _ = model.samples(frames, left + 1)
+    measured = np.isfinite(first) & np.isfinite(second)
+    first, second = np.where(measured, first, 0), np.where(measured, second, 0)
+    signal = 0.5 * (first.astype(np.float64) + second)
+    mean = signal.sum(axis=1, keepdims=True) / np.maximum(measured.sum(axis=1, keepdims=True), 1)
+    lit = measured & (np.minimum(first, second) > _DARK * mean)
+    difference = np.where(lit, second - first, np.float32(np.nan))
+    change, _ = least_squares(difference, vectors)
+    usable = lit.sum(axis=1)
+    kept = (usable >= _FEWEST_LIT) & change.any(axis=1)
+    if np.count_nonzero(kept) < _FEWEST_PAIRS:
+        return None
+    lit, usable, signal = lit[kept], usable[kept, None], signal[kept]
+    of_kept = vectors[kept if len(vectors) > 1 else [0]]
+    free = 1 - 3 / usable
+    noise = difference[kept] - np.einsum("pc,pcn->pn", change[kept], of_kept)
+    noise /= np.sqrt(2 * free)
+    law = _fitted((signal * intensities)[lit], (noise * intensities)[lit], intensities)
+    if law is None:
+        return None
+    # Where many samples are outliers, they spoil the differences more than a robust fit.
+    values = np.where(lit, first[kept], np.float32(np.nan))
+    scaled, _ = cauchy(values, of_kept)
+    residual = values - np.einsum("pc,pcn->pn", scaled, of_kept)
+    variance = law[:, 0] + law[:, 1] * np.where(lit, signal, 0)
+    ratio = np.abs(residual / np.sqrt(free * variance))
+    largest = _LARGEST * MAD_TO_SIGMA * float(np.median(ratio[lit]))
+    return np.asarray(law * min(largest, 1.0) ** 2, np.float32)
+
+
+def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
+    """Return the law from samples of signal and noise."""
+    order = np.argsort(signal, kind="stable")
+    bins = np.array_split(order, _BINS)
+    level = np.array([np.median(signal[one]) for one in bins])
+    spread = [np.quantile(np.abs(noise[one]), _QUANTILE) for one in bins]
+    variance = (_QUANTILE_TO_SIGMA * np.array(spread)) ** 2
+    least = (_LEAST * float(np.median(signal))) ** 2
+    if not (variance > least).all():
+        return None
+    terms = np.stack([np.ones(_BINS), level], axis=1) / variance[:, None]
+    (floor, slope), _ = nnls(terms, np.ones(_BINS))
+    # A sample in the dark has some noise, too.
+    floor = max(floor, 1e-3 * float(variance.min()))
+    return np.stack([floor / intensities**2, slope / intensities])[None].astype(np.float32)

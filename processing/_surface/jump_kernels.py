@@ -1,0 +1,112 @@
+"""Compiled loops over pixels that find jumps of a surface, for `processing._surface.jumps`.
+
+The arrays have an empty border of one pixel, as in `processing._surface.grid_graph`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+
+# Beyond this exponent, a share is 0 or 1 in float32.
+_LARGEST_EXPONENT = 50.0
+
+
+@numba.njit(cache=True)
+def _share(exponent: float) -> float:
+    limited = min(max(exponent, -_LARGEST_EXPONENT), _LARGEST_EXPONENT)
+    return 1 / (1 + math.exp(-limited))
+
+
+@numba.njit(parallel=True, cache=True)
+def shares(
+    u: Double, right: Float, down: Float, facing: Float, k: float, scale: float
+) -> tuple[Float, Float]:
+    """Return how much each pixel trusts its right and its lower neighbour.
+
+    The two neighbours in a row (column) get shares with the sum 1: the one that is nearer in height
+    gets more (Cao et al., 2022, eq. 13 to 16).
+
+    Parameters
+    ----------
+    u
+        ``(H+2, W+2)`` float64 surface.
+    right, down
+        ``(H+2, W+2)`` float32 edge weights; 0 means no edge.
+    facing
+        ``(H+2, W+2)`` float32 cosine between normal and line of sight.
+    k
+        Sharpness, in 1/px^2.
+    scale
+        Pixels for a step of 1 of ``u``.
+    """
+    rows, columns = u.shape
+    share_right = np.full((rows, columns), np.float32(0.5))
+    share_down = np.full((rows, columns), np.float32(0.5))
+    for r in numba.prange(1, rows - 1):
+        for c in range(1, columns - 1):
+            # Differences along the line of the normal: slopes do not count as jumps.
+            factor = k * (scale * facing[r, c]) ** 2
+            here = u[r, c]
+            # A neighbour without an opposite one is trusted: nothing contradicts it.
+            if right[r, c - 1] > 0 and right[r, c] > 0:
+                before, after = (here - u[r, c - 1]) ** 2, (here - u[r, c + 1]) ** 2
+                share_right[r, c] = _share(factor * (before - after))
+            if down[r - 1, c] > 0 and down[r, c] > 0:
+                before, after = (here - u[r - 1, c]) ** 2, (here - u[r + 1, c]) ** 2
+                share_down[r, c] = _share(factor * (before - after))
+    return share_right, share_down
+
+
+@numba.njit(parallel=True, cache=True)
+def gated_weights(
+    edges: Float, facing: Float, share: Float, vertical: int, least: float, out: Float
+) -> None:
+    """Write the weights of edges that both of their pixels trust.
+
+    Parameters
+    ----------
+    edges
+        ``(H+2, W+2)`` float32, 0 means no edge.
+    facing
+        ``(H+2, W+2)`` float32 cosine between normal and line of sight.
+    share
+        ``(H+2, W+2)`` float32 share 0..1 of the right (lower) neighbour of each pixel.
+    vertical
+        1 for edges that point down, 0 for edges to the right.
+    least
+        Weight of an edge across a certain jump, relative to an edge without one.
+    out
+        ``(H+2, W+2)`` float32 weights.
+    """
+    rows, columns = edges.shape
+    for r in numba.prange(1, rows - 1):
+        q = r + vertical
+        for c in range(1, columns - 1):
+            if edges[r, c] <= 0:
+                out[r, c] = 0
+                continue
+            d = c + 1 - vertical
+            one, other = share[r, c], 1 - share[q, d]
+            gate = least + (1 - least) * 2 * min(one, other)
+            out[r, c] = gate * (one * facing[r, c] ** 2 + other * facing[q, d] ** 2)
+
+
+@numba.njit(parallel=True, cache=True)
+def trust(edges: Float, share: Float, vertical: int, out: Float) -> None:
+    """Write how much the two pixels of each edge trust each other, 0 to 1; 0 without an edge."""
+    rows, columns = edges.shape
+    for r in numba.prange(1, rows - 1):
+        q = r + vertical
+        for c in range(1, columns - 1):
+            if edges[r, c] > 0:
+                other = 1 - share[q, c + 1 - vertical]
+                out[r, c] = min(2 * min(share[r, c], other), 1.0)
+            else:
+                out[r, c] = 0

@@ -1,0 +1,179 @@
+"""One normal from the samples of all colours, against the Cramer-Rao bound of all of them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from acquisition import CameraModel, Lights
+from calibration import EstimateError, StackNoise
+from processing import angle_deg
+from processing._reconstruction.colours import stereo_of_colours
+from processing._reconstruction.joint_colours import joint_stereo
+from processing._reconstruction.joint_noise import JointNoise
+from processing._stereo.method import METHODS
+
+SIZE = (70, 60)
+COUNT = 20
+SLOPE, FLOOR = 1e-4, 2.5e-7
+# Five stripes of 12 columns; most are dark in one or two channels.
+STRIPES = {
+    "gray": (0.6, 0.6, 0.6),
+    "red": (0.8, 0.05, 0.01),
+    "blue": (0.02, 0.1, 0.8),
+    "black but for green": (0.0, 0.5, 0.0),
+    "dark": (0.05, 0.04, 0.02),
+}
+COLOURS = np.repeat(np.array(list(STRIPES.values())), 12, axis=0)[None].repeat(SIZE[0], axis=0)
+CAMERA = CameraModel(
+    np.array([[420.0, 0, 29.5], [0, 420, 34.5], [0, 0, 1]]), 60, 70, working_distance_mm=600
+)
+INTENSITIES = np.linspace([0.7, 0.8, 1.0], [1.0, 0.9, 0.4], COUNT)
+MASK = np.ones(SIZE, bool)
+
+
+def lights(near):
+    turn, z = np.arange(COUNT) * np.pi * (3 - np.sqrt(5)), np.linspace(0.97, 0.72, COUNT)
+    r = np.sqrt(1 - z * z)
+    way = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+    if near:
+        return Lights(positions_mm=450 * way, axes=-way, mu=np.ones(COUNT), intensities=INTENSITIES)
+    return Lights(directions=way, intensities=INTENSITIES)
+
+
+def normals():
+    y, x = np.indices(SIZE, dtype=float)
+    vectors = np.dstack([0.3 * np.sin(x / 7), 0.3 * np.cos(y / 9), np.ones(SIZE)])
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def noise():
+    one = StackNoise.of_one_exposure(SLOPE, FLOOR, COUNT)
+    return dataclasses.replace(one, colour=True, intensities=INTENSITIES)
+
+
+def vectors(near):
+    points = CAMERA.points_on_plane() if near else np.zeros((*SIZE, 3))
+    return lights(near).vectors_at(points)
+
+
+def recorded(near, seed):
+    """Return noisy values ``(N, H, W, 3)``, and their variance."""
+    shade = np.clip(np.einsum("nhwc,hwc->nhw", vectors(near), normals()), 0, None)
+    signal = shade[..., None] * COLOURS
+    strength = INTENSITIES[:, None, None]
+    variance = (SLOPE * signal * strength + FLOOR) / strength**2
+    rng = np.random.default_rng(seed)
+    return (signal + rng.normal(size=signal.shape) * np.sqrt(variance)).astype(np.float32), variance
+
+
+def solved(values, near=False, method="ls", known=True, by=joint_stereo, rows=slice(None)):
+    law = noise().rows(rows.start or 0, rows.stop or SIZE[0]) if known else None
+    return by(
+        values[:, rows],
+        lights(near),
+        MASK[rows],
+        method=method,
+        points_mm=CAMERA.points_on_plane()[rows] if near else None,
+        noise=law,
+        on_progress=lambda *step: None,
+    )
+
+
+def errors(result):
+    """Return the rms error of each stripe in degrees; pixels without a normal count as 90."""
+    found = result[0].normal_map
+    squares = np.where(found.mask, angle_deg(found.normals, normals()), 90.0) ** 2
+    return np.sqrt(squares.reshape(SIZE[0], 5, 12).mean(axis=(0, 2)))
+
+
+def bounds(near, variance, measured=None):
+    """Return the bound of the rms error of each stripe, for unknown colours."""
+    of_light, n = vectors(near), normals()
+    weight = COLOURS**2 / variance
+    if measured is not None:
+        weight = weight * measured
+    information = np.zeros((*SIZE, 3, 3))
+    for k in range(3):
+        one = np.einsum("nhw,nhwi,nhwj->hwij", weight[..., k], of_light, of_light)
+        # The albedo of a channel explains a part of its samples.
+        along = np.einsum("hwij,hwj->hwi", one, n)
+        scale = np.einsum("hwi,hwi->hw", along, n)[..., None, None]
+        information += one - along[..., None] * along[..., None, :] / np.maximum(scale, 1e-12)
+    variances = np.sum(1 / np.linalg.eigvalsh(information)[..., 1:], axis=-1)
+    return np.degrees(np.sqrt(variances.reshape(SIZE[0], 5, 12).mean(axis=(0, 2))))
+
+
+@pytest.mark.parametrize("near", [False, True])
+def test_every_method_reaches_the_bound_of_all_samples(near):
+    values, variance = recorded(near, seed=11)
+    bound = bounds(near, variance)
+    apart = errors(solved(values, near, by=stereo_of_colours)) / bound
+    for method in METHODS:
+        ratio = errors(solved(values, near, method)) / bound
+        assert (ratio > 0.9).all()
+        assert (ratio < 1.05).all(), (method, ratio)
+        assert (ratio < 1.005 * apart).all(), (method, ratio, apart)
+
+
+def test_the_albedo_has_the_colours_of_the_stripes():
+    _, albedo = solved(recorded(False, seed=12)[0])
+    means = albedo.reshape(SIZE[0], 5, 12, 3).mean(axis=(0, 2))
+    np.testing.assert_allclose(means, list(STRIPES.values()), atol=2e-4)
+
+
+def test_a_sample_that_is_saturated_in_one_colour_is_made_of_the_others():
+    values, variance = recorded(False, seed=13)
+    values[::2, ..., 0] = np.nan
+    values[5] = np.nan
+    solution = solved(values)
+    bound = bounds(False, variance, np.isfinite(values))
+    # Stripes of 840 pixels have ratios that differ by 2 %.
+    assert (errors(solution) / bound < 1.08).all()
+    assert (solution[0].used == COUNT - 1).all()
+
+
+def test_without_a_law_all_colours_count_by_their_light():
+    values, variance = recorded(False, seed=14)
+    ratio = errors(solved(values, known=False)) / bounds(False, variance)
+    assert (ratio < 1.2).all(), ratio
+
+
+def test_outliers_of_one_light_do_not_bend_the_normals():
+    values, variance = recorded(False, seed=15)
+    values[3:6] += 0.5
+    ratio = errors(solved(values, method="cauchy")) / bounds(False, variance)
+    assert (ratio < 1.5).all(), ratio
+
+
+def test_bands_of_rows_equal_the_whole():
+    values, _ = recorded(True, seed=16)
+    whole, albedo = solved(values, near=True)
+    for rows in (slice(0, 33), slice(33, 70)):
+        part, colours = solved(values, near=True, rows=rows)
+        np.testing.assert_array_equal(part.normal_map.normals, whole.normal_map.normals[rows])
+        np.testing.assert_array_equal(colours, albedo[rows])
+
+
+def test_the_law_of_combined_samples_is_their_variance():
+    colours = np.tile([0.6, 0.2, 0.1], (2, 3, 1))
+    values = np.ones((COUNT, 2, 3, 3), np.float32)
+    values[4, 0, 0] = np.nan  # not measured
+    values[4, 0, 1, 0] = np.nan
+    law = JointNoise.of(noise(), colours, values)
+    gray = colours[0, 0] @ [0.2989, 0.587, 0.114]
+    found = law.variance(4, np.full((2, 3), gray / 2))
+    strength = INTENSITIES[4]
+    of_colours = (SLOPE * colours[0, 0] / 2 * strength + FLOOR) / strength**2
+    precision = colours[0, 0] ** 2 / of_colours
+    expected = gray**2 / np.array([precision.sum(), precision[1:].sum()])
+    np.testing.assert_allclose(found[0, 2], expected[0], rtol=1e-6)
+    np.testing.assert_allclose(found[0, 1], expected[1], rtol=1e-6)
+    assert law.take([3, 4]).variance(1, np.full((2, 3), gray / 2))[0, 1] == found[0, 1]
+    assert law.rows(1, 2).variance(4, np.full((1, 3), gray / 2))[0, 1] == found[1, 1]
+
+
+def test_images_that_are_saturated_everywhere_are_refused():
+    values = np.full((COUNT, *SIZE, 3), np.nan, np.float32)
+    with pytest.raises(EstimateError, match="not saturated"):
+        solved(values)

@@ -1,0 +1,71 @@
+"""The command for curvature, on the normals of a ball."""
+
+import json
+
+import numpy as np
+import pytest
+
+from acquisition import read_image, write_mask
+from processing import NormalMap, write_normals
+
+
+@pytest.fixture
+def ball(tmp_path):
+    y, x = np.mgrid[20:-21:-1, -20:21] / 50
+    normal_map = NormalMap.from_vectors(np.dstack([x, y, np.sqrt(1 - x**2 - y**2)]), x < 0.3)
+    write_normals(tmp_path / "ball", normal_map)
+    return tmp_path / "ball"
+
+
+def test_a_ball(sgp, ball, tmp_path):
+    out = tmp_path / "out"
+    answer = sgp("curvature", ball, "--pixel-mm", "0.1", "--out", out, "--json")
+    assert answer.code == 0, answer.err
+    metrics = json.loads(answer.out)["metrics"]
+    assert metrics["unit"] == "mm"
+    assert metrics["pixels"] == 41 * 35
+    assert metrics["scale"] == pytest.approx(0.2)
+    assert metrics["mean_median"] == pytest.approx(0.2, rel=1e-3)
+    assert metrics["gaussian_median"] == pytest.approx(0.04, rel=1e-3)
+    mean = read_image(out / "curvature_mean.exr")
+    assert np.isnan(mean[:, 35:]).all()
+    np.testing.assert_allclose(mean[:, :35], 0.2, rtol=5e-3)
+    slope = read_image(out / "gradient_y.exr")
+    assert slope[2, 10] < 0 < slope[-2, 10]  # the ball falls away upward above its top
+    assert {path.name for path in out.iterdir()} == {
+        "curvature.json",
+        "curvature.png",
+        "curvature_direction_deg.exr",
+        "curvature_gaussian.exr",
+        "curvature_mean.exr",
+        "gradient_x.exr",
+        "gradient_y.exr",
+    }
+
+
+def test_a_mask_and_pixels(sgp, ball, tmp_path):
+    mask = np.zeros((41, 41), bool)
+    mask[5:30, 5:30] = True
+    write_mask(tmp_path / "part.png", mask)
+    words = ("curvature", ball, "--mask", tmp_path / "part.png", "--scale", "1.5")
+    answer = sgp(*words, "--out", tmp_path / "out")
+    assert answer.code == 0, answer.err
+    assert "1/px" in answer.out
+    assert "625 of 625 pixels" in answer.out
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (("--scale", "0.1"), 2, "0.3"),
+        (("--depth", "ball/normals.png"), 4, "camera with a working distance"),
+        (("--mask", "line.png"), 5, "neighbours that are not on a line"),
+    ],
+)
+def test_bad_input(sgp, ball, tmp_path, monkeypatch, words, code, message):
+    monkeypatch.chdir(tmp_path)
+    line = np.zeros((41, 41), bool)
+    line[:, 7] = True
+    write_mask(tmp_path / "line.png", line)
+    assert message in sgp("curvature", ball, *words, "--out", "out").error_line(code)
+    assert not (tmp_path / "out").exists()
