@@ -263,6 +263,11 @@ class ErrorMetrics(TypedDict):
     normals_mae_deg: Annotated[
         float, "deg", "mean angle to the true normals; a pixel without a normal counts as 90"
     ]
+    normals_resolved_mae_deg: Annotated[
+        float,
+        "deg",
+        "the same with respect to the true normals blurred as the lens blurs the images",
+    ]
     normals_coverage: Annotated[float, "0..1", "share of the object that has a normal"]
     height_mae_mm: Annotated[float, "mm", "mean error of the height, after removing its mean"]
     height_coverage: Annotated[float, "0..1", "share of the object that has a height"]
