@@ -8,7 +8,7 @@ import pytest
 from calibration._spheres.limb_fit import fit_limb
 from calibration._spheres.spots import reduce_stack
 from calibration._spheres.surroundings import Balls, MirroredPlane
-from simulator import Checker, ChromeSphere, Even, Lens, render, scene_named
+from simulator import Checker, ChromeSphere, Even, Gradient, Lens, render, scene_named
 
 SIZE, CENTRE, RADIUS = (400, 320), (-20.0, 15.0, 20.0), 20.0
 
@@ -61,6 +61,12 @@ def test_an_even_board(even, off):
     assert np.abs(error).max() < 0.02
     assert np.all(sigma < 0.04)
     assert np.all(np.abs(error) < 3.5 * sigma)
+
+
+def test_a_slope_of_albedo_does_not_move_the_outline():
+    # With depths on the ball instead of in the image, the radius is wrong by .06 px.
+    _, error = fitted(*recorded(Gradient(0.1, 0.7, 160.0, 30.0)))
+    assert np.abs(error).max() < 0.02
 
 
 def test_what_one_image_shows_alone_does_not_move_the_outline(even):
