@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -32,7 +32,7 @@ _LEAST_SEEN = 0.3
 # Interpolation averages over pixels, so that samples have this share of the noise of pixels.
 _SMOOTHED = 0.7
 # Errors of the model on an even plane, and by the contrast of a texture.
-_MODEL_PX, _BY_TEXTURE_PX = 0.005, (3.0, 3.0, 6.0)
+_MODEL_PX, _BY_TEXTURE_PX = 0.005, (2.0, 2.0, 3.0)
 _MOST_MOVE_PX, _LARGEST_PX = 1.0, 0.5
 
 
@@ -111,7 +111,9 @@ def fit_limb(values: Images, plane: MirroredPlane, ball: Balls) -> LimbFit | Non
     covariance = (inverse @ scatter @ inverse)[:3, :3] + np.diag(profiles.model_errors_px() ** 2)
     if np.linalg.eigvalsh(covariance)[-1] > _LARGEST_PX**2:
         return None
-    return LimbFit(trial, covariance, blur)
+    # Blur moves the half-way brightness of a convex edge inward.
+    radii = trial.radii_px + blur**2 / (2 * trial.radii_px)
+    return LimbFit(replace(trial, radii_px=radii), covariance, blur)
 
 
 class _Profiles:

@@ -213,7 +213,8 @@ class MirroredPlane:
         """
         size = float(ball.radii_px[0])
         # Closer to the outline than seven blocks of pixels, the reduced images show the ball, too.
-        depths = 1 - np.maximum(depths_px, _CLEAR_BLOCKS * self._factor**2 / size) / size
+        pixels = np.maximum(depths_px, _CLEAR_BLOCKS * self._factor**2 / size)
+        depths = _depths_of(1 - pixels / size, float(_sines(self.camera, ball)[0]))
         angles = np.arange(spokes) * (2 * np.pi / spokes)
         _, places, down = _points(self.camera, ball, depths, angles)
         images, inside = self._mirrored(places, 0.0)
@@ -280,6 +281,26 @@ def _sample(stack: list[Values], pixels: Array) -> tuple[Array, npt.NDArray[np.b
     return np.stack(values).astype(np.float64), inside
 
 
+def _sines(camera: CameraModel, balls: Balls) -> Array:
+    """Return the sines ``(H,)`` of the angles between the axes of balls and their outlines."""
+    rays = camera.rays(balls.axes_px)
+    cosine = -rays[:, 2] / np.linalg.norm(rays, axis=-1)
+    sines: Array = balls.radii_px * cosine / np.hypot(camera.focal_px, balls.radii_px)
+    return sines
+
+
+def _depths_of(shares: Array, sine: float) -> Array:
+    """Return the depths (see `_points`) that are seen at shares of the radius in the image.
+
+    The middle of a ball is nearer to the camera than its outline, and therefore larger.
+    """
+    outline = np.arcsin(sine)
+    angle = np.arctan(shares * np.tan(outline))
+    incidence = np.arcsin(np.sin(angle) / sine)
+    depths: Array = np.sin(incidence - angle) / np.cos(outline)
+    return depths
+
+
 def _points(
     camera: CameraModel,
     balls: Balls,
@@ -296,8 +317,7 @@ def _points(
     eye = np.array([0.0, 0.0, height])
     rays = camera.rays(balls.axes_px)
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    cosine = -rays[:, 2]
-    sine = balls.radii_px * cosine / np.hypot(camera.focal_px, balls.radii_px)
+    cosine, sine = -rays[:, 2], _sines(camera, balls)
     # The distance at which the ball touches the plane.
     distance = height / (cosine + sine)
     centres, radii = eye + rays * distance[:, None], distance * sine
