@@ -138,7 +138,8 @@ def refine(
         share = min((system.square + _EXPECTED) / (freedom + _EXPECTED), 1.0)
     outlines_share = system.outlines_share((centres - spheres.centres_mm).ravel())
     covariance = system.covariance(share, outlines_share)
-    independent = (share if peaks else 0.0) * np.linalg.inv(system.of_light)
+    own: Array = np.asarray(np.linalg.inv(system.of_light), np.float64)
+    independent = (share if peaks else 0.0) * own
     return Refined(lights, centres, covariance, independent, chi_square)
 
 
