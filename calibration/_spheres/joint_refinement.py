@@ -52,6 +52,8 @@ class Refined:
         ``(K, 3)``.
     covariance_mm2
         ``(N, 3, 3)`` covariance of each position, with the errors of the centres included.
+    independent_mm2
+        ``(N, 3, 3)`` the part of it that the lights do not share; zero if glare may be shared.
     chi_square
         Sum of the squared errors of highlights and centres relative to their covariances, divided
         by the degrees of freedom; NaN without any.
@@ -60,6 +62,7 @@ class Refined:
     positions_mm: Array
     centres_mm: Array
     covariance_mm2: Array
+    independent_mm2: Array
     chi_square: float
 
     __repr__ = short_repr
@@ -134,7 +137,10 @@ def refine(
     if peaks and share == 1:
         share = min((system.square + _EXPECTED) / (freedom + _EXPECTED), 1.0)
     outlines_share = system.outlines_share((centres - spheres.centres_mm).ravel())
-    return Refined(lights, centres, system.covariance(share, outlines_share), chi_square)
+    covariance = system.covariance(share, outlines_share)
+    own: Array = np.asarray(np.linalg.inv(system.of_light), np.float64)
+    independent = (share if peaks else 0.0) * own
+    return Refined(lights, centres, covariance, independent, chi_square)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ _FINE_SPOKES = 72
 _SPOKES_TOGETHER = 3
 # Errors of the model that all spokes share, of place and radius; measured on simulated boards. They
 # grow for smaller spheres, of which fewer pixels are compared.
-_SHARED_SIGMA_PX, _SMALL_PX = 0.04, 25.0
+_SHARED_SIGMA_PX, _SMALL_PX = 0.03, 25.0
 # The tails of the blur mix the plane into the limb, which makes radii too small by this, up to the
 # radius in px; those of larger spheres are not. Two pixels farther inside the tails end, but there
 # the errors are twice as large.

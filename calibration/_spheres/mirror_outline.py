@@ -7,7 +7,7 @@ import numpy as np
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.limb_fit import fit_limb
+from calibration._spheres.limb_fit import LimbFit, fit_limb
 from calibration._spheres.mirror_fit import FittedBall, fit_mirror
 from calibration._spheres.mirrors import Mirror, outline_of
 from calibration._spheres.robust import Array
@@ -17,8 +17,11 @@ from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
 # A search finds a ball to about 1 % of its radius.
 _SEARCH_SHARE = 0.01
 _FINEST_PX = 0.003
-# The 99.9 % quantile of chi-square with 3 degrees of freedom.
-_SAME_OUTLINE = 16.3
+# The 95 % and 99.9 % quantiles of chi-square with 3 degrees of freedom.
+_DOUBTED, _SAME_OUTLINE = 7.8, 16.3
+# Errors of edges that neither scatter nor misfit show, of place and radius, times the radius;
+# measured on simulated boards.
+_EDGE_PX2 = 0.4
 
 
 def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> SphereImage:
@@ -26,8 +29,9 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
 
     The mirror image near the limb determines the outline on any ground. The edge determines it
     several times better on an even ground, and hardly on print. Their mean with the inverse
-    covariances as weights is the outline; an edge that contradicts the mirror image is not that of
-    the ball.
+    covariances as weights is the outline. If they differ by more than is usual, one of the two is
+    wrong, and the covariance contains half of their difference. An edge that contradicts the mirror
+    image is not that of the ball.
 
     Parameters
     ----------
@@ -45,12 +49,7 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
     ball, covariance = fitted.ball, fitted.covariance_px2
     edge = fit_limb(values, plane, ball)
     if edge is not None:
-        moved = edge.ball.axes_px[0] - ball.axes_px[0]
-        change = np.append(moved, edge.ball.radii_px - ball.radii_px)
-        both = covariance + edge.covariance_px2
-        if change @ np.linalg.solve(both, change) < _SAME_OUTLINE:
-            gain = covariance @ np.linalg.inv(both)
-            ball, covariance = _changed(ball, gain @ change), covariance - gain @ covariance
+        ball, covariance = _combined(fitted, edge)
     outline = outline_of(plane.camera, ball)
     count = int(np.clip(2 * np.pi * outline.radius_px, 90, 720))
     points = outlines_of(plane.camera, ball, count)[0]
@@ -67,6 +66,24 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
     )
 
 
+def _combined(fitted: FittedBall, edge: LimbFit) -> tuple[Balls, Array]:
+    """Return the mean of a ball and its edge, with the covariance of its outline."""
+    ball, covariance = fitted.ball, fitted.covariance_px2
+    moved = edge.ball.axes_px[0] - ball.axes_px[0]
+    change = np.append(moved, edge.ball.radii_px - ball.radii_px)
+    unseen = np.eye(3) * (_EDGE_PX2 / float(ball.radii_px[0])) ** 2
+    both = covariance + edge.covariance_px2 + unseen
+    chi_square = change @ np.linalg.solve(both, change)
+    if chi_square > _SAME_OUTLINE:
+        return ball, covariance
+    gain = covariance @ np.linalg.inv(both)
+    mean = Balls(ball.axes_px + gain[:2] @ change, ball.radii_px + gain[2] @ change, ball.slopes)
+    covariance = covariance - gain @ covariance
+    if chi_square > _DOUBTED:
+        covariance = covariance + np.outer(change, change) / 4
+    return mean, covariance
+
+
 def _parted(covariance: Array) -> tuple[Array, float]:
     """Return a covariance without its systematic part, and the standard deviation of this part.
 
@@ -77,7 +94,3 @@ def _parted(covariance: Array) -> tuple[Array, float]:
     rest = np.maximum(values - systematic**2, _FINEST_PX**2)
     own: Array = (vectors * rest) @ vectors.T
     return own, systematic
-
-
-def _changed(ball: Balls, change: Array) -> Balls:
-    return Balls(ball.axes_px + change[:2], ball.radii_px + change[2], ball.slopes)

@@ -25,9 +25,9 @@ _POOR_RESIDUAL_DEG = 0.2
 # means an error of many degrees of the lights.
 _UNTRUSTED_DEG = 0.5
 _LEAST_AGREEING = 0.5
-# A standard deviation above which errors of 2 mm occur: the errors of all lights have one cause, so
-# their mean is normal, too. Of simulated layouts, the first is 2.1 mm off at 1.5 mm.
-_UNCERTAIN_MM = 1.4
+# A mean error that should not occur without a warning. Independent errors of many lights have a
+# mean close to their standard deviation; those that all lights share exceed 1.96 of theirs in 5 %.
+_UNCERTAIN_MM, _SHARED_SIGMAS = 2.0, 1.96
 # Residuals of one light that are much larger than those of the others.
 _DOUBTFUL_PX, _DOUBTFUL_RATIO = 1.0, 5.0
 
@@ -89,8 +89,11 @@ def positioned_lights(
     if dropped:
         text = f"{dropped} highlights disagree with the other spheres and were left out"
         warnings.append(Notice("highlights-left-out", text))
-    sigma_mm = float(np.sqrt(np.trace(located.refined.covariance_mm2, axis1=1, axis2=2).mean()))
-    if sigma_mm > _UNCERTAIN_MM:
+    total_mm2 = np.trace(located.refined.covariance_mm2, axis1=1, axis2=2).mean()
+    independent_mm2 = np.trace(located.refined.independent_mm2, axis1=1, axis2=2).mean()
+    shared_mm2 = max(total_mm2 - independent_mm2, 0.0)
+    sigma_mm = float(np.sqrt(total_mm2))
+    if np.sqrt(independent_mm2 + _SHARED_SIGMAS**2 * shared_mm2) > _UNCERTAIN_MM:
         text = (
             f"the positions of the lights are uncertain by {sigma_mm:.1f} mm (standard deviation): "
             "use larger spheres, more of them, farther apart, or a camera with more pixels"
