@@ -220,8 +220,10 @@ def test_simulated_scenes_are_quiet_and_shuffled_ones_are_found(name: str, leds:
     truth = rendering.truth
     rng = np.random.default_rng(77)
     full = np.quantile(rendering.planes[:, truth.mask], 0.999) / 0.8
-    values = (rng.poisson(np.clip(rendering.planes / full, 0, 1) * 1e4) / 1e4).astype(np.float32)
-    points = truth.camera.points_on_plane()
+    counted = rng.poisson(np.clip(rendering.planes / full, 0, 1) * 1e4) / 1e4
+    values = (counted / truth.lights.intensities[:, :1, None]).astype(np.float32)
+    # At the surface: near lights are brighter on high objects than on the plane z = 0.
+    points = truth.points_mm
     assert image_quality(values, truth.lights, truth.mask, points_mm=points).warnings == ()
     if name in FLAT:
         return
