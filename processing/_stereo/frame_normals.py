@@ -97,7 +97,9 @@ def normals_of_frames(
     shape = part.shape[1:]
     maps = StereoMaps.empty(shape) if out is None else out
     maps.check(shape)
-    of_part = np.ones(shape, np.bool_) if mask is None else np.ascontiguousarray(mask[rows, columns])
+    of_part = (
+        np.ones(shape, np.bool_) if mask is None else np.ascontiguousarray(mask[rows, columns])
+    )
     if not of_part.any():
         raise DataError("the mask has no pixel in the region: there is nothing to compute")
     points = None

@@ -107,7 +107,7 @@ def _gather(
                 values[p, i] = (raw - shift) * gain[i] if raw < limit else np.float32(np.nan)
 
 
-@numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
+@numba.njit()
 def load_tile(
     flat: Flat, image_step: int, row_step: int, width: int,
     gain: Float, dark: Float, limit: np.float32, first: int, count: int, tile: Float,
@@ -122,21 +122,20 @@ def load_tile(
             shift[k] = dark[0, 0] if dark.size == 1 else dark[row, column + k]
         for i in range(len(gain)):
             begin = i * image_step + row * row_step + column
+            out = tile[i, done : done + n]
+            # Slices, because an index with an offset would not vectorise.
             if len(flat[0]):
-                _load_row(flat[0], begin, n, shift, gain[i], limit, tile[i], done)
+                _load_row(flat[0][begin : begin + n], shift, gain[i], limit, out)
             elif len(flat[1]):
-                _load_row(flat[1], begin, n, shift, gain[i], limit, tile[i], done)
+                _load_row(flat[1][begin : begin + n], shift, gain[i], limit, out)
             else:
-                _load_row(flat[2], begin, n, shift, gain[i], limit, tile[i], done)
+                _load_row(flat[2][begin : begin + n], shift, gain[i], limit, out)
         done += n
         row, column = row + 1, 0
 
 
-@numba.njit(no_cpython_wrapper=True, no_cfunc_wrapper=True)
-def _load_row(
-    raw: Samples, begin: int, count: int, dark: Float, gain: np.float32, limit: np.float32,
-    out: Float, first: int,
-) -> None:  # fmt: skip
-    for k in range(count):
-        value = np.float32(raw[begin + k])
-        out[first + k] = (value - dark[k]) * gain if value < limit else np.float32(np.nan)
+@numba.njit()
+def _load_row(raw: Samples, dark: Float, gain: np.float32, limit: np.float32, out: Float) -> None:
+    for k in range(len(out)):
+        value = np.float32(raw[k])
+        out[k] = (value - dark[k]) * gain if value < limit else np.float32(np.nan)

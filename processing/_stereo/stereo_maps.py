@@ -21,7 +21,7 @@ class StereoMaps:
     Parameters
     ----------
     normals
-        ``(H, W, 3)`` float32 unit normals; 0 where there is none.
+        ``(H, W, 3)`` float32 unit normals; 0 at pixels without a normal.
     albedo, residual
         ``(H, W)`` float32, see `PhotometricStereoResult`.
     used

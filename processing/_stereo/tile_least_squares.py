@@ -12,7 +12,6 @@ from processing._stereo.frames import TILE, Flat, Frames, load_tile
 from processing._stereo.light_model import LightModel
 from processing._stereo.stereo_maps import StereoMaps
 from processing._stereo.tile_kernels import (
-    INNER,
     add_four_squares,
     add_one,
     add_products,
@@ -30,8 +29,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py 7f6840e075aa
-# Compiled in: processing/_stereo/tile_kernels.py a2c3d417ab64
+# Compiled in: processing/_stereo/frames.py e8886b25e8c4
+# Compiled in: processing/_stereo/tile_kernels.py 720a3f2747cf
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -83,17 +82,20 @@ def tile_least_squares(
         frames.flat, frames.image_step, frames.row_step, frames.width, frames.gain, frames.dark,
         frames.limit, vectors,
     )  # fmt: skip
-    flat_maps = (
-        maps.normals.reshape(-1, 3), maps.albedo.reshape(-1), maps.residual.reshape(-1),
-        maps.used.reshape(-1), left,
-    )  # fmt: skip
+    normals, used = maps.normals.reshape(-1, 3), maps.used.reshape(-1)
+    albedo, residual = maps.albedo.reshape(-1), maps.residual.reshape(-1)
 
     def solve(first: int) -> None:
         last = min(first + _BLOCK, mask.size)
-        if len(points):
-            _solve_own(*images, points, *near, first, last, wanted, *flat_maps)
-        elif _solve_shared(*images, inverse, first, last, wanted, *flat_maps):
-            _solve_own(*images, points, *near, first, last, left, *flat_maps)
+        todo = wanted
+        if not len(points):
+            missing = _solve_shared(
+                *images, inverse, first, last, wanted, normals, albedo, residual, used, left
+            )
+            if not missing:
+                return
+            todo = left
+        _solve_own(*images, points, *near, first, last, todo, normals, albedo, residual, used, left)
 
     # Threads, because a parallel kernel takes three times as long to compile.
     with ThreadPoolExecutor(numba.get_num_threads()) as pool:
@@ -105,7 +107,7 @@ def tile_least_squares(
     return np.flatnonzero(left)
 
 
-@numba.njit(**INNER)
+@numba.njit(error_model="numpy")
 def _shared_tile(tile: Float, vectors: Float, inverse: Float, found: Float) -> None:
     """Write x, y, z of the scaled normals and the sums of squared residuals, ``(4, TILE)``."""
     lights = len(tile)
@@ -129,7 +131,7 @@ def _shared_tile(tile: Float, vectors: Float, inverse: Float, found: Float) -> N
         add_square(found[3], tile[i], found[0], found[1], found[2], vectors[:, i])
 
 
-@numba.njit(**INNER)
+@numba.njit(error_model="numpy")
 def _own_tile(of: Float, sums: Float, found: Float) -> None:
     """Write the same as `_shared_tile`, where each pixel has its own light vectors.
 
@@ -159,7 +161,7 @@ def _own_tile(of: Float, sums: Float, found: Float) -> None:
             add_products(found[3], of[3, i], of[3, i])
 
 
-@numba.njit(**INNER)
+@numba.njit(error_model="numpy")
 def _vectors_of_tile(
     vectors: Float, point: Float, positions: Float, axes: Float, mu: Float, reference: Float,
     of: Float, gain: Float, count: Float,
@@ -184,9 +186,9 @@ def _vectors_of_tile(
             multiply(of[a, i], gain)
 
 
-@numba.njit(**INNER)
+@numba.njit(error_model="numpy")
 def _write(
-    begin: int, n: int, found: Float, count: Float, length: Float, wanted: Mask,
+    n: int, found: Float, count: Float, length: Float, per: Float, wanted: Mask,
     normals: Float, albedo: Float, residual: Float, used: Used, left: Mask,
 ) -> int:  # fmt: skip
     """Write the maps of n pixels that are wanted; return how many are left without a solution.
@@ -202,28 +204,32 @@ def _write(
         length[k] = np.sqrt(length2) if solved else zero
     for k in range(TILE):
         squares[k] = np.sqrt(squares[k] / count[k])
+    for k in range(TILE):
+        per[k] = np.float32(1) / length[k]
     missing = 0
     for k in range(n):
-        at = begin + k
-        if wanted[at]:
-            left[at] = not length[k] > zero
-            if left[at]:
+        if wanted[k]:
+            left[k] = not length[k] > zero
+            if left[k]:
                 missing += 1
                 continue
-            per = np.float32(1) / length[k]
-            normals[at, 0], normals[at, 1], normals[at, 2] = x[k] * per, y[k] * per, z[k] * per
-            albedo[at] = length[k]
-            residual[at] = squares[k]
-            used[at] = np.uint16(count[k])
+            normals[k, 0], normals[k, 1], normals[k, 2] = (
+                x[k] * per[k],
+                y[k] * per[k],
+                z[k] * per[k],
+            )
+            albedo[k] = length[k]
+            residual[k] = squares[k]
+            used[k] = np.uint16(count[k])
     return missing
 
 
-@numba.njit(**INNER)
-def _any(wanted: Mask, first: int, count: int) -> bool:
-    for k in range(count):
-        if wanted[first + k]:
-            return True
-    return False
+@numba.njit(error_model="numpy")
+def _any(wanted: Mask, first: int, last: int) -> bool:
+    found = False
+    for k in range(first, last):
+        found |= wanted[k]
+    return found
 
 
 @numba.njit(cache=True, nogil=True)
@@ -234,19 +240,21 @@ def _solve_shared(
 ) -> int:  # fmt: skip
     """Solve the pixels from ``first`` to before ``last`` from all samples; return those left."""
     tile = np.zeros((len(gain), TILE), np.float32)
-    found, length = np.zeros((4, TILE), np.float32), np.zeros(TILE, np.float32)
-    count = np.zeros(TILE, np.float32)
+    found, count = np.zeros((4, TILE), np.float32), np.zeros(TILE, np.float32)
+    length, per = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
     for k in range(TILE):
         count[k] = len(gain)
     missing = 0
     for begin in range(first, last, TILE):
         n = min(TILE, last - begin)
-        if _any(mask, begin, n):
+        if _any(mask, begin, begin + n):
             load_tile(flat, image_step, row_step, width, gain, dark, limit, begin, n, tile)
             _shared_tile(tile, vectors, inverse, found)
+            end = begin + n
             missing += _write(
-                begin, n, found, count, length, mask, normals, albedo, residual, used, left
-            )
+                n, found, count, length, per, mask[begin:end], normals[begin:end],
+                albedo[begin:end], residual[begin:end], used[begin:end], left[begin:end],
+            )  # fmt: skip
     return missing
 
 
@@ -260,11 +268,12 @@ def _solve_own(
     """Solve the pixels from their measured samples; the mask may be the array of those left."""
     of = np.zeros((4, len(gain), TILE), np.float32)
     sums, point = np.zeros((9, TILE), np.float32), np.zeros((3, TILE), np.float32)
-    found, length = np.zeros((4, TILE), np.float32), np.zeros(TILE, np.float32)
-    strength, count = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
+    found, strength = np.zeros((4, TILE), np.float32), np.zeros(TILE, np.float32)
+    length, per = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
+    count = np.zeros(TILE, np.float32)
     for begin in range(first, last, TILE):
         n = min(TILE, last - begin)
-        if not _any(mask, begin, n):
+        if not _any(mask, begin, begin + n):
             continue
         load_tile(flat, image_step, row_step, width, gain, dark, limit, begin, n, of[3])
         for k in range(n if len(points) else 0):
@@ -272,4 +281,8 @@ def _solve_own(
                 point[a, k] = points[begin + k, a]
         _vectors_of_tile(vectors, point, positions, axes, mu, reference, of, strength, count)
         _own_tile(of, sums, found)
-        _write(begin, n, found, count, length, mask, normals, albedo, residual, used, left)
+        end = begin + n
+        _write(
+            n, found, count, length, per, mask[begin:end], normals[begin:end],
+            albedo[begin:end], residual[begin:end], used[begin:end], left[begin:end],
+        )  # fmt: skip

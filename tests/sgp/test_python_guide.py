@@ -13,7 +13,7 @@ EXAMPLES = re.findall(r"^```python\n(.*?)^```$", GUIDE, re.M | re.S)
 
 @pytest.mark.slow
 def test_the_examples_work(sgp, tmp_path, monkeypatch, capsys) -> None:
-    assert (len(COMMANDS), len(EXAMPLES)) == (4, 5)
+    assert (len(COMMANDS), len(EXAMPLES)) == (4, 6)
     monkeypatch.chdir(tmp_path)
     for program, *words in COMMANDS:
         assert sgp(*([program] if program == "capture" else []), *words).code == 0
