@@ -75,6 +75,7 @@ from ._surface.jumps import Jumps as Jumps
 from ._surface.mesh import Mesh as Mesh
 from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh
+from ._surface.normal_residual import normal_residual as normal_residual
 from ._surface.solid import solid_mesh as solid_mesh
 from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty
 from ._uncertainty.normal_uncertainty import normal_uncertainty as normal_uncertainty

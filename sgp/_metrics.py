@@ -207,11 +207,17 @@ class SurfaceMetrics(MeshMetrics):
             "mirrored one, .7 for noise",
         ]
     ]
+    normal_residual_deg: NotRequired[
+        Annotated[float, "deg", "mean angle between the given normals and those of the surface"]
+    ]
     jumps: NotRequired[
         Annotated[int, "", "`--discontinuity`: pairs of neighbours between which the surface jumps"]
     ]
     pieces: NotRequired[
         Annotated[int, "", "`--discontinuity`: pieces that no reliable pair of neighbours connects"]
+    ]
+    settled: NotRequired[
+        Annotated[bool, "", "`--discontinuity`: whether the surface stood still in the last round"]
     ]
 
 
@@ -262,6 +268,11 @@ class ErrorMetrics(TypedDict):
     ]
     normals_mae_deg: Annotated[
         float, "deg", "mean angle to the true normals; a pixel without a normal counts as 90"
+    ]
+    normals_resolved_mae_deg: Annotated[
+        float,
+        "deg",
+        "the same with respect to the true normals blurred as the lens blurs the images",
     ]
     normals_coverage: Annotated[float, "0..1", "share of the object that has a normal"]
     height_mae_mm: Annotated[float, "mm", "mean error of the height, after removing its mean"]

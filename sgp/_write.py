@@ -181,13 +181,15 @@ def write_surface(
     *,
     colours: npt.NDArray[np.uint8] | None = None,
 ) -> Result:
-    """Write height as .exr and .png, depth.exr if there is a depth, mask.png and meshes.
+    """Write height as .exr and .png, depth.exr if there is a depth, residual, mask and meshes.
 
     ``colours`` are sRGB samples for the meshes.
     """
     result = Result(warnings=[*height_map.warnings, *_scale_notice(height_map)])
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
-    values = {"height": height_map.height}
+    residual = processing.normal_residual(height_map, normal_map)
+    result.outputs["normal_residual_deg"] = folder / "normal_residual_deg.exr"
+    values = {"height": height_map.height, "normal_residual_deg": residual}
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
         values["depth"] = height_map.depth
@@ -201,10 +203,13 @@ def write_surface(
     result.outputs |= meshes
     result.warnings += notices
     metrics = surface_metrics(height_map)
+    if np.isfinite(residual).any():
+        metrics["normal_residual_deg"] = float(np.nanmean(residual, dtype=np.float64))
     result.metrics = {**metrics, **figures}
     result.summary = [
         f"height range {metrics['height_range']:.4g} {metrics['unit']}, "
         f"{metrics['vertices']} vertices",
+        *_residual_line(metrics),
         *_jumps_line(metrics),
     ]
     if "deviation_rms" in figures:
@@ -214,6 +219,13 @@ def write_surface(
             f"{metrics['unit']} from the surface"
         )
     return result
+
+
+def _residual_line(metrics: SurfaceMetrics) -> list[str]:
+    if "normal_residual_deg" not in metrics:
+        return []
+    angle = metrics["normal_residual_deg"]
+    return [f"normals of the surface differ from the given ones by {angle:.2f} deg (mean)"]
 
 
 def _jumps_line(metrics: SurfaceMetrics) -> list[str]:
@@ -262,4 +274,5 @@ def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
     if jumps is not None:
         metrics["jumps"] = jumps.count
         metrics["pieces"] = int(jumps.pieces.max()) + 1
+        metrics["settled"] = jumps.settled
     return metrics

@@ -19,6 +19,7 @@ from ._render.cramer_rao import Measurement as Measurement
 from ._render.cramer_rao import cramer_rao_deg as cramer_rao_deg
 from ._render.render import Rendering as Rendering
 from ._render.render import render as render
+from ._render.resolved import resolved_normals as resolved_normals
 from ._render.truth import Truth as Truth
 from ._render.truth_files import save_truth as save_truth
 from ._scene.clutter import Ball as Ball

@@ -91,7 +91,7 @@ class ImageForm:
             radiance = cut.mean(radiance)
         if radiance.ndim == 2:
             if self._channel == "rgb":
-                raise DataError(f"{frame.path}: the image has one channel: use gray, not rgb")
+                raise DataError(f"{frame.path}: the image has one channel: use gray")
             return divided(radiance, intensity)
         radiance /= intensity.astype(np.float32)
         return radiance if self._channel == "rgb" else luma(radiance)

@@ -9,7 +9,7 @@ by the chord rule, and both must trust it: its weight is that of the pixel that 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -63,6 +63,10 @@ class Jumps:
         at crumbs between pieces. The heights of pieces relative to each other are guesses.
     rounds
         How often the weights and the surface were computed.
+    last_change
+        By how much the last round moved the surface, in pixels, on average over all pixels.
+    settled
+        Whether the surface stood still at the end: the last round moved it by less than .01 px.
     """
 
     right: Mask
@@ -70,6 +74,8 @@ class Jumps:
     doubt: Float
     pieces: npt.NDArray[np.int32]
     rounds: int
+    last_change: float
+    settled: bool
 
     __repr__ = short_repr
 
@@ -80,7 +86,7 @@ class Jumps:
         pieces = np.full(size, -1, np.int32)
         right[window], down[window] = self.right, self.down
         doubt[window], pieces[window] = self.doubt, self.pieces
-        return Jumps(right, down, doubt, pieces, self.rounds)
+        return replace(self, right=right, down=down, doubt=doubt, pieces=pieces)
 
     @property
     def count(self) -> int:
@@ -125,9 +131,9 @@ def solve_with_jumps(
     weights_right, weights_down = np.zeros_like(right), np.zeros_like(down)
     share_right, share_down = np.full_like(right, 0.5), np.full_like(down, 0.5)
     pixels = max(int(np.count_nonzero(facing)), 1)
-    iterations, rounds, still = 0, 0, False
+    iterations, rounds, moved = 0, 0, np.inf
     on_progress("integrating", 0, 100)
-    while rounds < _ROUNDS and not still:
+    while rounds < _ROUNDS and moved >= _STILL_PX:
         if rounds:
             share_right, share_down = kernels.shares(u, right, down, facing, k, scale)
         kernels.gated_weights(right, facing, share_right, 0, _LEAST_WEIGHT, weights_right)
@@ -144,23 +150,24 @@ def solve_with_jumps(
         u += change.u
         iterations += change.iterations
         rounds += 1
-        still = scale * float(np.abs(change.u).sum()) / pixels < _STILL_PX
+        moved = scale * float(np.abs(change.u).sum()) / pixels
         on_progress("integrating", round(100 * rounds / _ROUNDS), 100)
     on_progress("integrating", 100, 100)
     apply_laplacian(weights_right, weights_down, u, product)
     norm = float(np.linalg.norm(b))
     relative = float(np.linalg.norm(b - product)) / norm if norm else 0.0
-    # Weights and surface may change places for ever at a few pixels: that is no failure.
-    solution = Solution(u, iterations, relative, converged=True)
+    # That the rounds end before the surface stands still is reported by the jumps.
+    solution = Solution(u, iterations, relative, converged=relative <= _TOLERANCE)
     share_right, share_down = kernels.shares(u, right, down, facing, k, scale)
     kernels.trust(right, share_right, 0, weights_right)
     kernels.trust(down, share_down, 1, weights_down)
-    return solution, _judged(scale * u, (right, down), (weights_right, weights_down), rounds)
+    maps = _judged(scale * u, (right, down), (weights_right, weights_down))
+    return solution, Jumps(*maps, rounds, moved, settled=moved < _STILL_PX)
 
 
 def _judged(
-    u: Double, edges: tuple[Float, Float], trust: tuple[Float, Float], rounds: int
-) -> Jumps:
+    u: Double, edges: tuple[Float, Float], trust: tuple[Float, Float]
+) -> tuple[Mask, Mask, Float, Labels]:
     """Find jumps, doubt and pieces of a surface in pixels from the trust between neighbours."""
     inner = slice(1, -1), slice(1, -1)
     linked = (edges[0] > 0) | (edges[1] > 0)
@@ -182,7 +189,7 @@ def _judged(
     held = [np.where(confidence > _PIECE_TRUST, confidence, 0) for confidence in trust]
     labels, count = label_parts(*held)
     pieces = _largest_first(labels[inner], count, int(np.count_nonzero(linked)))
-    return Jumps(jumps[0], jumps[1], doubt[inner].copy(), pieces, rounds)
+    return jumps[0], jumps[1], doubt[inner].copy(), pieces
 
 
 def _largest_first(labels: Labels, count: int, pixels: int) -> Labels:

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 import processing._surface.multigrid_kernels as kernels
 from processing._surface.grid_graph import apply_laplacian
+from processing._surface.thin_graphs import is_thin, solve_thin
 from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
@@ -28,6 +29,8 @@ _SWEEPS = 2
 _SERIAL_PIXELS = 1 << 14
 # Below this relative residual, rounding errors would grow with every iteration.
 _ROUNDING = 1e-14
+# After this number of iterations, graphs on thin masks are solved by elimination.
+_PATIENCE = 30
 # Maximum size of the coarsest grid, which is solved exactly by its pseudo-inverse.
 _COARSEST_PIXELS = 100
 
@@ -114,6 +117,12 @@ def solve(
         left = max(math.log(max(norm_r, target) / target), 0.0)
         percent = max(percent, round(100 * (1 - left / digits)))
         on_progress("integrating", percent, 100)
+        if iteration == _PATIENCE and norm_r > target and is_thin(right, down):
+            u = solve_thin(right, down, b)
+            apply_laplacian(right, down, u, product)
+            left_over = float(np.linalg.norm(b - product)) / norm_b
+            on_progress("integrating", 100, 100)
+            return Solution(u, iteration, left_over, converged=left_over <= tolerance)
     u *= scale
     return Solution(u, iteration, norm_r * scale / norm_b, converged=norm_r <= target)
 

@@ -20,7 +20,7 @@ Samples = npt.NDArray[np.generic]
 _FEWEST = 4
 # How fast the accepted error grows from pass to pass. Slow growth halves the largest error, but its
 # last pass may leave more triangles than requested; so may triangles of the rim that are removed.
-_GROWTHS = (5.0, 7.0, 7.0, 7.0)
+_GROWTHS = (5.0, *7 * (7.0,))
 # Distance of the point below, in lengths of the surface.
 _DEPTH = 10
 

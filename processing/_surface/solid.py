@@ -16,6 +16,9 @@ Ints = npt.NDArray[np.int32]
 
 # Thickness of a base below the lowest point, as a share of the width.
 _THICKNESS = 0.02
+# Fans around one point move apart by this share of the way to their neighbours: readers of files
+# without indices, such as STL, join vertices in the same place.
+_APART = 0.01
 
 
 def solid_mesh(mesh: Mesh, base: float | None = None) -> Mesh:
@@ -23,7 +26,8 @@ def solid_mesh(mesh: Mesh, base: float | None = None) -> Mesh:
 
     The base is the surface itself, seen from below and moved into a plane of constant z. Where the
     surface is in several parts, each becomes a solid of its own on the same plane. Parts that touch
-    at one vertex only get a vertex each, so that every edge has exactly two triangles.
+    at one vertex only get a vertex each, 1 % of an edge away from it, so that every edge has
+    exactly two triangles, also in files that hold no indices.
 
     Parameters
     ----------
@@ -60,7 +64,7 @@ def solid_mesh(mesh: Mesh, base: float | None = None) -> Mesh:
     if not (math.isfinite(thickness) and thickness > 0):
         raise DataError(f"a base of {thickness} {mesh.unit} is not a positive thickness")
     faces, copied, edges = _separated(mesh.faces, len(mesh.vertices))
-    top = mesh.vertices[copied]
+    top = _moved_apart(mesh.vertices[copied], faces, copied)
     bottom = top.copy()
     bottom[:, 2] = low[2] - np.float32(thickness)
     count = len(top)
@@ -76,6 +80,22 @@ def solid_mesh(mesh: Mesh, base: float | None = None) -> Mesh:
     if mesh.places is not None:
         places = np.concatenate([mesh.places[copied]] * 2)
     return Mesh(np.concatenate([top, bottom]), closed, None, mesh.unit, colours, places)
+
+
+def _moved_apart(
+    vertices: npt.NDArray[np.float32], faces: Ints, copied: npt.NDArray[np.intp]
+) -> npt.NDArray[np.float32]:
+    """Return the vertices, those in one place a little closer to their neighbours."""
+    shared = np.bincount(copied)[copied] > 1
+    touching = faces[shared[faces].any(axis=1)]
+    places = np.repeat(vertices[touching].mean(axis=1), 3, axis=0)
+    fans = np.maximum(np.bincount(touching.ravel(), minlength=len(vertices)), 1)
+    moved = vertices.copy()
+    for axis in range(3):
+        sums = np.bincount(touching.ravel(), places[:, axis], minlength=len(vertices))
+        towards = sums / fans - vertices[:, axis]
+        moved[shared, axis] += (_APART * towards)[shared].astype(np.float32)
+    return moved
 
 
 def _separated(faces: Ints, count: int) -> tuple[Ints, npt.NDArray[np.intp], Edges]:

@@ -48,6 +48,12 @@ def doubts_of_parts(parts: Labels, isolated: int, jumps: Jumps | None) -> list[N
             "surface): the height relative to the rest is a guess"
         )
         warnings.append(Notice("height-guessed", text))
+    if jumps is not None and not jumps.settled:
+        text = (
+            f"the surface still moved in the last of {jumps.rounds} rounds, by "
+            f"{jumps.last_change:.2g} px on average: near jumps, its height may be inaccurate"
+        )
+        warnings.append(Notice("jumps-not-settled", text, "", "info"))
     return warnings
 
 

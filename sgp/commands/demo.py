@@ -178,6 +178,8 @@ class _Errors:
         self.normals_mae_deg = error.mae_deg
         self.coverage = error.coverage
         self.normal_map_deg = error.map_deg
+        resolved = simulator.resolved_normals(truth)
+        self.resolved = processing.angular_error(outcome.normal_map, resolved, truth.mask)
         both = truth.mask & outcome.surface.mask
         self.height_map_mm = np.full(truth.mask.shape, np.nan, np.float32)
         difference = outcome.surface.height[both] - truth.height_mm[both]
@@ -192,6 +194,7 @@ class _Errors:
             "light_error_mm": float(self.light_mm.mean()),
             "light_error_percent": float(self.light_percent.mean()),
             "normals_mae_deg": self.normals_mae_deg,
+            "normals_resolved_mae_deg": self.resolved.mae_deg,
             "normals_coverage": self.coverage,
             "height_mae_mm": self.height_mae_mm,
             "height_coverage": self.height_coverage,
@@ -205,6 +208,7 @@ class _Errors:
             ("light position", self.light_mm, "mm", ""),
             ("light intensity", self.light_percent, "%", ""),
             ("normals", self.normal_map_deg, "deg", f"{self.coverage:.2%} of the object covered"),
+            ("normals, lens blur aside", self.resolved.map_deg, "deg", "truth blurred by the lens"),
             (
                 "height, mean removed",
                 np.abs(self.height_map_mm),

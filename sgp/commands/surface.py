@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -45,7 +46,8 @@ def surface(
     normals
         Image of normals, or folder with normals.* and mask.png.
     out
-        Folder for height.exr, height.png, depth.exr (with a camera), mask.png, surface.ply and
+        Folder for height.exr, height.png, depth.exr (with a camera), normal_residual_deg.exr (angle
+        between the given normals and those of the surface), mask.png, surface.ply and
         surface.json; discontinuity.png and parts.png with --discontinuity.
     mask
         Mask image of the pixels to integrate; default: all pixels with a normal.
@@ -81,10 +83,18 @@ def surface(
     colours = None if albedo is None else _colours(albedo, normal_map, max_pixels)
     claimed = claim_folder(out, "surface.json")
     result = write_surface(claimed, height_map, normal_map, options, colours=colours)
-    result.warnings = [*read.warnings, *result.warnings]
+    result.warnings = [*read.warnings, *(_with_remedy(doubt, green) for doubt in result.warnings)]
     given = [path for path in (mask, albedo, camera) if path is not None]
     result.inputs = [*read.files, *given]
     return result
+
+
+def _with_remedy(notice: rig.Notice, green: Literal["up", "down"]) -> rig.Notice:
+    """Name the option that turns green round, if normals are mirrored."""
+    if notice.code != "normals-mirrored":
+        return notice
+    other = "down" if green == "up" else "up"
+    return replace(notice, text=f"{notice.text}; if green is the other way round, --green {other}")
 
 
 def _colours(

@@ -143,7 +143,7 @@ def test_floats_have_no_white_and_are_not_doubted() -> None:
     assert doubts(recording(samples, lights, LINEAR, np.inf)) == []
 
 
-@pytest.mark.parametrize("name", quick(sorted(set(SCENES) - {"spheres"}), every=4))
+@pytest.mark.parametrize("name", quick(sorted(set(SCENES) - {"spheres"}), every=8))
 def test_simulated_scenes_are_quiet_and_found_with_a_display_curve(name: str) -> None:
     rendering = render(scene_named(name, width=96, height=80, leds=12))
     truth = rendering.truth

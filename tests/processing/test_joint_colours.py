@@ -12,6 +12,7 @@ from processing._reconstruction.colours import stereo_of_colours
 from processing._reconstruction.joint_colours import joint_stereo
 from processing._reconstruction.joint_noise import JointNoise
 from processing._stereo.method import METHODS
+from processing._uncertainty.colours import uncertainty_of_colours
 
 SIZE = (70, 60)
 COUNT = 20
@@ -104,12 +105,14 @@ def bounds(near, variance, measured=None):
     return np.degrees(np.sqrt(variances.reshape(SIZE[0], 5, 12).mean(axis=(0, 2))))
 
 
-@pytest.mark.parametrize("near", [False, True])
-def test_every_method_reaches_the_bound_of_all_samples(near):
+@pytest.mark.parametrize(
+    ("near", "methods"), [(False, METHODS), (True, ("ls",))], ids=["distant", "near"]
+)
+def test_every_method_reaches_the_bound_of_all_samples(near, methods):
     values, variance = recorded(near, seed=11)
     bound = bounds(near, variance)
     apart = errors(solved(values, near, by=stereo_of_colours)) / bound
-    for method in METHODS:
+    for method in methods:
         ratio = errors(solved(values, near, method)) / bound
         assert (ratio > 0.9).all()
         assert (ratio < 1.05).all(), (method, ratio)
@@ -131,6 +134,36 @@ def test_a_sample_that_is_saturated_in_one_colour_is_made_of_the_others():
     # Stripes of 840 pixels have ratios that differ by 2 %.
     assert (errors(solution) / bound < 1.08).all()
     assert (solution[0].used == COUNT - 1).all()
+
+
+@pytest.mark.parametrize(("known", "method"), [(True, "cauchy"), (False, "best")])
+def test_errors_are_as_large_as_predicted(known, method):
+    """With cast shadows, and with red that is saturated under every third light."""
+    values, _ = recorded(False, seed=17)
+    rng = np.random.default_rng(18)
+    blocked = rng.uniform(size=values.shape[:3]) < rng.uniform(0, 0.3, SIZE)
+    dark = rng.normal(size=values.shape) * np.sqrt(FLOOR) / INTENSITIES[:, None, None]
+    values = np.where(blocked[..., None], dark, values).astype(np.float32)
+    values[::3, ..., 0] = np.nan
+    stereo, albedo = solved(values, method=method, known=known)
+    found = uncertainty_of_colours(
+        values,
+        lights(False),
+        MASK,
+        stereo,
+        albedo,
+        points_mm=None,
+        camera=None,
+        depth_sigma=0.0,
+        noise=noise() if known else None,
+        on_progress=lambda *step: None,
+    )
+    assert found.valid.all()
+    error = angle_deg(stereo.normal_map.normals, normals()).ravel()
+    sigma = found.sigma_deg.ravel().astype(float)
+    for part in np.array_split(np.argsort(sigma), 5):
+        ratio = np.sqrt(np.mean(error[part] ** 2) / np.mean(sigma[part] ** 2))
+        assert 0.85 < ratio < 1.2, ratio
 
 
 def test_without_a_law_all_colours_count_by_their_light():

@@ -119,6 +119,46 @@ def serpentine(n: int) -> Mask:
     return mask
 
 
+def maze(cells: int, wide: int) -> Mask:
+    """Return the passages between walls of one pixel, without loops (depth-first search)."""
+    rng, pitch = np.random.default_rng(5), wide + 1
+    mask = np.zeros((cells * pitch + 1,) * 2, bool)
+    mask[1:, 1:] = (np.indices(np.array(mask.shape) - 1) % pitch < wide).all(axis=0)
+    path, seen = [(0, 0)], {(0, 0)}
+    while path:
+        r, c = path[-1]
+        near = [(r, c + 1), (r + 1, c), (r, c - 1), (r - 1, c)]
+        near = [(q, d) for q, d in near if min(q, d) >= 0 and max(q, d) < cells]
+        near = [cell for cell in near if cell not in seen]
+        if not near:
+            path.pop()
+            continue
+        q, d = near[rng.integers(len(near))]
+        top, left = 1 + min(q, r) * pitch, 1 + min(d, c) * pitch
+        mask[top : top + wide + (q != r), left : left + wide + (d != c)] = True
+        path.append((q, d))
+        seen.add((q, d))
+    return mask
+
+
+@pytest.mark.parametrize("wide", [1, 2])
+@pytest.mark.parametrize("seed", [None, 3], ids=["even weights", "uneven weights"])
+def test_mazes_are_solved(wide: int, seed: int | None) -> None:
+    mask = maze(60, wide)
+    mask[:, 60] = False  # several parts
+    right, down = graph(mask, seed, -2)
+    truth = waves(mask.shape)
+    solution = solve(right, down, divergence(right, down, *steps(truth)))
+    assert solution.converged
+    assert solution.iterations <= 30
+    labels, count = label_parts(right, down)
+    assert count > 1
+    offsets = (solution.u - truth)[labels >= 0]
+    members = labels[labels >= 0]
+    means = np.bincount(members, offsets) / np.bincount(members)
+    assert np.abs(offsets - means[members]).max() < 1e-6 * np.ptp(truth)
+
+
 @pytest.mark.parametrize(
     ("mask", "seed", "iterations"),
     [

@@ -219,7 +219,7 @@ def test_strengths_are_one_block_and_complete_figures(sgp, card, tmp_path):
         (("--height-mm", 1, "--height-mm", 2), 2, "given 2 times for 1 source"),
         (("--ball", "300,200,50"), 2, "needs both --ball x,y,radius and --radius-mm"),
         (("--ball", "3,2,5", "--radius-mm", 9, "--even"), 2, "do not give --ball"),
-        (("--channel", "rgb"), 4, "the image has one channel: use gray, not rgb"),
+        (("--channel", "rgb"), 4, "the image has one channel: use gray"),
         (("--height-mm", 900), 4, "not in front of the camera"),
     ],
 )

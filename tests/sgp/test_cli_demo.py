@@ -25,6 +25,7 @@ def test_errors_are_within_the_documented_limits(demo):
     assert metrics["light_error_deg"] <= 0.06
     assert metrics["light_error_mm"] <= 0.8
     assert metrics["normals_mae_deg"] < 0.5
+    assert metrics["normals_resolved_mae_deg"] < 0.3
     assert metrics["normals_coverage"] == 1.0
     assert metrics["height_relative_error"] <= 0.0025
 

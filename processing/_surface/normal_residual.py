@@ -1,0 +1,102 @@
+"""Angles between the normals of an integrated surface and those that it was computed from."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from processing._normal_map import NormalMap
+from processing._surface.integration import HeightMap
+from rig import check_type
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+# Rows at a time: points and tangents of all pixels would take much memory.
+_BAND = 256
+
+
+def normal_residual(height_map: HeightMap, normal_map: NormalMap) -> Float:
+    """Return by how much the normals of a surface differ from those that it was computed from.
+
+    The normal of a pixel of the surface is at right angles to the mean chords to its neighbours in
+    its row and in its column. Chords across jumps or between parts do not count. Where the angles
+    are large, no surface has the given normals, or the integration smoothed a step.
+
+    Parameters
+    ----------
+    height_map
+        The surface.
+    normal_map
+        The normals that it was integrated from.
+
+    Returns
+    -------
+    Float
+        ``(H, W)`` float32 angles in degrees, 0 to 180; NaN outside the surface, and at pixels
+        without a neighbour in their row or in their column.
+
+    Raises
+    ------
+    DataError
+        If the maps have different sizes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, integrate, normal_residual
+    >>> slope = NormalMap.from_vectors(np.full((4, 6, 3), [-1.0, 0.0, 1.0]))
+    >>> bool(normal_residual(integrate(slope), slope).max() < 0.1)
+    True
+    """
+    check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
+    check_type("normal_map", normal_map, NormalMap, "read_normals(path).normal_map is one")
+    rows, columns = height_map.mask.shape
+    if normal_map.size != (rows, columns):
+        raise DataError(
+            f"a surface of {columns} x {rows} pixels does not fit a normal map of "
+            f"{normal_map.size[1]} x {normal_map.size[0]}: give the map it was integrated from"
+        )
+    angles = np.full((rows, columns), np.nan, np.float32)
+    for top in range(0, rows, _BAND):
+        bottom = min(top + _BAND, rows)
+        first, last = max(top - 1, 0), min(bottom + 1, rows)
+        window = slice(first, last)
+        points = height_map.points(window).astype(np.float64)
+        cut_right, cut_down = _cuts(height_map, window)
+        across = _tangents(points, cut_right)
+        along = _tangents(points.swapaxes(0, 1), cut_down.T).swapaxes(0, 1)
+        facing = np.cross(along, across)  # rows run down, Y up: toward the camera
+        given = normal_map.normals[window].astype(np.float64)
+        sine = np.linalg.norm(np.cross(facing, given), axis=2)
+        cosine = np.einsum("rck,rck->rc", facing, given)
+        both = np.degrees(np.arctan2(sine, cosine))
+        angles[top:bottom] = both[top - first : bottom - first]
+    return angles
+
+
+def _cuts(height_map: HeightMap, rows: slice) -> tuple[Mask, Mask]:
+    """Return where a pixel and its right (lower) neighbour have no chord."""
+    parts, jumps = height_map.parts[rows], height_map.jumps
+    right, down = np.zeros((2, *parts.shape), bool)
+    right[:, :-1] = parts[:, 1:] != parts[:, :-1]
+    down[:-1] = parts[1:] != parts[:-1]
+    if jumps is not None:
+        right |= jumps.right[rows]
+        down |= jumps.down[rows]
+    return right, down
+
+
+def _tangents(
+    points: npt.NDArray[np.float64], cut: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.float64]:
+    """Return the mean chord of each point along its row; NaN without any."""
+    chords = np.diff(points, axis=1)
+    known = np.isfinite(chords[..., :1]) & ~cut[:, :-1, None]
+    chords = np.where(known, chords, 0)
+    sums, counts = np.zeros_like(points), np.zeros((*points.shape[:2], 1))
+    for side in (np.s_[:, :-1], np.s_[:, 1:]):
+        sums[side] += chords
+        counts[side] += known
+    return np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0)
