@@ -15,7 +15,7 @@ from harness import command_line, copy_s, measured
 
 from acquisition import Lights, read_source
 from calibration import StackNoise, linear_stack
-from processing import angular_error, photometric_stereo
+from processing import StereoMaps, angular_error, normals_of_frames, photometric_stereo
 from processing._stereo.method import METHODS
 
 MIB = 2.0**20
@@ -28,15 +28,20 @@ def dome(count):
     return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
 
 
-def bumpy_stack(directions, height, width):
+def bumpy_stack(directions, height, width, leds=None, points=None):
     """Return a stack of a relief with attached shadows and noise, rendered image by image."""
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:height, :width].astype(np.float32)
     normals = np.stack([0.8 * np.sin(x / 9), 0.8 * np.cos(y / 13), np.ones_like(x)])
     normals /= np.linalg.norm(normals, axis=0)
     values = np.zeros((len(directions), height, width), np.float32)
-    for image, light in zip(values, directions, strict=True):
-        image[:] = np.maximum(np.tensordot(light.astype(np.float32), normals, 1), 0)
+    for i, (image, light) in enumerate(zip(values, directions, strict=True)):
+        if leds is None:
+            shading = np.tensordot(light.astype(np.float32), normals, 1)
+        else:
+            of = leds.take([i]).vectors_at(points).reshape(height, width, 3)
+            shading = np.einsum("hwc,chw->hw", of, normals)
+        image[:] = np.maximum(shading, 0)
         image += rng.normal(0, 0.01, image.shape).astype(np.float32)
     return values
 
@@ -60,21 +65,19 @@ def cost(lights, megapixels):
     leds = Lights(positions_mm=directions * 450, mu=np.full(lights, 1.0))
     x, y = np.meshgrid(np.linspace(-70, 70, side), np.linspace(70, -70, side))
     points = np.stack([x, y, 0 * x], axis=2)
+    of_leds = bumpy_stack(directions, side, side, leds, points)
     rows = {
         **{
             method: lambda method=method: photometric_stereo(values, distant, mask, method=method)
             for method in METHODS
         },
         "ls, saturated samples": lambda: photometric_stereo(saturated, distant, mask, method="ls"),
-        "ls, near LEDs": lambda: photometric_stereo(
-            values, leds, mask, method="ls", points_mm=points
-        ),
-        "cauchy, near LEDs": lambda: photometric_stereo(
-            values, leds, mask, method="cauchy", points_mm=points
-        ),
-        "best, near LEDs": lambda: photometric_stereo(
-            values, leds, mask, method="best", points_mm=points
-        ),
+        **{
+            f"{method}, near LEDs": lambda method=method: photometric_stereo(
+                of_leds, leds, mask, method=method, points_mm=points
+            )
+            for method in METHODS
+        },
         "ls, known noise": lambda: photometric_stereo(
             values, distant, mask, method="ls", noise=noise
         ),
@@ -103,6 +106,32 @@ def cost(lights, megapixels):
         print(
             f"{name:24}{taken.cpu_s:8.3f}{taken.wall_s:8.3f}{taken.cpu_s / mask.size * 1e6:8.3f}"
             f"{taken.cpu_s / copy:8.1f}{taken.peak_bytes / MIB:10.0f}"
+        )
+
+
+def latency(lights, side):
+    """Print the time from frames of 12 bits in memory to maps, as in an inspection line."""
+    directions = dome(lights)
+    values = bumpy_stack(directions, side, side)
+    frames = np.clip(64 + 3800 * values, 0, 4095).astype(np.uint16)
+    out = StereoMaps.empty((side, side))
+    half = side // 2
+    print(f"\nnormals_of_frames, {lights} x {side} x {side} uint16, maps given")
+    for text, region in (("all pixels", None), ("a quarter", (half // 2, half // 2, half, half))):
+        maps = out if region is None else StereoMaps.empty((half, half))
+        times = []
+        for _ in range(6):
+            taken, _ = measured(
+                lambda region=region, maps=maps: normals_of_frames(
+                    frames, Lights(directions), dark=64, saturation=4095, region=region, out=maps
+                ),
+                runs=1,
+            )
+            times.append((taken.wall_s, taken.cpu_s))
+        wall, cpu = np.array(times[1:]).T * 1e3
+        print(
+            f"{text:24}median {np.median(wall):6.1f} ms, largest {wall.max():6.1f} ms, "
+            f"CPU {np.median(cpu):6.1f} ms"
         )
 
 
@@ -143,6 +172,7 @@ def main():
     parser.add_argument("--lights", type=int, default=36, help="number of images")
     options = parser.parse_args()
     cost(options.lights, options.megapixels)
+    latency(options.lights, round((options.megapixels * 1e6) ** 0.5))
     if "SGP_DATA" in os.environ:
         accuracy(Path(os.environ["SGP_DATA"]) / "diligent")
     else:

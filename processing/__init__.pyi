@@ -57,9 +57,11 @@ from ._reconstruction.scheme_check import Disagreement as Disagreement
 from ._reconstruction.scheme_check import SchemeCheck as SchemeCheck
 from ._reconstruction.specular import specular_residual as specular_residual
 from ._stereo.estimator import Estimator as Estimator
+from ._stereo.frame_normals import normals_of_frames as normals_of_frames
 from ._stereo.method import Method as Method
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult
 from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
+from ._stereo.stereo_maps import StereoMaps as StereoMaps
 from ._surface.height_picture import HeightPicture as HeightPicture
 from ._surface.height_picture import height_picture as height_picture
 from ._surface.height_profile import HeightProfile as HeightProfile

@@ -26,11 +26,11 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.reflectance_fit import reflectance_fit
 from processing._stereo.reweighted import reweighted
 
-# Compiled in: processing/_stereo/cauchy.py 39ee337ee3ae
+# Compiled in: processing/_stereo/cauchy.py 2ffcf4578123
 # Compiled in: processing/_stereo/least_trimmed.py 6488b5e06f2f
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/reflectance_fit.py 08c41a43f3d2
-# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
+# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
 
 # With fewer samples the subsets that agree are too small: `cauchy` is used.
 _FEWEST = 12

@@ -20,7 +20,7 @@ from processing._stereo.reweighted import reweighted
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
+# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).
@@ -36,8 +36,8 @@ def cauchy(
 
     The iteration starts at the least-squares solution. It takes up to 10 steps with the weight
     ``1 / (1 + (r / s)^2)``, where s is the scaled median of ``|r|`` (Holland and Welsch, 1977).
-    If the law of the noise is known, pixels whose residuals are noise end with weighted least
-    squares, see `reweighted`.
+    If the law of the noise is known, pixels whose residuals are noise are solved by weighted least
+    squares instead, see `reweighted`: this is tried first, and again after the iteration.
 
     This is an `Estimator`; see there for the parameters and the result. The view has no effect.
     """
@@ -96,6 +96,10 @@ def cauchy_pixel(
     scratch[0, :count] = 1.0
     solved, m0, m1, m2 = weighted_solution(count, usable, scratch[0])
     if solved:
+        if known:
+            noise, n0, n1, n2 = reweighted(count, usable, scratch, m0, m1, m2)
+            if noise:
+                return True, n0, n1, n2
         m0, m1, m2 = _iterated(count, usable, scratch[0], scratch[1], m0, m1, m2)
         if known:
             _, m0, m1, m2 = reweighted(count, usable, scratch, m0, m1, m2)

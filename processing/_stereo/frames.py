@@ -107,24 +107,23 @@ def _gather(
                 values[p, i] = (raw - shift) * gain[i] if raw < limit else np.float32(np.nan)
 
 
-@numba.njit(cache=True)
+@numba.njit()
 def load_tile(
     flat: Flat, image_step: int, row_step: int, width: int,
     gain: Float, dark: Float, limit: np.float32, first: int, count: int, tile: Float,
 ) -> None:  # fmt: skip
     """Write the samples of ``count`` consecutive pixels from ``first`` on into ``(N, TILE)``."""
     shift = np.zeros(TILE, np.float32)
+    row, column = first // width, first % width
     done = 0
     while done < count:
-        row, column = divmod(first + done, width)
         n = min(count - done, width - column)
-        if dark.size == 1:
-            shift[:n] = dark[0, 0]
-        else:
-            shift[:n] = dark[row, column : column + n]
-        start = row * row_step + column
+        for k in range(n):
+            shift[k] = dark[0, 0] if dark.size == 1 else dark[row, column + k]
         for i in range(len(gain)):
-            begin, out = start + i * image_step, tile[i, done : done + n]
+            begin = i * image_step + row * row_step + column
+            out = tile[i, done : done + n]
+            # Slices, because an index with an offset would not vectorise.
             if len(flat[0]):
                 _load_row(flat[0][begin : begin + n], shift, gain[i], limit, out)
             elif len(flat[1]):
@@ -132,9 +131,10 @@ def load_tile(
             else:
                 _load_row(flat[2][begin : begin + n], shift, gain[i], limit, out)
         done += n
+        row, column = row + 1, 0
 
 
-@numba.njit(cache=True)
+@numba.njit()
 def _load_row(raw: Samples, dark: Float, gain: np.float32, limit: np.float32, out: Float) -> None:
     for k in range(len(out)):
         value = np.float32(raw[k])

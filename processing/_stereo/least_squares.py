@@ -19,7 +19,7 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.reweighted import reweighted
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
+# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
 
 
 def least_squares(

@@ -21,6 +21,8 @@ _OUTLIERS = 0.1
 # sqrt(2 d). This many are allowed, and some more for errors of the lights.
 _CHI2_SIGMAS = 4.0
 _TOLERANCE = 1.25
+# Largest spread, in standard deviations, from which one more step can reach agreement.
+_HOPELESS = 4.0
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -60,6 +62,8 @@ def reweighted(
         if lit < 3:
             break
         scale = np.float32(MAD_TO_SIGMA) * ranked(of_lit, lit, lit // 2, one)
+        if step > 0 and scale > _HOPELESS:
+            break
         limit = np.float32(_CUT) * max(scale, one)
         agree, total = 0, 0.0
         for k in range(count):

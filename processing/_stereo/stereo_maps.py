@@ -8,20 +8,38 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import DataError
+from rig import short_repr
+
 Float = npt.NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class StereoMaps:
-    """Normals, albedo, residual and number of samples; 0 where there is no normal.
+    """Normals, albedo, residual and number of samples of the pixels of images.
 
-    See `PhotometricStereoResult`. The arrays are contiguous.
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32 unit normals; 0 at pixels without a normal.
+    albedo, residual
+        ``(H, W)`` float32, see `PhotometricStereoResult`.
+    used
+        ``(H, W)`` uint16, number of samples.
+
+    Examples
+    --------
+    >>> from processing import StereoMaps
+    >>> StereoMaps.empty((480, 640)).normals.shape
+    (480, 640, 3)
     """
 
     normals: Float
     albedo: Float
     residual: Float
     used: npt.NDArray[np.uint16]
+
+    __repr__ = short_repr
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> Self:
@@ -35,3 +53,19 @@ class StereoMaps:
         """Set all maps to 0."""
         for array in (self.normals, self.albedo, self.residual, self.used):
             array[:] = 0
+
+    def check(self, shape: tuple[int, ...]) -> None:
+        """Refuse maps that cannot be filled for ``(H, W)`` pixels, by `DataError`."""
+        for name, kind, size in (
+            ("normals", np.float32, (*shape, 3)),
+            ("albedo", np.float32, shape),
+            ("residual", np.float32, shape),
+            ("used", np.uint16, shape),
+        ):
+            array = getattr(self, name)
+            fits = array.shape == size and array.dtype == kind
+            if not (fits and array.flags.c_contiguous and array.flags.writeable):
+                raise DataError(
+                    f"the given map {name} must be a contiguous, writable {np.dtype(kind)} array "
+                    f"of shape {size}: StereoMaps.empty({shape}) makes one"
+                )

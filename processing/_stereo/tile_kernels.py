@@ -1,7 +1,8 @@
 """Loops over the pixels of a tile, compiled.
 
 Each has the constant length of a tile and one array that it writes, so that it vectorises, and a
-pixel has the same bits wherever in a tile it is.
+pixel has the same bits wherever in a tile it is. They are compiled into their callers, and each
+call adds to the compile time: callers have few calls in loops.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy.typing as npt
 
 from processing._stereo.frames import TILE
 
-# Compiled in: processing/_stereo/frames.py ed9bdbecff92
+# Compiled in: processing/_stereo/frames.py e8886b25e8c4
 
 Float = npt.NDArray[np.float32]
 
@@ -24,7 +25,7 @@ _FAST = {"contract", "nsz"}
 _LEAST_DETERMINANT = 1e-4
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def add_six(
     out: Float, v0: Float, v1: Float, v2: Float, v3: Float, v4: Float, v5: Float, p: Float
 ) -> None:
@@ -34,14 +35,14 @@ def add_six(
         out[k] += p0 * v0[k] + p1 * v1[k] + p2 * v2[k] + p3 * v3[k] + p4 * v4[k] + p5 * v5[k]
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def add_one(out: Float, v: Float, p: np.float32) -> None:
     """Add a row times a factor."""
     for k in range(TILE):
         out[k] += p * v[k]
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def add_four_squares(
     out: Float, v0: Float, v1: Float, v2: Float, v3: Float, x: Float, y: Float, z: Float, of: Float
 ) -> None:
@@ -56,7 +57,7 @@ def add_four_squares(
         out[k] += r0 * r0 + r1 * r1 + r2 * r2 + r3 * r3
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def add_square(out: Float, v: Float, x: Float, y: Float, z: Float, of: Float) -> None:
     """Add the squared residuals of a row under the light vector ``of``."""
     a, b, c = of[0], of[1], of[2]
@@ -65,30 +66,44 @@ def add_square(out: Float, v: Float, x: Float, y: Float, z: Float, of: Float) ->
         out[k] += r * r
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(error_model="numpy")
+def clear(out: Float) -> None:
+    """Write 0."""
+    for k in range(TILE):
+        out[k] = 0
+
+
+@numba.njit(error_model="numpy")
+def multiply(out: Float, by: Float) -> None:
+    """Multiply two rows."""
+    for k in range(TILE):
+        out[k] *= by[k]
+
+
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def add_products(out: Float, a: Float, b: Float) -> None:
     """Add the products of two rows."""
     for k in range(TILE):
         out[k] += a[k] * b[k]
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def add_two_products(out: Float, a: Float, b: Float, c: Float, d: Float) -> None:
     """Add the products of two pairs of rows."""
     for k in range(TILE):
         out[k] += a[k] * b[k] + c[k] * d[k]
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def difference(
-    out: Float, v: Float, a: Float, b: Float, c: Float, x: Float, y: Float, z: Float
+@numba.njit(fastmath=_FAST, error_model="numpy")
+def subtract_scalar_product(
+    out: Float, a: Float, b: Float, c: Float, x: Float, y: Float, z: Float
 ) -> None:
-    """Write ``v - (a, b, c) . (x, y, z)``."""
+    """Subtract ``(a, b, c) . (x, y, z)``."""
     for k in range(TILE):
-        out[k] = v[k] - (a[k] * x[k] + b[k] * y[k] + c[k] * z[k])
+        out[k] -= a[k] * x[k] + b[k] * y[k] + c[k] * z[k]
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def add_scalar_product(
     out: Float, a: Float, b: Float, c: Float, x: Float, y: Float, z: Float
 ) -> None:
@@ -97,7 +112,7 @@ def add_scalar_product(
         out[k] += a[k] * x[k] + b[k] * y[k] + c[k] * z[k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(error_model="numpy")
 def keep_measured(v: Float, gain: Float) -> None:
     """Set samples that are not finite, or without light, to 0, and their gain to 0, else to 1."""
     for k in range(TILE):
@@ -106,7 +121,7 @@ def keep_measured(v: Float, gain: Float) -> None:
         gain[k] = np.float32(1) if measured else np.float32(0)
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def irradiance(
     out: Float, px: Float, py: Float, pz: Float, position: Float, axis: Float, reference: float,
     mu: float,
@@ -131,14 +146,14 @@ def irradiance(
         out[k] *= full / (distance2 * np.sqrt(distance2))
 
 
-@numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
+@numba.njit(fastmath=_FAST, error_model="numpy")
 def toward(out: Float, p: Float, q: np.float32, gain: Float) -> None:
     """Write one component of light vectors."""
     for k in range(TILE):
         out[k] = (q - p[k]) * gain[k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(error_model="numpy")
 def invert(sums: Float) -> None:
     """Replace the sums a00, a01, a02, a11, a12, a22 by the inverse; NaN if ill-conditioned."""
     for k in range(TILE):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -17,25 +19,34 @@ from processing._stereo.tile_kernels import (
     add_six,
     add_square,
     add_two_products,
-    difference,
+    clear,
     invert,
     irradiance,
     keep_measured,
+    multiply,
+    subtract_scalar_product,
     toward,
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py ed9bdbecff92
-# Compiled in: processing/_stereo/tile_kernels.py 1c123c374ef9
+# Compiled in: processing/_stereo/frames.py e8886b25e8c4
+# Compiled in: processing/_stereo/tile_kernels.py 720a3f2747cf
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Tiles that share buffers and a thread.
-_TILES = 32
+Used = npt.NDArray[np.uint16]
+
+# Pixels that share buffers and a thread.
+_BLOCK = 32 * TILE
 # Pixels between two reports of the progress.
 _STEP = 1 << 20
+# The sums of `_own_tile`: a normal matrix xx, xy, xz, yy, yz, zz, and the moments xv, yv, zv.
+_FIRST = (0, 0, 0, 1, 1, 2, 0, 1, 2)
+_SECOND = (0, 1, 2, 1, 2, 2, 3, 3, 3)
+# Rows of the matrix as places of these sums.
+_ROWS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 
 
 def tile_least_squares(
@@ -63,28 +74,46 @@ def tile_least_squares(
         Indices of the pixels of the mask that were not solved, for the solver of single pixels:
         black, few samples, or values near the limits of float32.
     """
-    left = np.zeros(mask.size, np.bool_)
+    wanted, left = mask.reshape(-1), np.zeros(mask.size, np.bool_)
     points, vectors, near = model.parameters()
     double = vectors.astype(np.float64)
     inverse = np.ascontiguousarray(np.linalg.pinv(double @ double.T) @ double, np.float32)
-    for first in range(0, mask.size, _STEP):
-        last = min(first + _STEP, mask.size)
-        _solve(
-            frames.flat, frames.image_step, frames.row_step, frames.width, frames.gain,
-            frames.dark, frames.limit, points, vectors, inverse, *near, first, last,
-            mask.reshape(-1), maps.normals.reshape(-1, 3), maps.albedo.reshape(-1),
-            maps.residual.reshape(-1), maps.used.reshape(-1), left,
-        )  # fmt: skip
-        on_progress("normals", last, mask.size)
+    images = (
+        frames.flat, frames.image_step, frames.row_step, frames.width, frames.gain, frames.dark,
+        frames.limit, vectors,
+    )  # fmt: skip
+    normals, used = maps.normals.reshape(-1, 3), maps.used.reshape(-1)
+    albedo, residual = maps.albedo.reshape(-1), maps.residual.reshape(-1)
+
+    def solve(first: int) -> None:
+        last = min(first + _BLOCK, mask.size)
+        todo = wanted
+        if not len(points):
+            missing = _solve_shared(
+                *images, inverse, first, last, wanted, normals, albedo, residual, used, left
+            )
+            if not missing:
+                return
+            todo = left
+        _solve_own(*images, points, *near, first, last, todo, normals, albedo, residual, used, left)
+
+    # Threads, because a parallel kernel takes three times as long to compile.
+    with ThreadPoolExecutor(numba.get_num_threads()) as pool:
+        for first in range(0, mask.size, _STEP):
+            last = min(first + _STEP, mask.size)
+            for _ in pool.map(solve, range(first, last, _BLOCK)):
+                pass
+            on_progress("normals", last, mask.size)
     return np.flatnonzero(left)
 
 
-@numba.njit(cache=True)
+@numba.njit(error_model="numpy")
 def _shared_tile(tile: Float, vectors: Float, inverse: Float, found: Float) -> None:
     """Write x, y, z of the scaled normals and the sums of squared residuals, ``(4, TILE)``."""
     lights = len(tile)
-    found[:] = 0
     six, four = lights // 6 * 6, lights // 4 * 4
+    for a in range(4):
+        clear(found[a])
     for a in range(3):
         for i in range(0, six, 6):
             add_six(
@@ -102,175 +131,158 @@ def _shared_tile(tile: Float, vectors: Float, inverse: Float, found: Float) -> N
         add_square(found[3], tile[i], found[0], found[1], found[2], vectors[:, i])
 
 
-@numba.njit(cache=True)
-def _add_all_products(out: Float, a: Float, b: Float) -> None:
-    """Add the products of two tiles over the lights."""
-    lights = len(a)
-    for i in range(0, lights - 1, 2):
-        add_two_products(out, a[i], b[i], a[i + 1], b[i + 1])
-    if lights % 2:
-        add_products(out, a[-1], b[-1])
-
-
-@numba.njit(cache=True)
-def _solution(inverse: Float, moment: Float, out: Float) -> None:
-    """Add the inverse matrices times vectors to the vectors ``out``, ``(3, TILE)``."""
-    x, y, z = moment[0], moment[1], moment[2]
-    add_scalar_product(out[0], inverse[0], inverse[1], inverse[2], x, y, z)
-    add_scalar_product(out[1], inverse[1], inverse[3], inverse[4], x, y, z)
-    add_scalar_product(out[2], inverse[2], inverse[4], inverse[5], x, y, z)
-
-
-@numba.njit(cache=True)
-def _own_tile(tile: Float, of: Float, matrix: Float, moment: Float, found: Float) -> None:
+@numba.njit(error_model="numpy")
+def _own_tile(of: Float, sums: Float, found: Float) -> None:
     """Write the same as `_shared_tile`, where each pixel has its own light vectors.
 
-    ``of`` is ``(3, N, TILE)`` and 0 where there is no sample, as is ``tile``.
+    ``of`` is ``(4, N, TILE)``: light vectors and samples, 0 where there is no sample. The samples
+    are replaced by residuals. ``sums`` is ``(9, TILE)``: normal matrix and moments.
     """
-    matrix[:], moment[:], found[:] = 0, 0, 0
-    for a in range(3):
-        _add_all_products(moment[a], of[a], tile)
-        _add_all_products(matrix[a], of[0], of[a])
-    _add_all_products(matrix[3], of[1], of[1])
-    _add_all_products(matrix[4], of[1], of[2])
-    _add_all_products(matrix[5], of[2], of[2])
-    invert(matrix)
-    _solution(matrix, moment, found)
-    moment[:] = 0
-    for i in range(len(tile)):
-        residual = tile[i]
-        difference(residual, residual, of[0, i], of[1, i], of[2, i], found[0], found[1], found[2])
-        add_products(found[3], residual, residual)
+    lights = of.shape[1]
+    for a in range(4):
+        clear(found[a])
+    for step in range(2):
+        for s in range(6 * step, 9):
+            out, a, b = sums[s], of[_FIRST[s]], of[_SECOND[s]]
+            clear(out)
+            for i in range(0, lights - 1, 2):
+                add_two_products(out, a[i], b[i], a[i + 1], b[i + 1])
+            if lights % 2:
+                add_products(out, a[lights - 1], b[lights - 1])
+        if step == 0:
+            invert(sums)
         for a in range(3):
-            add_products(moment[a], of[a, i], residual)
-    _solution(matrix, moment, found)
+            x, y, z = _ROWS[a]
+            add_scalar_product(found[a], sums[x], sums[y], sums[z], sums[6], sums[7], sums[8])
+        for i in range(lights if step == 0 else 0):
+            subtract_scalar_product(
+                of[3, i], of[0, i], of[1, i], of[2, i], found[0], found[1], found[2]
+            )
+            add_products(found[3], of[3, i], of[3, i])
 
 
-@numba.njit(cache=True)
+@numba.njit(error_model="numpy")
 def _vectors_of_tile(
-    tile: Float, vectors: Float, point: Float, near: bool,
-    positions: Float, axes: Float, mu: Float, reference: Float,
+    vectors: Float, point: Float, positions: Float, axes: Float, mu: Float, reference: Float,
     of: Float, gain: Float, count: Float,
 ) -> None:  # fmt: skip
-    """Write the light vectors ``(3, N, TILE)`` and the number of samples; clear other samples."""
-    count[:] = 0
-    for i in range(len(tile)):
-        if near:
+    """Write the light vectors and the number of samples; clear other samples, see `_own_tile`."""
+    clear(count)
+    for i in range(of.shape[1]):
+        if len(positions):
             irradiance(
                 gain, point[0], point[1], point[2], positions[i], axes[i], reference[i], mu[i]
             )
             for a in range(3):
                 toward(of[a, i], point[a], positions[i, a], gain)
         else:
-            gain[:] = 1
-            for a in range(3):
-                of[a, i] = vectors[a, i]
-        keep_measured(tile[i], gain)
-        count += gain
+            for k in range(TILE):
+                gain[k] = 1
+                for a in range(3):
+                    of[a, i, k] = vectors[a, i]
+        keep_measured(of[3, i], gain)
+        add_one(count, gain, np.float32(1))
         for a in range(3):
-            of[a, i] *= gain
+            multiply(of[a, i], gain)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _lengths(n: int, found: Float, count: Float, wanted: Mask, length: Float, per: Float) -> int:
-    """Write lengths of normals, and reciprocals; return how many of n wanted pixels have none.
+@numba.njit(error_model="numpy")
+def _write(
+    n: int, found: Float, count: Float, length: Float, per: Float, wanted: Mask,
+    normals: Float, albedo: Float, residual: Float, used: Used, left: Mask,
+) -> int:  # fmt: skip
+    """Write the maps of n pixels that are wanted; return how many are left without a solution.
 
-    The reciprocal is 0 where a pixel is not wanted, or where float32 does not hold its squares.
+    These are pixels of which float32 does not hold the squares.
     """
     least, infinite, zero = np.float32(1e-24), np.float32(np.inf), np.float32(0)
     x, y, z, squares = found[0], found[1], found[2], found[3]
-    for k in range(n):
+    for k in range(TILE):
         length2 = x[k] * x[k] + y[k] * y[k] + z[k] * z[k]
         # The comparisons are false for NaN.
-        solved = wanted[k] and length2 > least and length2 < infinite and squares[k] < infinite
+        solved = length2 > least and length2 < infinite and squares[k] < infinite
         length[k] = np.sqrt(length2) if solved else zero
-    for k in range(n):
+    for k in range(TILE):
         squares[k] = np.sqrt(squares[k] / count[k])
+    for k in range(TILE):
+        per[k] = np.float32(1) / length[k]
     missing = 0
     for k in range(n):
-        per[k] = np.float32(1) / length[k] if length[k] > zero else zero
-        missing += int(wanted[k] and not length[k] > zero)
+        if wanted[k]:
+            left[k] = not length[k] > zero
+            if left[k]:
+                missing += 1
+                continue
+            normals[k, 0], normals[k, 1], normals[k, 2] = (
+                x[k] * per[k],
+                y[k] * per[k],
+                z[k] * per[k],
+            )
+            albedo[k] = length[k]
+            residual[k] = squares[k]
+            used[k] = np.uint16(count[k])
     return missing
 
 
-@numba.njit(cache=True)
-def _write(
-    n: int, found: Float, count: Float, length: Float, per: Float, wanted: Mask,
-    normals: Float, albedo: Float, residual: Float, used: npt.NDArray[np.uint16], left: Mask,
-) -> None:  # fmt: skip
-    """Write the maps of those of n pixels that are wanted and solved; the others are left."""
-    for k in range(n):
-        if per[k] > 0:
-            normals[k, 0] = found[0, k] * per[k]
-            normals[k, 1] = found[1, k] * per[k]
-            normals[k, 2] = found[2, k] * per[k]
-            albedo[k] = length[k]
-            residual[k] = found[3, k]
-            used[k] = np.uint16(count[k])
-            left[k] = False
-        elif wanted[k]:
-            left[k] = True
+@numba.njit(error_model="numpy")
+def _any(wanted: Mask, first: int, last: int) -> bool:
+    found = False
+    for k in range(first, last):
+        found |= wanted[k]
+    return found
 
 
-@numba.njit(cache=True)
-def _solve_block(
+@numba.njit(cache=True, nogil=True)
+def _solve_shared(
     flat: Flat, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
-    limit: np.float32, points: Double, vectors: Float, inverse: Float,
-    positions: Float, axes: Float, mu: Float, reference: Float,
-    first: int, last: int, mask: Mask,
-    normals: Float, albedo: Float, residual: Float, used: npt.NDArray[np.uint16], left: Mask,
-) -> None:  # fmt: skip
-    """Solve the pixels from ``first`` to before ``last``."""
-    lights = len(gain)
-    near = len(points) > 0
-    tile = np.zeros((lights, TILE), np.float32)
-    of = np.zeros((3, lights, TILE), np.float32)
-    matrix, moment = np.zeros((6, TILE), np.float32), np.zeros((3, TILE), np.float32)
-    found, point = np.zeros((4, TILE), np.float32), np.zeros((3, TILE), np.float32)
-    strength, own_count = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
+    limit: np.float32, vectors: Float, inverse: Float, first: int, last: int, mask: Mask,
+    normals: Float, albedo: Float, residual: Float, used: Used, left: Mask,
+) -> int:  # fmt: skip
+    """Solve the pixels from ``first`` to before ``last`` from all samples; return those left."""
+    tile = np.zeros((len(gain), TILE), np.float32)
+    found, count = np.zeros((4, TILE), np.float32), np.zeros(TILE, np.float32)
     length, per = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
-    count = np.full(TILE, np.float32(lights))
+    for k in range(TILE):
+        count[k] = len(gain)
+    missing = 0
     for begin in range(first, last, TILE):
         n = min(TILE, last - begin)
-        inside = mask[begin : begin + n]
-        if not inside.any():
-            continue
-        maps = (
-            normals[begin : begin + n], albedo[begin : begin + n], residual[begin : begin + n],
-            used[begin : begin + n], left[begin : begin + n],
-        )  # fmt: skip
-        load_tile(flat, image_step, row_step, width, gain, dark, limit, begin, n, tile)
-        if not near:
+        if _any(mask, begin, begin + n):
+            load_tile(flat, image_step, row_step, width, gain, dark, limit, begin, n, tile)
             _shared_tile(tile, vectors, inverse, found)
-            missing = _lengths(n, found, count, inside, length, per)
-            _write(n, found, count, length, per, inside, *maps)
-            if not missing:
-                continue
-            inside = maps[4]
-        else:
-            for k in range(n):
-                for a in range(3):
-                    point[a, k] = points[begin + k, a]
-        _vectors_of_tile(
-            tile, vectors, point, near, positions, axes, mu, reference, of, strength, own_count
-        )
-        _own_tile(tile, of, matrix, moment, found)
-        _lengths(n, found, own_count, inside, length, per)
-        _write(n, found, own_count, length, per, inside, *maps)
+            end = begin + n
+            missing += _write(
+                n, found, count, length, per, mask[begin:end], normals[begin:end],
+                albedo[begin:end], residual[begin:end], used[begin:end], left[begin:end],
+            )  # fmt: skip
+    return missing
 
 
-@numba.njit(parallel=True, cache=True)
-def _solve(
+@numba.njit(cache=True, nogil=True)
+def _solve_own(
     flat: Flat, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
-    limit: np.float32, points: Double, vectors: Float, inverse: Float,
+    limit: np.float32, vectors: Float, points: Double,
     positions: Float, axes: Float, mu: Float, reference: Float, first: int, last: int, mask: Mask,
-    normals: Float, albedo: Float, residual: Float, used: npt.NDArray[np.uint16], left: Mask,
+    normals: Float, albedo: Float, residual: Float, used: Used, left: Mask,
 ) -> None:  # fmt: skip
-    size = _TILES * TILE
-    for block in numba.prange((last - first + size - 1) // size):
-        begin = first + size * block
-        _solve_block(
-            flat, image_step, row_step, width, gain, dark, limit, points, vectors, inverse,
-            positions, axes, mu, reference, begin, min(begin + size, last), mask,
-            normals, albedo, residual, used, left,
+    """Solve the pixels from their measured samples; the mask may be the array of those left."""
+    of = np.zeros((4, len(gain), TILE), np.float32)
+    sums, point = np.zeros((9, TILE), np.float32), np.zeros((3, TILE), np.float32)
+    found, strength = np.zeros((4, TILE), np.float32), np.zeros(TILE, np.float32)
+    length, per = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
+    count = np.zeros(TILE, np.float32)
+    for begin in range(first, last, TILE):
+        n = min(TILE, last - begin)
+        if not _any(mask, begin, begin + n):
+            continue
+        load_tile(flat, image_step, row_step, width, gain, dark, limit, begin, n, of[3])
+        for k in range(n if len(points) else 0):
+            for a in range(3):
+                point[a, k] = points[begin + k, a]
+        _vectors_of_tile(vectors, point, positions, axes, mu, reference, of, strength, count)
+        _own_tile(of, sums, found)
+        end = begin + n
+        _write(
+            n, found, count, length, per, mask[begin:end], normals[begin:end],
+            albedo[begin:end], residual[begin:end], used[begin:end], left[begin:end],
         )  # fmt: skip

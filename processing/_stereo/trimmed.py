@@ -18,7 +18,7 @@ from processing._stereo.reweighted import reweighted
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_stereo/reweighted.py 2852404e4e82
+# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
 
 # Share of the samples that is left out on either side.
 _TRIMMED = 0.2

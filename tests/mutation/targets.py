@@ -133,6 +133,12 @@ TARGETS: dict[str, tuple[str, ...]] = {
         f"processing/_stereo/{name}.py": ("processing/test_photometric_noise.py",)
         for name in ("noise_law", "reweighted")
     },
+    **{
+        f"processing/_stereo/{name}.py": ("processing/test_tile_least_squares.py",)
+        for name in ("frames", "tile_kernels", "tile_least_squares")
+    },
+    "processing/_stereo/image_noise.py": ("processing/test_image_noise.py",),
+    "processing/_stereo/frame_normals.py": ("processing/test_frame_normals.py",),
     "processing/_stereo/photometric_stereo.py": (
         "processing/test_photometric_stereo.py",
         "processing/test_photometric_near.py",

@@ -13,7 +13,7 @@ EXAMPLES = re.findall(r"^```python\n(.*?)^```$", GUIDE, re.M | re.S)
 
 @pytest.mark.slow
 def test_the_examples_work(sgp, tmp_path, monkeypatch, capsys) -> None:
-    assert (len(COMMANDS), len(EXAMPLES)) == (4, 5)
+    assert (len(COMMANDS), len(EXAMPLES)) == (4, 6)
     monkeypatch.chdir(tmp_path)
     for program, *words in COMMANDS:
         assert sgp(*([program] if program == "capture" else []), *words).code == 0
@@ -21,7 +21,7 @@ def test_the_examples_work(sgp, tmp_path, monkeypatch, capsys) -> None:
     for number, example in enumerate(EXAMPLES, 1):
         exec(compile(example, f"example {number}", "exec"), {"__name__": "__main__"})
         printed.append(capsys.readouterr().out)
-    normals, spheres, detail, mesh, loop = printed
+    normals, spheres, detail, mesh, loop, line = printed
     assert "12 frames of 160 x 128 px" in normals
     assert spheres.count("Sphere(") == 4
     assert float(re.search(r"error of the shape: (\S+) degrees", detail)[1]) < 1
@@ -30,3 +30,4 @@ def test_the_examples_work(sgp, tmp_path, monkeypatch, capsys) -> None:
     assert len(list(tmp_path.glob("normals/*"))) == 3
     assert (tmp_path / "coin.ply").stat().st_size > 10_000
     assert len(EXAMPLES) == len(re.findall(r"^## \d ", GUIDE, re.M))
+    assert line.splitlines()[2] == "part 2: 0.0% of the pixels are tilted by more than 5 degrees"

@@ -1,0 +1,185 @@
+"""Normals from the frames of a camera, without files, for inspection lines."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, Lights
+from processing._stereo.frames import Frames
+from processing._stereo.image_noise import law_of_images
+from processing._stereo.light_model import LightModel
+from processing._stereo.method import METHODS, Method
+from processing._stereo.solve import solve_maps
+from processing._stereo.stereo_maps import StereoMaps
+from rig import check_type, no_progress, pluralize
+
+Mask = npt.NDArray[np.bool_]
+Region = tuple[int, int, int, int]
+
+
+def normals_of_frames(
+    frames: npt.NDArray[Any],
+    lights: Lights,
+    *,
+    dark: npt.ArrayLike = 0.0,
+    gain: npt.ArrayLike = 1.0,
+    saturation: float = np.inf,
+    region: Region | None = None,
+    mask: Mask | None = None,
+    method: Method = "ls",
+    points_mm: npt.ArrayLike | None = None,
+    out: StereoMaps | None = None,
+) -> StereoMaps:
+    """Estimate normals from the frames of a linear camera, which are read in place.
+
+    A sample is ``(frame - dark) * gain / intensity`` of its light. Nothing is copied if the samples
+    of a row are next to each other in memory: ``ls`` then needs no memory besides the maps.
+    `photometric_stereo` returns the same for frames that were converted before.
+
+    Parameters
+    ----------
+    frames
+        ``(N, H, W)`` uint8, uint16 or float32 samples, proportional to light above the dark level;
+        other types are converted. Samples that are not finite are left out.
+    lights
+        The N lights in the order of the frames.
+    dark
+        Dark level in the unit of the frames: one number, or ``(H, W)``.
+    gain
+        Factor of all frames, for example the reciprocal of the exposure time, or ``(N,)``.
+    saturation
+        Samples from this value on are left out, for example 4095 for 12 bits.
+    region
+        Column and row of the first pixel, width and height of the part to compute; None for all.
+    mask
+        ``(H, W)`` bool, the pixels to compute; None for all.
+    method
+        As in `photometric_stereo`.
+    points_mm
+        ``(H, W, 3)`` surface points, for lights with positions.
+    out
+        Maps of the size of the region, which are overwritten; None for new ones.
+
+    Returns
+    -------
+    StereoMaps
+        Maps of the region: ``out``, if it was given. Pixels without a normal are 0.
+
+    Raises
+    ------
+    DataError
+        If shapes or counts differ, the region is not inside the frames, a number is not usable, or
+        near lights have no points.
+    EstimateError
+        If there are fewer than 3 lights, or the lights are in one plane.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Lights
+    >>> from processing import normals_of_frames
+    >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]])
+    >>> shading = lights.unit_directions @ [0.0, 0.6, 0.8]
+    >>> frames = np.zeros((4, 480, 640), np.uint16) + np.uint16(3000 * shading + 64)[:, None, None]
+    >>> maps = normals_of_frames(frames, lights, dark=64, saturation=4095, region=(20, 10, 200, 90))
+    >>> maps.normals.shape, maps.normals[0, 0].round(3)
+    ((90, 200, 3), array([0. , 0.6, 0.8], dtype=float32))
+    """
+    check_type("lights", lights, Lights, "Lights(directions)")
+    frames, dark = np.asarray(frames), np.asarray(dark, np.float32)
+    _check(frames, lights, dark, saturation, mask, method)
+    factor = _factors(gain, len(lights))
+    rows, columns = _inside(region, frames.shape[1:])
+    part = frames[:, rows, columns]
+    shape = part.shape[1:]
+    maps = StereoMaps.empty(shape) if out is None else out
+    maps.check(shape)
+    of_part = (
+        np.ones(shape, np.bool_) if mask is None else np.ascontiguousarray(mask[rows, columns])
+    )
+    if not of_part.any():
+        raise DataError("the mask has no pixel in the region: there is nothing to compute")
+    points = None
+    if points_mm is not None and lights.near:
+        whole = np.asarray(points_mm)
+        if whole.shape != (*frames.shape[1:], 3):
+            raise DataError(
+                f"points of shape {whole.shape} do not fit frames of {_size(frames.shape[1:])}"
+            )
+        points = whole[rows, columns]
+    model = LightModel(lights, points, of_part)
+    model.check(of_part)
+    images = Frames(
+        part,
+        gain=factor / model.intensities,
+        dark=dark if dark.ndim == 0 else dark[rows, columns],
+        limit=saturation,
+    )
+    if out is not None:
+        maps.clear()
+    law = None if method == "ls" else law_of_images(images, model, of_part)
+    solve_maps(images, model, of_part, law, method, maps, None, no_progress)
+    return maps
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]} px"
+
+
+def _check(
+    frames: npt.NDArray[Any],
+    lights: Lights,
+    dark: npt.NDArray[np.float32],
+    saturation: float,
+    mask: Mask | None,
+    method: str,
+) -> None:
+    if method not in METHODS:
+        raise DataError(
+            f"{method!r} is not a method of photometric stereo: use {', '.join(METHODS)}"
+        )
+    if frames.ndim != 3 or frames.dtype.kind not in "uif":
+        raise DataError(
+            f"frames are numbers of shape (N, H, W), not {frames.dtype} of shape {frames.shape}"
+        )
+    if len(frames) != len(lights):
+        raise DataError(
+            f"{pluralize(len(frames), 'frame')} for {pluralize(len(lights), 'light')}: give one "
+            "light for each frame"
+        )
+    size = frames.shape[1:]
+    if dark.ndim and dark.shape != size:
+        raise DataError(f"a dark image of shape {dark.shape} does not fit frames of {_size(size)}")
+    if not np.isfinite(dark).all():
+        raise DataError("the dark level is not finite")
+    if not saturation > float(dark.min()):
+        raise DataError(f"a saturation of {saturation:g} is not above the dark level")
+    if mask is not None and (mask.dtype != np.bool_ or mask.shape != size):
+        raise DataError(
+            f"a mask of {mask.dtype} and shape {mask.shape} does not fit frames of {_size(size)}"
+        )
+
+
+def _factors(gain: npt.ArrayLike, lights: int) -> npt.NDArray[np.float64]:
+    factor = np.asarray(gain, np.float64)
+    if factor.shape not in ((), (lights,)):
+        raise DataError(f"a gain of shape {factor.shape} does not fit {pluralize(lights, 'frame')}")
+    if not (np.isfinite(factor) & (factor > 0)).all():
+        raise DataError("a gain is not a finite number above 0")
+    return np.broadcast_to(factor, (lights,))
+
+
+def _inside(region: Region | None, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the rows and columns of a region."""
+    if region is None:
+        return slice(None), slice(None)
+    x, y, width, height = region
+    if x < 0 or y < 0 or width < 1 or height < 1 or x + width > shape[1] or y + height > shape[0]:
+        raise DataError(
+            f"the region x {x}, y {y}, {_size((height, width))} is not inside frames of "
+            f"{_size(shape)}"
+        )
+    return slice(y, y + height), slice(x, x + width)
