@@ -42,7 +42,7 @@ SOURCE = acquisition.Source(
 )
 STEREO = processing.PhotometricStereoResult(NORMALS, ONES, ONES, MASK.astype(np.uint16), (NOTICE,))
 BARS = processing.NormalUncertainty(
-    ONES, ONES, np.ones((6, 4, 5), np.uint8), MASK.astype(np.uint8), "sensor"
+    ONES, ONES, np.ones((6, 4, 5), np.uint8), MASK.astype(np.uint8), "sensor", -0.1
 )
 SEPARATION = processing.Separation(NORMALS, NORMALS, processing.ShapeFilter(order=2))
 HEIGHT = processing.HeightMap(ONES, None, MASK, MASK.astype(np.int32), "mm", 0.5, None, 9, 1e-6, ())
