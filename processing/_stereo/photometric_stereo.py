@@ -123,11 +123,11 @@ def photometric_stereo(
     >>> from acquisition import Lights
     >>> from processing import photometric_stereo
     >>> lights = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, 0, 1], [0, -1, 1]])
-    >>> normal = np.array([0.0, 0.6, 0.8])
+    >>> normal = np.array([0.36, 0.48, 0.8])
     >>> values = np.tile(0.5 * lights.unit_directions @ normal, (4, 5, 1)).transpose(2, 0, 1)
     >>> result = photometric_stereo(values, lights, np.ones((4, 5), bool), method="ls")
     >>> result.normal_map.normals[0, 0].round(3), float(result.albedo[0, 0].round(3))
-    (array([0. , 0.6, 0.8], dtype=float32), 0.5)
+    (array([0.36, 0.48, 0.8 ], dtype=float32), 0.5)
     """
     check_linear("values", values)
     check_type("lights", lights, Lights, "Lights(directions)")
