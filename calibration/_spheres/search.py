@@ -8,11 +8,12 @@ from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.find import find_spheres, overlap, round_outlines
+from calibration._spheres.frame_cut import cut_spheres
 from calibration._spheres.outline import SHARP_PX
 from calibration._spheres.placed import radius_on_plane_mm
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
-from calibration._spheres.spots import reduce_stack
+from calibration._spheres.spots import ReducedStack, reduce_stack
 from rig import Notice
 
 _SHARP_OUTLINE_RATIO = 3.0
@@ -47,18 +48,18 @@ def searched_spheres(
     EstimateError
         If no sphere counts; the message describes the candidates.
     """
+    reduced = reduce_stack(values)
     if camera is None or radii_mm is None:
-        images, blurred = _parted(find_spheres(values, camera=camera))
+        images, blurred = _parted(find_spheres(values, camera=camera, reduced=reduced))
         if not images:
             raise EstimateError(
                 f"no mirror sphere found: {round_outlines(values)} round outlines in the mean "
                 "image, none with a compact highlight that moves with the light: give masks or "
                 "circles"
             )
-        return images, _blurred_notices(blurred)
+        return images, _left_out(reduced, images, blurred)
     distances = np.maximum(camera.centre_mm[2] - radii_mm, radii_mm)
     radii_px = [float(size) for size in camera.focal_px * radii_mm / distances]
-    reduced = reduce_stack(values)
     images, blurred = _parted(find_spheres(values, radii_px, camera=camera, reduced=reduced))
     # Report spheres of another size, and do not take a blurred circle around them for the outline.
     # A mirrored circle may be sharper than the outline, so the message suggests both remedies.
@@ -91,7 +92,7 @@ def searched_spheres(
         )
         left_out.append(Notice("sphere-of-another-size", text))
     unnamed = [b for b in blurred if not any(overlap(b.outline, o.outline) for o in others)]
-    return images, left_out + _blurred_notices(unnamed)
+    return images, left_out + _left_out(reduced, [*images, *others], unnamed)
 
 
 def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereImage]]:
@@ -103,6 +104,12 @@ def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereIm
         image for image in images if image.covariance_px2 is not None or image.rms_px <= limit_px
     ]
     return sharp, [image for image in images if image not in sharp]
+
+
+def _left_out(
+    reduced: ReducedStack, found: list[SphereImage], blurred: list[SphereImage]
+) -> list[Notice]:
+    return [*_blurred_notices(blurred), *cut_spheres(reduced, [*found, *blurred])]
 
 
 def _blurred_notices(images: list[SphereImage]) -> list[Notice]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -41,6 +42,11 @@ class ReducedStack:
     factor: int
     mean: Values
     peak: Values
+
+    @cached_property
+    def spots(self) -> Array:
+        """Rows (light, x, y, flux) of compact bright spots, in reduced pixels."""
+        return _spots(self)
 
     def full_px(self, pixels: Array) -> Array:
         """Return the pixels in the images of positions in the reduced images."""
@@ -121,7 +127,7 @@ def spot_clusters(stack: ReducedStack) -> list[SpotCluster]:
     than any matte surface. Each spot starts a cluster of the nearest spots under all other lights.
     A cluster has spots under at least two fifths of the lights.
     """
-    spots = _spots(stack)
+    spots = stack.spots
     if not len(spots):
         return []
     groups = [np.flatnonzero(spots[:, 0] == k) for k in np.unique(spots[:, 0])]

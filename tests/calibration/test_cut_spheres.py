@@ -69,3 +69,17 @@ def test_positions_do_not_turn_into_directions(scene, marked):
     """The highlights of some lights are beyond the frame: these lights are named."""
     with pytest.raises(EstimateError, match=r"lights? L02.* on fewer than 2 of 2 spheres"):
         calibrate_spheres(scene.values, camera=scene.camera, radius_mm=20.0, **marks(scene, marked))
+
+
+@pytest.mark.parametrize("share", [0.5, 0.4])
+def test_a_sphere_that_is_mostly_beyond_the_frame_is_named(share):
+    scene = scene_named("spheres", width=640, height=512, leds=12, seed=31)
+    x = 0.97 * (-147 + 40 * share - 20)
+    spheres = (ChromeSphere((x, 10.0, 20.0), 20.0), ChromeSphere((40.0, 30.0, 20.0), 20.0))
+    rendering = render(replace(scene, spheres=spheres))
+    values = rendering.planes + rendering.ambient
+    values[values > 1] = np.nan
+    calibration = calibrate_spheres(values, camera=rendering.truth.camera)
+    assert len(calibration.spheres) == 1
+    (cut,) = [notice for notice in calibration.warnings if notice.code == "sphere-cut"]
+    assert "233) px is not used" in cut.text
