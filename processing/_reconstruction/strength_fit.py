@@ -140,7 +140,9 @@ def fit_strengths(
         predicted = project(vectors, normals)
         residuals = samples - predicted
         weighted = of_pixel[:, None] * weights
-        information = _information(weighted, predicted, vectors, inverse / of_pixel[:, None, None])
+        information = strength_information(
+            weighted, predicted, vectors, inverse / of_pixel[:, None, None]
+        )
         scores = weighted * predicted * residuals
         change = _step(information, scores.sum(axis=0), logarithms - np.log(start), prior_sd)
         if step > 3 and np.abs(change).max() < _SETTLED:
@@ -155,7 +157,7 @@ def fit_strengths(
     ratio = (residuals / (_HALF_WEIGHT * spread[:, None])) ** 2
     curvature = usable * np.maximum(1 - ratio, 0) / (1 + ratio) ** 2
     _, inverse = solve_normals(samples, curvature, vectors)
-    information = _information(
+    information = strength_information(
         of_pixel[:, None] * curvature, predicted, vectors, inverse / of_pixel[:, None, None]
     )
     return StrengthFit(
@@ -195,12 +197,16 @@ def solve_normals(samples: Double, weights: Double, vectors: Double) -> tuple[Do
     return (inverse @ target[..., None])[..., 0], inverse
 
 
-def _information(weights: Double, predicted: Double, vectors: Double, inverse: Double) -> Double:
+def strength_information(
+    weights: Double, predicted: Double, vectors: Double, inverse: Double
+) -> Double:
     """Return the information about the strengths that is left by unknown normals."""
     slope = weights * predicted
     rows = slope[..., None] * vectors
-    lower = np.linalg.cholesky(inverse)
-    reduced = (rows @ lower).transpose(1, 0, 2).reshape(rows.shape[1], -1)
+    # Where lights that remain are nearly in one plane, rounding makes the inverse indefinite.
+    size, axes = np.linalg.eigh(inverse)
+    root = axes * np.sqrt(np.maximum(size, 0))[:, None, :]
+    reduced = (rows @ root).transpose(1, 0, 2).reshape(rows.shape[1], -1)
     left: Double = np.diag(np.sum(slope * predicted, axis=0)) - reduced @ reduced.T
     return left
 

@@ -8,6 +8,7 @@ import pytest
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing import angular_error, light_strengths, photometric_stereo
+from processing._reconstruction.strength_fit import solve_normals, strength_information
 
 SIZE = 40
 
@@ -149,3 +150,16 @@ def test_wrong_inputs_are_named() -> None:
         light_strengths(values, Lights(positions_mm=300 * RING), MASK)
     with pytest.raises(EstimateError, match="too few pixels"):
         light_strengths(np.zeros_like(values), lights, MASK)
+
+
+def test_pixels_under_one_light_leave_the_information_finite() -> None:
+    """Rounding makes eigenvalues of their inverse matrices negative."""
+    rng = np.random.default_rng(0)
+    vectors = rng.normal(size=(1, 6, 3))
+    vectors /= np.linalg.norm(vectors, axis=2, keepdims=True)
+    weights = np.eye(6)[rng.integers(0, 6, 500)] + 1e-9 * rng.random((500, 6))
+    _, inverse = solve_normals(np.ones((500, 6)), weights, vectors)
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(inverse)
+    found = strength_information(weights, np.ones((500, 6)), vectors, inverse)
+    assert np.isfinite(found).all()
