@@ -133,10 +133,10 @@ def _notices(found: NormalUncertainty, mask: Mask) -> list[Notice]:
         notices.append(Notice("normal-sigma-unknown", text, severity="info"))
     elif found.neighbour_correlation > STRUCTURED:
         text = (
-            "the errors of the normals are larger than their standard deviations: neighbouring "
-            f"lights have similar residuals (correlation {found.neighbour_correlation:.2f}; noise "
-            f"has less than {STRUCTURED:g}), so the surface is not matte, or light comes from "
-            "elsewhere"
+            "neighbouring lights have similar residuals (correlation "
+            f"{found.neighbour_correlation:.2f}; noise has less than {STRUCTURED:g}): the surface "
+            "is not matte, or light comes from elsewhere; the standard deviations of the normals "
+            "contain an estimate of these errors, to about a factor of 2"
         )
-        notices.append(Notice("normal-sigma-too-small", text, severity="info"))
+        notices.append(Notice("surface-not-matte", text, severity="info"))
     return notices

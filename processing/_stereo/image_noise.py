@@ -18,7 +18,7 @@ Mask = npt.NDArray[np.bool_]
 
 # Pairs of neighbours that are compared, and the fewest that show the noise.
 _PAIRS = 3000
-_FEWEST_PAIRS = 300
+_FEWEST_PAIRS = 100
 # Fewest samples of a pair: three explain the change of albedo and normal.
 _FEWEST_LIT = 5
 # Samples above this share of the mean are lit.

@@ -153,7 +153,7 @@ def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
     """Return standard deviations in degrees from variances."""
     valid = (found.reason == Reason.VALID) & (found.origin != "unknown")
     common = found.lights + found.height
-    total = found.noise + common + found.difference
+    total = found.noise + common + found.model + found.kept * found.difference
     sigma, of_common = (
         np.degrees(np.sqrt(part, out=np.full_like(part, np.nan), where=valid))
         for part in (total, common)

@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, cast
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
 from processing._stereo.frames import Frames
+from processing._stereo.image_noise import law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.light_table import ERRORS, light_table, light_variances
+from processing._uncertainty.light_table import ERRORS, light_table
+from processing._uncertainty.model_error import agreement, model_errors
 from processing._uncertainty.reference import (
     NOISE,
     REFERENCE,
@@ -23,7 +24,6 @@ from processing._uncertainty.reference import (
     VARIANCES,
     reference_solutions,
 )
-from processing._uncertainty.residual_law import residual_law
 from processing._uncertainty.residual_structure import neighbour_correlation
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Progress, short_repr
@@ -39,10 +39,9 @@ Origin = Literal["sensor", "repeats", "residuals", "unknown"]
 _BLOCK = 16384
 # Pixels whose residuals show the noise, and whether they are noise.
 _SAMPLED = 4000
-# The agreement with the law is averaged over this many pixels across, and drawn toward 1 by a few
-# degrees of freedom.
-_ACROSS = 5
-_PRIOR = 50.0
+# Fewest images and pixels whose differences show that there is no noise.
+_FEWEST_IMAGES = 5
+_FEWEST_PIXELS = 100
 _LEAST_SCALE = 1e-6
 
 
@@ -56,8 +55,12 @@ class PixelVariances:
         ``(H, W)`` variances of the direction of the reference by the noise, the errors of the
         lights, and that of the mean height. Noise and lights are scaled by the agreement of the
         residuals with them.
+    model
+        ``(H, W)`` variances where the surface is not matte, see `model_errors`.
     difference
         ``(H, W)`` squared angles between the given normals and the reference.
+    kept
+        ``(H, W)`` share 0..1 of the difference that is an error of the given normals.
     reference
         ``(H, W, 3)`` unit normals of the reference; None if they were not requested.
     samples, reason
@@ -71,7 +74,9 @@ class PixelVariances:
     noise: Float
     lights: Float
     height: Float
+    model: Float
     difference: Float
+    kept: Float
     reference: Float | None
     samples: Counts
     reason: npt.NDArray[np.uint8]
@@ -113,11 +118,11 @@ def pixel_variances(
     origin: Origin = "residuals" if noise is None else cast(Origin, noise.origin)
     fitted = None
     if law is None:
-        fitted = solver.fitted_law(pixels)
+        fitted = solver.law_of_images(mask)
         origin = "unknown" if fitted is None else origin
     counts = np.zeros((len(SampleKind), mask.size), np.uint8 if len(stack) < 256 else np.uint16)
     reason = np.zeros(mask.size, np.uint8)
-    parts = np.zeros((6, mask.size), np.float32)
+    parts = np.zeros((9, mask.size), np.float32)
     reference = np.zeros((mask.size, 3), np.float32) if keep_reference else None
     for first in range(0, len(pixels), _BLOCK):
         block = pixels[first : first + _BLOCK]
@@ -132,15 +137,19 @@ def pixel_variances(
             found = results[good, REFERENCE]
             reference[block[good]] = found / np.linalg.norm(found, axis=1, keepdims=True)
         on_progress("error bars", min(first + _BLOCK, len(pixels)), len(pixels))
-    of_noise, of_lights, height, chi2, free, difference = parts.reshape(6, *mask.shape)
-    factor = _agreement(chi2, free)
+    of_noise, of_lights, height, difference, *residuals = parts.reshape(-1, *mask.shape)
+    chi2, free, *_ = residuals
+    factor = agreement(chi2, free)
+    model, kept = model_errors(of_noise, of_lights, *residuals)
     if noise is not None:
         np.maximum(factor, 1, out=factor)
     return PixelVariances(
         of_noise * factor,
         of_lights * factor,
         height,
+        model,
         difference,
+        kept,
         None if reference is None else reference.reshape(*mask.shape, 3),
         counts.reshape(-1, *mask.shape),
         reason.reshape(mask.shape),
@@ -164,7 +173,7 @@ def kinds_of(
     pixels = np.flatnonzero(mask)
     samples, vectors = solver.model.samples(Frames(stack), pixels)
     if noise is None:
-        law = solver.fitted_law(pixels)
+        law = solver.law_of_images(mask)
     else:
         law = NoiseLaw(noise, (len(stack), *mask.shape)).of(pixels, samples, vectors)
     whole = np.zeros((len(stack), mask.size), np.uint8)
@@ -226,6 +235,7 @@ class _Solver:
             self._near,
             self._points_of(pixels),
             self._view,
+            pixels,
             kinds,
             counts,
             results,
@@ -242,18 +252,11 @@ class _Solver:
         kinds, _, results = self.solve(some, samples, vectors, known)
         return neighbour_correlation(samples, vectors, kinds, results)
 
-    def fitted_law(self, pixels: npt.NDArray[np.intp]) -> Float | None:
-        """Return the law of the noise that the residuals of some pixels show."""
-        some = pixels[:: max(1, len(pixels) // _SAMPLED)]
-        samples, vectors = self.model.samples(Frames(self._stack), some)
-        kinds, _, results = self.solve(some, samples, vectors, None)
-        of_lights = np.zeros(samples.shape, np.float32)
-        if self._errors:
-            solutions = np.nan_to_num(results[:, REFERENCE])
-            light_variances(
-                vectors, solutions, self._table, self._near, self._points_of(some), of_lights
-            )
-        return residual_law(samples, vectors, kinds, results, of_lights)
+    def law_of_images(self, mask: Mask) -> Float | None:
+        """Return the law of the noise that the images show; None if they are too few or small."""
+        law = law_of_images(Frames(self._stack), self.model, mask)
+        enough = len(self._stack) >= _FEWEST_IMAGES and np.count_nonzero(mask) >= _FEWEST_PIXELS
+        return np.zeros((1, 2, 1), np.float32) if law is None and enough else law
 
 
 def _reasons(counts: npt.NDArray[np.int64], good: Mask, solved: Mask) -> npt.NDArray[np.uint8]:
@@ -266,13 +269,3 @@ def _reasons(counts: npt.NDArray[np.int64], good: Mask, solved: Mask) -> npt.NDA
     unsolved = np.where(lit + attached + cast + outlier < 3, Reason.SATURATED, Reason.UNSOLVED)
     reason = np.where(solved, reason, unsolved)
     return np.where(good, Reason.VALID, reason).astype(np.uint8)
-
-
-def _agreement(chi2: Float, free: Float) -> Float:
-    """Return the mean square of the normalised residuals around each pixel."""
-    size = (_ACROSS, _ACROSS)
-    total, number = (
-        cv2.boxFilter(part, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for part in (chi2, free)
-    )
-    return np.asarray((total + _PRIOR) / (number + _PRIOR), np.float32)
