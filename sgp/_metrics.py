@@ -122,8 +122,7 @@ class NormalsMetrics(QualityMetrics):
             float | None,
             "-1..1",
             "correlation between the residuals of each light and of the one nearest to it: about "
-            "-.1 for noise; above .1 the surface is not matte, and errors are larger than the "
-            "standard deviations; null with fewer than 8 lights",
+            "-.1 for noise; above .1 the surface is not matte; null with fewer than 8 lights",
         ]
     ]
     samples: NotRequired[
