@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
-from acquisition import CameraModel, DataError, Lights
+from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages, coarse_images
 from processing._reconstruction.mean_height_search import MeanHeightSearch
+from processing._reconstruction.views import View
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
-from processing._surface.integration import HeightMap, integrate
 from rig import Notice, short_repr
 
 Float = npt.NDArray[np.float32]
@@ -25,7 +25,7 @@ Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _MOST_STEPS = 10
-# The iteration ends when the surface moves by less, relative to the working distance.
+# The iteration ends when the surface moves by less, relative to the distance of the lights.
 _SETTLED = 1e-5
 # Mean heights that are tried, relative to the mean distance of the lights.
 _RANGE = (-0.5, 0.5)
@@ -61,8 +61,8 @@ class NearHeight:
     Parameters
     ----------
     depth
-        ``(H, W)`` float32 depth of every pixel along the optical axis, mm. Outside the object, that
-        of the nearest pixel inside.
+        ``(H, W)`` float32 depth of every pixel along the optical axis, mm: from the camera, or for
+        parallel rays from the working plane. Outside the object, that of the nearest pixel inside.
     mean_height_mm
         Mean height of the object above the working plane.
     mean_height_sigma_mm
@@ -87,7 +87,7 @@ def near_height(
     values: Float,
     lights: Lights,
     mask: Mask,
-    camera: CameraModel,
+    view: View,
     *,
     method: Method = "cauchy",
     height_mm: float | None = None,
@@ -110,8 +110,8 @@ def near_height(
         N lights with positions.
     mask
         ``(H, W)`` bool, the object.
-    camera
-        Camera with a working distance.
+    view
+        How the pixels see the surface.
     method
         Method of `photometric_stereo` for the normals. The law of the noise of the averages is
         estimated from them.
@@ -127,19 +127,17 @@ def near_height(
     DataError
         If both are given, or the height puts the object behind the lights or the camera.
     """
-    distance = camera.working_distance_mm
-    if distance is None:
-        raise DataError("the height under near lights requires a camera with a working distance")
     if height_mm is not None and rests_on_plane:
         raise DataError("an object that rests on the plane has no other height: give one of them")
-    lowest, highest = _limits(lights, distance)
+    lowest, highest = _limits(lights, view)
     if height_mm is not None and not lowest < height_mm < highest:
         raise DataError(
             f"a height of {height_mm:g} mm puts the object behind lights or camera: give a height "
             f"from {lowest:.0f} to {highest:.0f} mm"
         )
-    coarse = coarse_images(values, mask, camera)
-    search = MeanHeightSearch(coarse, lights, distance, (lowest, highest), method)
+    coarse = coarse_images(values, mask, view)
+    search = MeanHeightSearch(coarse, lights, (lowest, highest), method)
+    distance = view.distance_mm
     depth = np.full(coarse.mask.shape, distance - (height_mm or 0.0))
     sigma = math.nan
     steps: list[HeightStep] = []
@@ -150,52 +148,47 @@ def near_height(
                 depth, sigma = search.moved(depth)
                 if not sigma < _LEAST_KNOWN * search.light_distance_mm:
                     return _not_determined(mask, distance, sigma)
-            surface = _surface(coarse, lights, depth, method)
+            found, inside = _surface(coarse, lights, depth, method)
         except EstimateError:
             return _not_determined(mask, distance - (height_mm or 0.0), math.nan)
-        inside = surface.mask
-        if surface.depth is None:
-            raise AssertionError("a surface in front of a camera has a depth")
-        found = surface.depth[inside].astype(np.float64)
         if height_mm is not None:
-            found *= (distance - height_mm) / found.mean()
+            found = view.moved(found, float(found.mean()), distance - height_mm)
         elif rests_on_plane:
-            found *= distance / np.quantile(found, 1 - _LOWEST)
+            found = view.moved(found, float(np.quantile(found, 1 - _LOWEST)), distance)
         depth = _filled(found, inside)
         height = float(distance - found.mean())
         change = float(np.sqrt(np.mean((depth - before)[inside] ** 2)))
         steps.append(HeightStep(height, change))
         on_step(step + 1, _MOST_STEPS)
         # At steep rims the steps may alternate between two surfaces.
-        if change < _SETTLED * distance or (step and change > 0.5 * steps[-2].change_mm):
+        if change < _SETTLED * search.light_distance_mm or (step and change > 0.5 * steps[-2].change_mm):
             break
     whole = _enlarged(depth, coarse.factor, mask.shape)
     return NearHeight(whole, steps[-1].mean_height_mm, sigma, tuple(steps))
 
 
-def _limits(lights: Lights, distance: float) -> tuple[float, float]:
+def _limits(lights: Lights, view: View) -> tuple[float, float]:
     """Return the lowest and the highest mean height that is possible."""
     positions = np.asarray(lights.positions_mm)
     away = float(np.mean(np.linalg.norm(positions, axis=1)))
-    highest = min(_RANGE[1] * away, _BELOW_LIGHTS * distance)
+    highest = min(_RANGE[1] * away, _BELOW_LIGHTS * view.highest_mm)
     above = positions[positions[:, 2] > 0, 2]
     if len(above):
         highest = min(highest, _BELOW_LIGHTS * float(above.min()))
     return _RANGE[0] * away, highest
 
 
-def _surface(coarse: CoarseImages, lights: Lights, depth: Double, method: Method) -> HeightMap:
+def _surface(coarse: CoarseImages, lights: Lights, depth: Double, method: Method) -> tuple[Double, Mask]:
     stereo = photometric_stereo(
         coarse.values,
         lights,
         coarse.mask,
         method=method,
         points_mm=coarse.points(depth),
-        camera=coarse.camera,
+        camera=coarse.view.seen_by,
     )
     mean = float(depth[coarse.mask].mean())
-    camera = replace(coarse.camera, working_distance_mm=mean)
-    return integrate(stereo.normal_map, camera=camera)
+    return coarse.view.surface(stereo.normal_map, mean)
 
 
 def _filled(depth: Double, inside: Mask) -> Double:

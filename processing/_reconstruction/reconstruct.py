@@ -34,6 +34,7 @@ from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality, image_quality
 from processing._reconstruction.scheme_check import exclusion
 from processing._reconstruction.specular import specular_residual
+from processing._reconstruction.views import Perspective, View, view_of
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
 from processing._surface.integration import HeightMap, integrate
@@ -119,6 +120,7 @@ def reconstruct(
     distant: bool = False,
     height_mm: float | None = None,
     rests_on_plane: bool = False,
+    pixel_mm: float | None = None,
     exclude_disagreeing: bool = False,
     semi_calibrated: bool = False,
     surface: bool = True,
@@ -152,6 +154,9 @@ def reconstruct(
         Mean height of the object above the working plane, if it is known. Only for near lights.
     rests_on_plane
         The lowest points of the object are in the working plane. Only for near lights.
+    pixel_mm
+        Distance between neighbouring pixels on the object, if the source has no camera with a
+        working distance. Without a camera, the view is orthographic.
     exclude_disagreeing
         Leave out images that the other images contradict (see `image_quality`), unless so many do
         that it is not known which are right.
@@ -171,7 +176,8 @@ def reconstruct(
     Raises
     ------
     DataError
-        If the source has no lights, or lights with positions and no camera with a working distance.
+        If the source has no lights, or lights with positions and no scale: neither a camera with a
+        working distance nor a size of its pixels.
     EstimateError
         If the images or the lights do not determine the normals, or the normals face away from the
         camera.
@@ -191,7 +197,8 @@ def reconstruct(
     Reconstruction(., NormalMap(float32[40, 40, 3], 572 normals), height in px)
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    lights, points_mm = _light_geometry(source, distant=distant)
+    lights, view = _light_geometry(source, pixel_mm, distant=distant)
+    points_mm = None if view is None else view.points_at(view.distance_mm)
     if points_mm is None and (height_mm is not None or rests_on_plane):
         raise DataError(
             f"{source.path}: a height matters only under lights with positions: leave it out"
@@ -230,7 +237,7 @@ def reconstruct(
         stack, gray = strengths.divided(stack, gray)
     # Before the height, which a wrong curve would bend.
     warnings += curve_warnings(source, gray, lights, mask, points_mm)
-    heights = Heights(source, mask, points_mm, height_mm, rests_on_plane, method, on_progress)
+    heights = Heights(view, mask, height_mm, rests_on_plane, method, on_progress)
     near, points_mm = heights.of(gray, lights)
     if strengths is not None:
         # Of near lights, strengths and heights depend on each other.
@@ -289,7 +296,7 @@ def reconstruct(
         del gray
     warnings += stereo.warnings
     stereo, uncertainty, doubts = error_bars(
-        stack, lights, mask, stereo, albedo, points_mm, near, source.camera, on_progress
+        stack, lights, mask, stereo, albedo, points_mm, near, view, on_progress
     )
     warnings += doubts
     _check_facing(source, stereo)
@@ -309,7 +316,10 @@ def reconstruct(
     height = None
     if surface:
         depth = None if near is None else near.depth
-        height = integrate(normal_map, camera=source.camera, depth_mm=depth)
+        camera, size = source.camera, pixel_mm
+        if isinstance(view, Perspective):
+            camera, size = view.camera, None  # the camera has the scale
+        height = integrate(normal_map, camera=camera, pixel_mm=size, depth_mm=depth)
         warnings += height.warnings
     truth = source.normals_truth
     return Reconstruction(
@@ -354,17 +364,12 @@ def _mask_warning(mask: npt.NDArray[np.bool_]) -> list[Notice]:
 
 
 def _light_geometry(
-    source: Source, *, distant: bool
-) -> tuple[Lights, npt.NDArray[np.float64] | None]:
-    """Return the lights to use, and the surface points that near lights require."""
+    source: Source, pixel_mm: float | None, *, distant: bool
+) -> tuple[Lights, View | None]:
+    """Return the lights to use, and for near lights how the pixels see points in mm."""
     if source.lights is None:
         raise DataError(f"{source.path}: these images have no lights: add a lights file")
     lights = source.lights.distant() if distant else source.lights
     if not lights.near:
         return lights, None
-    if source.camera is None or source.camera.working_distance_mm is None:
-        raise DataError(
-            f"{source.path}: lights with positions require a camera with a working distance: add a "
-            "camera file, or treat the lights as distant"
-        )
-    return lights, source.camera.points_on_plane()
+    return lights, view_of(source, pixel_mm)

@@ -141,7 +141,7 @@ def test_a_source_without_a_mask_gets_one(session):
     ("change", "error", "words"),
     [
         pytest.param({"lights": None}, DataError, "add a lights file", id="no lights"),
-        pytest.param({"camera": None}, DataError, "add a camera file", id="near without camera"),
+        pytest.param({"camera": None}, DataError, "give a camera with a working distance, or the size of a pixel", id="near without camera"),
         pytest.param(
             {"lights": "turned"}, EstimateError, "face away from the camera", id="lights behind"
         ),
