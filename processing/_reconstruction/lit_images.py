@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import numpy.typing as npt
+
+from rig import Notice
 
 # An image shows no light if its brightest parts are below this fraction of those of the others.
 _BLACK = 0.02
@@ -27,6 +30,31 @@ def lit_images(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> 
     with ThreadPoolExecutor(_THREADS) as pool:
         bright = np.array(list(pool.map(lambda image: _brightness(image, mask), values)))
     return [int(i) for i in np.flatnonzero(bright > _BLACK * np.median(bright))]
+
+
+def unlit_notices(
+    values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_], ids: Sequence[str], lit: list[int]
+) -> list[Notice]:
+    """Return warnings about the images that `lit_images` left out.
+
+    Noise makes some samples of a black image negative. An image most of whose samples are below
+    zero by more than that is no image of light: more was subtracted than recorded.
+    """
+    out = [i for i in range(len(values)) if i not in lit]
+    least = -_BLACK * float(np.median([_brightness(values[i], mask) for i in lit]))
+    negative = [i for i in out if np.nanmedian(values[i][mask]) < least]
+    dark = [i for i in out if i not in negative]
+    reasons = {
+        "images left out because they show no light": dark,
+        "images left out because most of their samples are negative (check what was subtracted)": (
+            negative
+        ),
+    }
+    return [
+        Notice("lights-unlit", f"{text}: {', '.join(ids[i] for i in some)}")
+        for text, some in reasons.items()
+        if some
+    ]
 
 
 def _brightness(image: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> np.float32:

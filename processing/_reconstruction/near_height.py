@@ -34,8 +34,11 @@ _BELOW_LIGHTS = 0.9
 # A mean height with a larger standard deviation, relative to the distance of the lights, is not
 # used.
 _LEAST_KNOWN = 0.02
-# Share of the object that may be below the plane on which it rests.
+# Share of the object that may be below the plane on which it rests, or behind the lights.
 _LOWEST = 0.005
+# Lights that a normal requires, and pixels at which they are counted.
+_FEWEST_LIGHTS = 3
+_CHECKED = 2500
 
 
 @dataclass(frozen=True)
@@ -126,6 +129,8 @@ def near_height(
     ------
     DataError
         If both are given, or the height puts the object behind the lights or the camera.
+    EstimateError
+        If the surface at the stated height is partly behind the lights.
     """
     if height_mm is not None and rests_on_plane:
         raise DataError("an object that rests on the plane has no other height: give one of them")
@@ -157,6 +162,8 @@ def near_height(
             found = view.moved(found, float(np.quantile(found, 1 - _LOWEST)), distance)
         depth = _filled(found, inside)
         height = float(distance - found.mean())
+        if height_mm is not None or rests_on_plane:
+            _check_reach(coarse, lights, depth, height)
         change = float(np.sqrt(np.mean((depth - before)[inside] ** 2)))
         steps.append(HeightStep(height, change))
         on_step(step + 1, _MOST_STEPS)
@@ -176,6 +183,20 @@ def _limits(lights: Lights, view: View) -> tuple[float, float]:
     if len(above):
         highest = min(highest, _BELOW_LIGHTS * float(above.min()))
     return _RANGE[0] * away, highest
+
+
+def _check_reach(coarse: CoarseImages, lights: Lights, depth: Double, height: float) -> None:
+    """Refuse a surface of which a part is behind the lights."""
+    pixels = np.flatnonzero(coarse.mask)
+    some = pixels[:: max(1, len(pixels) // _CHECKED)]
+    vectors = lights.vectors_at(coarse.points(depth).reshape(-1, 3)[some])
+    behind = np.count_nonzero(vectors.any(axis=2), axis=0) < _FEWEST_LIGHTS
+    if np.mean(behind) > _LOWEST:
+        raise EstimateError(
+            f"a mean height of {height:.0f} mm puts {np.mean(behind):.0%} of the object behind the "
+            f"lights: fewer than {_FEWEST_LIGHTS} of them reach it; check the height, and the "
+            "positions and axes of the lights"
+        )
 
 
 def _surface(coarse: CoarseImages, lights: Lights, depth: Double, method: Method) -> tuple[Double, Mask]:

@@ -24,7 +24,7 @@ from processing._reconstruction.light_strengths import (
     of_source,
     with_strengths,
 )
-from processing._reconstruction.lit_images import lit_images
+from processing._reconstruction.lit_images import lit_images, unlit_notices
 from processing._reconstruction.mosaic import (
     albedo_of_sites,
     blocks_of_sites,
@@ -227,9 +227,7 @@ def reconstruct(
         mask = mask & ~elsewhere
     lit = lit_images(gray, mask)
     if len(lit) < len(stack.ids):
-        dark = [name for i, name in enumerate(stack.ids) if i not in lit]
-        text = f"images left out because they show no light: {', '.join(dark)}"
-        warnings.append(Notice("lights-unlit", text))
+        warnings += unlit_notices(gray, mask, stack.ids, lit)
         stack, lights, gray = stack.take(lit), lights.take(lit), gray[lit]
     strengths = None
     if semi_calibrated:
