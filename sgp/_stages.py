@@ -189,6 +189,7 @@ def compute_normals(
     other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
     answers = {
         "transfer-curve-doubtful": f"--gamma {other}",
+        "height-doubtful": "--height-mm, --rests-on-plane",
         "height-not-determined": "--height-mm, --rests-on-plane",
     }
     warnings = tuple(

@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 from acquisition import Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages
+from processing._reconstruction.common_shift import CommonShift, common_shift
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
@@ -31,6 +32,8 @@ _LIT = 0.05
 _FEWEST_PIXELS = 20
 _TRIED = 21
 _ACCURACY_MM = 0.01
+# Shift of all lights in differences of the cost, relative to their distance.
+_SHIFT = 0.013
 
 
 class MeanHeightSearch:
@@ -43,6 +46,7 @@ class MeanHeightSearch:
         limits: tuple[float, float],
         method: Method,
     ) -> None:
+        self.coarse, self.lights = coarse, lights
         self._method = method
         flat = coarse.values.reshape(len(coarse.values), -1)
         pixels = np.flatnonzero(coarse.mask)
@@ -54,7 +58,6 @@ class MeanHeightSearch:
         self._rays = coarse.rays.reshape(-1, 3)[self._pixels]
         self._origins = coarse.origins.reshape(-1, 3)[self._pixels]
         self._view = coarse.view
-        self._lights = lights
         self._limits = limits
         positions = np.asarray(lights.positions_mm)
         self.light_distance_mm = float(np.mean(np.linalg.norm(positions, axis=1)))
@@ -70,7 +73,7 @@ class MeanHeightSearch:
         shape = depth.reshape(-1)[self._pixels]
         mean = float(shape.mean())
         distance = self._view.distance_mm
-        residuals = self._residuals(shape, distance - mean)
+        residuals = self._residuals(shape, distance - mean, self.lights)
         known = residuals[np.isfinite(residuals)]
         if not known.size:
             return depth, math.inf
@@ -120,15 +123,31 @@ class MeanHeightSearch:
             variances.append(float(np.sum((of_one - of_one.mean()) ** 2)) / free)
         return math.sqrt(max(variances)) / curvature
 
-    def _costs(self, shape: Double, height: float) -> Double:
+    def under(self, lights: Lights) -> MeanHeightSearch:
+        """Return the same search under other lights, near the height that was found."""
+        other = MeanHeightSearch(self.coarse, lights, self._limits, self._method)
+        other._found = self._found
+        return other
+
+    def common_shift(self, depth: Double) -> CommonShift:
+        """Return what a shift of all lights would do, at the surface that was found."""
+        shape = depth.reshape(-1)[self._pixels]
+        height = self._view.distance_mm - float(shape.mean())
+        return common_shift(
+            lambda rise, lights: self._costs(shape, height + rise, lights),
+            self.lights,
+            _SHIFT * self.light_distance_mm,
+        )
+
+    def _costs(self, shape: Double, height: float, lights: Lights | None = None) -> Double:
         """Return the cost of each sample ``(P, N)`` at a mean height, 0 where it is missing."""
-        ratio = self._residuals(shape, height) / self._scale
+        ratio = self._residuals(shape, height, lights or self.lights) / self._scale
         measured = np.isfinite(ratio)
         cost = np.log1p(np.where(measured, ratio, 0.0) ** 2)
         # A pixel counts alike, however many samples it has.
         return np.asarray(cost / np.maximum(measured.sum(axis=1), 1)[:, None], np.float64)
 
-    def _residuals(self, shape: Double, height: float) -> Double:
+    def _residuals(self, shape: Double, height: float, lights: Lights) -> Double:
         """Return residuals ``(P, N)`` relative to the brightness, NaN where a sample is missing.
 
         Residuals relative to the albedo would be smaller at lower heights, as is the irradiance.
@@ -136,7 +155,7 @@ class MeanHeightSearch:
         depth = self._view.moved(shape, float(shape.mean()), self._view.distance_mm - height)
         points = (self._origins + depth[:, None] * self._rays)[None]
         every = np.ones(points.shape[:2], np.bool_)
-        model, frames = LightModel(self._lights, points, every), Frames(self._values)
+        model, frames = LightModel(lights, points, every), Frames(self._values)
         try:
             model.check(every)
         except EstimateError:

@@ -14,6 +14,7 @@ from scipy.ndimage import distance_transform_edt
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages, coarse_images
+from processing._reconstruction.common_shift import CommonShift, raised
 from processing._reconstruction.mean_height_search import MeanHeightSearch
 from processing._reconstruction.views import View
 from processing._stereo.method import Method
@@ -34,6 +35,13 @@ _BELOW_LIGHTS = 0.9
 # A mean height with a larger standard deviation, relative to the distance of the lights, is not
 # used.
 _LEAST_KNOWN = 0.02
+# Standard deviations of a common shift of the lights that are reported.
+_DOUBTFUL = 4.0
+# A smaller one, relative to the distance of the lights, is not.
+_SLIGHT = 5e-4
+# Rise of all lights that is tried, relative to their distance, and steps until the surface follows.
+_TRIED_RISE = 0.01
+_RISE_STEPS = 3
 # Share of the object that may be below the plane on which it rests, or behind the lights.
 _LOWEST = 0.005
 # Lights that a normal requires, and pixels at which they are counted.
@@ -69,17 +77,21 @@ class NearHeight:
     mean_height_mm
         Mean height of the object above the working plane.
     mean_height_sigma_mm
-        Its standard deviation, from the scatter of residuals between pixels and between lights; NaN
-        if it was given, or follows from the plane on which the object rests.
+        Its standard deviation, from the scatter of residuals between pixels and between lights, and
+        from the stated errors of the positions of the lights, as if all lights shared them; NaN if
+        the height was given, or follows from the plane on which the object rests.
+    lowest_mm
+        Height above the working plane that 0.5 % of the object are below.
     steps
         The iteration.
     warnings
-        Whether the images do not determine the height.
+        Whether the images do not determine the height, or contradict it.
     """
 
     depth: Float
     mean_height_mm: float
     mean_height_sigma_mm: float
+    lowest_mm: float
     steps: tuple[HeightStep, ...]
     warnings: tuple[Notice, ...] = ()
 
@@ -170,8 +182,13 @@ def near_height(
         # At steep rims the steps may alternate between two surfaces.
         if change < _SETTLED * search.light_distance_mm or (step and change > 0.5 * steps[-2].change_mm):
             break
+    warnings: tuple[Notice, ...] = ()
+    if math.isfinite(sigma):
+        warnings = _doubts(search.common_shift(depth), search.light_distance_mm)
+        sigma = math.hypot(sigma, _common_sigma(search, depth, method))
     whole = _enlarged(depth, coarse.factor, mask.shape)
-    return NearHeight(whole, steps[-1].mean_height_mm, sigma, tuple(steps))
+    lowest = float(distance - np.quantile(depth[inside], 1 - _LOWEST))
+    return NearHeight(whole, steps[-1].mean_height_mm, sigma, lowest, tuple(steps), warnings)
 
 
 def _limits(lights: Lights, view: View) -> tuple[float, float]:
@@ -233,6 +250,45 @@ def _enlarged(depth: Double, factor: int, shape: tuple[int, ...]) -> Float:
     return np.asarray(whole, np.float32)
 
 
+def _common_sigma(search: MeanHeightSearch, depth: Double, method: Method) -> float:
+    """Return the standard deviation of the mean height if all lights share their stated errors.
+
+    Calibrations do not state which part of their errors is common, for instance that of the
+    distance: this is the upper bound. Lights that are all higher are tried.
+    """
+    errors = search.lights.errors
+    if errors is None or errors.covariances is None:
+        return 0.0
+    known = errors.covariances[np.isfinite(errors.covariances).all(axis=(1, 2)), 2, 2]
+    if not known.any():
+        return 0.0
+    rise = _TRIED_RISE * search.light_distance_mm
+    higher = search.under(raised(search.lights, rise))
+    moved = depth
+    try:
+        for _ in range(_RISE_STEPS):
+            moved, _ = higher.moved(moved)
+            found, inside = _surface(search.coarse, higher.lights, moved, method)
+            moved = _filled(found, inside)
+    except EstimateError:
+        return 0.0
+    change = float(np.mean((moved - depth)[inside]))
+    return abs(change) / rise * float(np.sqrt(known.mean()))
+
+
+def _doubts(shift: CommonShift, light_distance: float) -> tuple[Notice, ...]:
+    """Return a notice if images would agree better under lights that are all higher or lower."""
+    best = shift.best_mm
+    if not abs(best) > max(_DOUBTFUL * shift.sigma_mm, _SLIGHT * light_distance):
+        return ()
+    text = (
+        "the mean height may be wrong by more than its standard deviation: the images would agree "
+        f"better if all lights were {'higher' if best > 0 else 'lower'}, so their positions or "
+        "the distance of the camera are off alike, or the surface is not matte"
+    )
+    return (Notice("height-doubtful", text),)
+
+
 def _not_determined(mask: Mask, depth: float, sigma: float) -> NearHeight:
     """Return a plane, with a notice."""
     text = (
@@ -240,4 +296,4 @@ def _not_determined(mask: Mask, depth: float, sigma: float) -> NearHeight:
         "plane; state the height, or that the object rests on the working plane"
     )
     plane = np.full(mask.shape, depth, np.float32)
-    return NearHeight(plane, 0.0, sigma, (), (Notice("height-not-determined", text),))
+    return NearHeight(plane, 0.0, sigma, 0.0, (), (Notice("height-not-determined", text),))

@@ -1,11 +1,12 @@
 """Height of surfaces under near lights, compared with closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, DataError, Lights, angle_deg
+from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg
 from processing import NormalMap, integrate, photometric_stereo
 from processing._reconstruction.near_height import near_height
 from processing._reconstruction.views import Parallel, Perspective
@@ -140,6 +141,28 @@ def test_normals_are_those_with_the_true_points(kind):
 
     assert error(found.depth) < 1.01 * error(depth)
     assert error(found.depth) < 0.5 * error(np.full(SIZE, DISTANCE))
+
+
+UNEVEN = np.random.default_rng(5).uniform(0.85, 1.15, (16, 1))
+
+
+def test_lights_that_are_off_alike_are_reported_or_in_the_deviation():
+    """All lights are 10 mm too high. The common part of stated errors is in the deviation."""
+    lights = replace(dome(), positions_mm=UNEVEN * dome().positions_mm)
+    depth, normals = SURFACES["cap"](12.0)
+    values = images(depth, normals, lights, noise=0.002)
+    stated = LightErrors(covariances=np.tile(np.diag([0.5, 0.5, 4.0]), (16, 1, 1)))
+    right = near_height(values, replace(lights, errors=stated), DISC, VIEW)
+    assert not right.warnings
+    high = replace(lights, positions_mm=lights.positions_mm + [0, 0, 10.0])
+    wrong = near_height(values, high, DISC, VIEW)
+    (notice,) = wrong.warnings
+    assert notice.code == "height-doubtful"
+    assert "if all lights were lower" in notice.text
+    off = wrong.mean_height_mm - right.mean_height_mm
+    assert off > 10 * wrong.mean_height_sigma_mm
+    # Five standard deviations of 2 mm.
+    assert 5 * right.mean_height_sigma_mm == pytest.approx(off, rel=0.1)
 
 
 @pytest.mark.slow
