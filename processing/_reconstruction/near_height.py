@@ -89,7 +89,7 @@ def near_height(
     mask: Mask,
     camera: CameraModel,
     *,
-    method: Method = "cauchy",
+    method: Method = "best",
     height_mm: float | None = None,
     rests_on_plane: bool = False,
     on_step: Callable[[int, int], None] = lambda done, total: None,

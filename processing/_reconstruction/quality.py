@@ -210,7 +210,9 @@ def _remedy_warning(change: Remedy, found: Fit, ids: tuple[str, ...]) -> Notice:
 
 
 def _integrability(cells: Cells, lights: Lights) -> Integrability:
-    solved = photometric_stereo(cells.values, lights, cells.mask, points_mm=cells.points_mm)
+    solved = photometric_stereo(
+        cells.values, lights, cells.mask, method="cauchy", points_mm=cells.points_mm
+    )
     return integrability(solved.normal_map.normals, solved.normal_map.mask)
 
 

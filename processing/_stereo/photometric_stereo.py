@@ -59,7 +59,7 @@ def photometric_stereo(
     lights: Lights,
     mask: Mask,
     *,
-    method: Method = "cauchy",
+    method: Method = "best",
     points_mm: npt.ArrayLike | None = None,
     noise: StackNoise | None = None,
     camera: CameraModel | None = None,
@@ -85,7 +85,8 @@ def photometric_stereo(
         ``best``: least trimmed squares (Rousseeuw, 1984), then a fit of
         ``max(n . l, 0) (c0 + c1 (n . h)^2)`` to the samples that agree, with the half vector h
         between light and camera (compare Shi et al., 2014). It is the most accurate on
-        glossy and shadowed surfaces. With fewer than 12 samples it is ``cauchy``.
+        glossy and shadowed surfaces, and as accurate as the others on matte ones. With fewer than
+        12 samples it is ``cauchy``.
     points_mm
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.

@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from inspect import signature
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from acquisition import (
     write_png,
 )
 from calibration import EstimateError
-from processing import reconstruct
+from processing import photometric_stereo, reconstruct
 from rig import Mounting, RigConfig
 from simulator import open_rig_seeing, render, save_truth, scene_named
 
@@ -176,3 +177,12 @@ def test_a_computed_mask_that_fills_the_frame_is_reported(tmp_path, rows, column
     codes = [notice.code for notice in reconstruct(source, surface=False).warnings]
     assert ("mask-fills-frame" in codes) == reported
     assert "mask-estimated" in codes
+
+
+def test_one_method_is_the_default_everywhere():
+    from processing._reconstruction.near_height import near_height
+    from sgp._options import SourceOptions
+
+    functions = (reconstruct, photometric_stereo, near_height)
+    defaults = [signature(function).parameters["method"].default for function in functions]
+    assert defaults == [SourceOptions().method] * 3 == ["best"] * 3

@@ -1,0 +1,135 @@
+"""Which images, lights and heights are used for the normals, and how well they agree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import Lights, Source
+from calibration import Stack
+from processing._reconstruction.curve_check import curve_warnings
+from processing._reconstruction.heights import Heights
+from processing._reconstruction.light_strengths import (
+    LightStrengths,
+    light_strengths,
+    of_source,
+    with_strengths,
+)
+from processing._reconstruction.lit_images import lit_images
+from processing._reconstruction.near_height import NearHeight
+from processing._reconstruction.quality import ImageQuality, image_quality
+from processing._reconstruction.scheme_check import exclusion
+from rig import Notice
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+
+class Examination:
+    """The images of an object while it is decided with what the normals are computed.
+
+    It has the only references to the images, so that replaced ones are released.
+
+    Parameters
+    ----------
+    source, stack
+        The recording.
+    gray
+        ``(N, H, W)`` gray values of the stack.
+    lights
+        The N lights.
+    mask
+        ``(H, W)`` bool, the object.
+    heights
+        Finds the points of the surface.
+    points_mm
+        Points in the working plane; None under distant lights.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        stack: Stack,
+        gray: Float,
+        lights: Lights,
+        mask: Mask,
+        heights: Heights,
+        points_mm: npt.NDArray[np.float64] | None,
+    ) -> None:
+        self.source = source
+        self.stack = stack
+        self.gray = gray
+        self.lights = lights
+        self.points_mm = points_mm
+        self.near: NearHeight | None = None
+        self.strengths: LightStrengths | None = None
+        self.excluded: tuple[str, ...] = ()
+        self.warnings: list[Notice] = []
+        self._mask = mask
+        self._heights = heights
+
+    def leave_out_unlit(self) -> None:
+        """Leave out images without light on the object."""
+        lit, ids = lit_images(self.gray, self._mask), self.stack.ids
+        if len(lit) < len(ids):
+            dark = [name for i, name in enumerate(ids) if i not in lit]
+            text = f"images left out because they show no light: {', '.join(dark)}"
+            self.warnings.append(Notice("lights-unlit", text))
+            self._take(lit)
+
+    def find_surface(self, *, semi_calibrated: bool) -> None:
+        """Find the points of the surface, and the strengths of the lights if they are not known."""
+        strengths = self._divided() if semi_calibrated else None
+        # Before the height, which a wrong curve would bend.
+        self.warnings += curve_warnings(
+            self.source, self.gray, self.lights, self._mask, self.points_mm
+        )
+        self._find_height()
+        if strengths is None:
+            return
+        # Of near lights, strengths and heights depend on each other.
+        if self.near is not None:
+            again = self._divided()
+            self._find_height()
+            strengths = strengths.refined(again)
+        self.lights = strengths.lights
+        given = with_strengths(self.source.lights, self.lights)
+        self.source = replace(self.source, lights=given)
+        self.strengths = strengths if given is None else of_source(strengths, given)
+        self.warnings += self.strengths.warnings
+
+    def check(self, *, exclude_disagreeing: bool) -> ImageQuality:
+        """Test whether images, lights and normals agree; leave out images that do not."""
+        quality = self._quality()
+        if exclude_disagreeing:
+            kept = quality.scheme.agreeing(len(self.lights))
+            self.excluded = tuple(name for i, name in enumerate(self.lights.ids) if i not in kept)
+            self.warnings += exclusion(quality.scheme, self.lights.ids)
+            if self.excluded:
+                self._take(kept)
+                self._find_height()
+                quality = self._quality()
+        if self.near is not None:
+            self.warnings += self.near.warnings
+        self.warnings += quality.warnings
+        return quality
+
+    def _take(self, kept: Sequence[int]) -> None:
+        pick = list(kept)
+        self.stack, self.lights = self.stack.take(pick), self.lights.take(pick)
+        self.gray = self.gray[pick]
+
+    def _divided(self) -> LightStrengths:
+        """Divide the images by the strengths that they show."""
+        found = light_strengths(self.gray, self.lights, self._mask, points_mm=self.points_mm)
+        self.stack, self.gray = found.divided(self.stack, self.gray)
+        return found
+
+    def _find_height(self) -> None:
+        self.near, self.points_mm = self._heights.of(self.gray, self.lights)
+
+    def _quality(self) -> ImageQuality:
+        return image_quality(self.gray, self.lights, self._mask, points_mm=self.points_mm)
