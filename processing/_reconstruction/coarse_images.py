@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
+from processing._reconstruction.recorded_images import Images
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -33,7 +34,7 @@ class CoarseImages:
         return np.asarray(self.camera.centre_mm + depth[..., None] * self.rays, np.float64)
 
 
-def coarse_images(values: Float, mask: Mask, camera: CameraModel) -> CoarseImages:
+def coarse_images(values: Images, mask: Mask, camera: CameraModel) -> CoarseImages:
     """Average blocks; a block with a missing sample or a pixel outside the mask is left out."""
     factor = max(1, math.isqrt(int(np.count_nonzero(mask)) // _PIXELS))
     while True:
@@ -52,5 +53,5 @@ def coarse_images(values: Float, mask: Mask, camera: CameraModel) -> CoarseImage
             # Averages of whole blocks; NaN spreads to its block.
             cv2.resize(part, size, dst=out, interpolation=cv2.INTER_AREA)
     else:
-        averages = values
+        averages = values if isinstance(values, np.ndarray) else values.stack().values
     return CoarseImages(averages, inside, small, small.pixel_rays(), factor)

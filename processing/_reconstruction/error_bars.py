@@ -60,9 +60,7 @@ def error_bars(
     EstimateError
         If no pixel is valid.
     """
-    depth_sigma = 0.0
-    if near is not None and math.isfinite(near.mean_height_sigma_mm):
-        depth_sigma = near.mean_height_sigma_mm / float(near.depth[mask].mean())
+    depth_sigma = depth_deviation(near, mask)
     if albedo is None:
         found = normal_uncertainty(
             stack.values,
@@ -88,7 +86,21 @@ def error_bars(
             noise=stack.noise,
             on_progress=on_progress,
         )
+    return judged(stereo, found, mask)
+
+
+def judged(
+    stereo: PhotometricStereoResult, found: NormalUncertainty, mask: Mask
+) -> tuple[PhotometricStereoResult, NormalUncertainty, list[Notice]]:
+    """Return normals at the valid pixels, their error bars, and notices."""
     return _valid_part(stereo, found), found, _notices(found, mask)
+
+
+def depth_deviation(near: NearHeight | None, mask: Mask) -> float:
+    """Return the standard deviation of the mean height, relative to the depth."""
+    if near is None or not math.isfinite(near.mean_height_sigma_mm):
+        return 0.0
+    return near.mean_height_sigma_mm / float(near.depth[mask].mean())
 
 
 def _valid_part(

@@ -21,10 +21,10 @@ from processing._reconstruction.light_strengths import (
 from processing._reconstruction.lit_images import lit_images
 from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality, image_quality
+from processing._reconstruction.recorded_images import RecordedImages, RowSample
 from processing._reconstruction.scheme_check import exclusion
 from rig import Notice
 
-Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 
@@ -35,10 +35,12 @@ class Examination:
 
     Parameters
     ----------
-    source, stack
+    source
         The recording.
-    gray
-        ``(N, H, W)`` gray values of the stack.
+    images
+        Its N images in gray.
+    colours
+        The images in colour; None if they are not used.
     lights
         The N lights.
     mask
@@ -52,28 +54,28 @@ class Examination:
     def __init__(
         self,
         source: Source,
-        stack: Stack,
-        gray: Float,
+        images: RecordedImages,
+        colours: Stack | None,
         lights: Lights,
         mask: Mask,
         heights: Heights,
         points_mm: npt.NDArray[np.float64] | None,
     ) -> None:
         self.source = source
-        self.stack = stack
-        self.gray = gray
+        self.images = images
+        self.colours = colours
         self.lights = lights
         self.points_mm = points_mm
         self.near: NearHeight | None = None
         self.strengths: LightStrengths | None = None
         self.excluded: tuple[str, ...] = ()
         self.warnings: list[Notice] = []
-        self._mask = mask
+        self.mask = mask
         self._heights = heights
 
     def leave_out_unlit(self) -> None:
         """Leave out images without light on the object."""
-        lit, ids = lit_images(self.gray, self._mask), self.stack.ids
+        lit, ids = lit_images(self.images, self.mask), self.images.ids
         if len(lit) < len(ids):
             dark = [name for i, name in enumerate(ids) if i not in lit]
             text = f"images left out because they show no light: {', '.join(dark)}"
@@ -84,9 +86,11 @@ class Examination:
         """Find the points of the surface, and the strengths of the lights if they are not known."""
         strengths = self._divided() if semi_calibrated else None
         # Before the height, which a wrong curve would bend.
+        sample = self.sample()
         self.warnings += curve_warnings(
-            self.source, self.gray, self.lights, self._mask, self.points_mm
+            self.source, sample.values, self.lights, sample.mask, sample.of(self.points_mm)
         )
+        del sample
         self._find_height()
         if strengths is None:
             return
@@ -117,19 +121,26 @@ class Examination:
         self.warnings += quality.warnings
         return quality
 
+    def sample(self) -> RowSample:
+        """Return some rows of the images."""
+        return self.images.sample(self.mask)
+
     def _take(self, kept: Sequence[int]) -> None:
-        pick = list(kept)
-        self.stack, self.lights = self.stack.take(pick), self.lights.take(pick)
-        self.gray = self.gray[pick]
+        self.images, self.lights = self.images.take(kept), self.lights.take(list(kept))
+        if self.colours is not None:
+            self.colours = self.colours.take(kept)
 
     def _divided(self) -> LightStrengths:
         """Divide the images by the strengths that they show."""
-        found = light_strengths(self.gray, self.lights, self._mask, points_mm=self.points_mm)
-        self.stack, self.gray = found.divided(self.stack, self.gray)
+        gray = self.images.stack()
+        found = light_strengths(gray.values, self.lights, self.mask, points_mm=self.points_mm)
+        self.images = RecordedImages(found.divided(gray))
+        if self.colours is not None:
+            self.colours = found.divided(self.colours)
         return found
 
     def _find_height(self) -> None:
-        self.near, self.points_mm = self._heights.of(self.gray, self.lights)
+        self.near, self.points_mm = self._heights.of(self.images, self.lights)
 
     def _quality(self) -> ImageQuality:
-        return image_quality(self.gray, self.lights, self._mask, points_mm=self.points_mm)
+        return image_quality(self.images, self.lights, self.mask, points_mm=self.points_mm)

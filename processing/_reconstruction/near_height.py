@@ -15,6 +15,7 @@ from acquisition import CameraModel, DataError, Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages, coarse_images
 from processing._reconstruction.mean_height_search import MeanHeightSearch
+from processing._reconstruction.recorded_images import Images
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
 from processing._surface.integration import HeightMap, integrate
@@ -84,7 +85,7 @@ class NearHeight:
 
 
 def near_height(
-    values: Float,
+    values: Images,
     lights: Lights,
     mask: Mask,
     camera: CameraModel,

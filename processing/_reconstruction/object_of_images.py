@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from processing._mask import object_mask
+from processing._mask import mask_of_images
 from processing._reconstruction.mosaic import blocks_of_sites
+from processing._reconstruction.recorded_images import RecordedImages
 from rig import Notice
 
 Mask = npt.NDArray[np.bool_]
@@ -17,16 +18,16 @@ _MOST_BORDERS = 3
 
 
 def object_of(
-    values: npt.NDArray[np.float32], mask: Mask | None, elsewhere: Mask | None, pattern: str | None
+    images: RecordedImages, mask: Mask | None, elsewhere: Mask | None, pattern: str | None
 ) -> tuple[Mask, list[Notice]]:
-    """Return the mask of the object, computed from the images if there is none, and notices.
+    """Return the mask of the object, computed from the images if no mask is given, and notices.
 
     Parameters
     ----------
-    values
-        ``(N, H, W)`` linear radiance.
+    images
+        The N images.
     mask
-        ``(H, W)`` bool, the mask of the source; None if it has none.
+        ``(H, W)`` bool, the mask of the source; None if it has no mask.
     elsewhere
         ``(H, W)`` bool, pixels that are something else, such as spheres; None without any.
     pattern
@@ -39,9 +40,8 @@ def object_of(
     """
     if mask is not None:
         return mask if elsewhere is None else mask & ~elsewhere, []
-    computed = object_mask(
-        values if pattern is None else blocks_of_sites(values), outside=elsewhere
-    )
+    seen = images if pattern is None else map(blocks_of_sites, images)
+    computed = mask_of_images(seen, images.size, elsewhere)
     text = (
         "the images have no mask: one was computed; the object is "
         f"{computed.contrast:.0f} times as bright as the background"

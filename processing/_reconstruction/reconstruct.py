@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Literal
 
@@ -9,24 +11,26 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source, setup_notices
-from calibration import EstimateError, linear_stack, luma
+from calibration import BandedStack, Channel, EstimateError, Stack, linear_stack, luma, open_stack
 from processing._metrics import angular_error
+from processing._reconstruction.banded_normals import normals_in_bands
 from processing._reconstruction.colour_albedo import colour_albedo
-from processing._reconstruction.colours import stereo_of_colours
-from processing._reconstruction.error_bars import error_bars
+from processing._reconstruction.colour_normals import normals_of_colours
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.heights import Heights
-from processing._reconstruction.joint_colours import joint_stereo
 from processing._reconstruction.mosaic import albedo_of_sites, gray_picture
 from processing._reconstruction.object_of_images import object_of
 from processing._reconstruction.reconstruction import Reconstruction
-from processing._reconstruction.specular import specular_residual
+from processing._reconstruction.recorded_images import RecordedImages
 from processing._stereo.method import Method
-from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
+from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._surface.integration import integrate
 from rig import Progress, check_type, no_progress
 
 StereoChannel = Literal["gray", "rgb", "joint", "mosaic"]
+
+# Bytes of a stack that is read at once; a larger one is solved in bands of rows.
+_IN_MEMORY = 1_000_000_000
 
 
 def reconstruct(
@@ -114,75 +118,50 @@ def reconstruct(
         raise DataError(
             f"{source.path}: a height matters only under lights with positions: leave it out"
         )
-    stack = linear_stack(
-        source, channel="rgb" if channel == "joint" else channel, on_progress=on_progress
-    )
-    pattern = stack.pattern
-    colour = channel in ("rgb", "joint")
-    gray = luma(stack.values) if colour else stack.values
-    warnings = [*source.warnings, *setup_notices(source), *stack.warnings]
-    on_progress("normals", 0, 1)  # the images are examined first
-    mask, doubts = object_of(gray, stack.mask, source.not_object, pattern)
-    warnings += doubts
-    examined = Examination(
-        source,
-        stack,
-        gray,
-        lights,
-        mask,
-        Heights(source, mask, points_mm, height_mm, rests_on_plane, method, on_progress),
-        points_mm,
-    )
-    del stack, gray  # the examination may replace them
-    examined.leave_out_unlit()
-    examined.find_surface(semi_calibrated=semi_calibrated)
-    quality = examined.check(exclude_disagreeing=exclude_disagreeing)
-    warnings += examined.warnings
-    source, lights, near = examined.source, examined.lights, examined.near
-    stack, gray, points_mm = examined.stack, examined.gray, examined.points_mm
-    strengths, excluded = examined.strengths, examined.excluded
-    del examined
-    previews = tuple(
-        image.copy() if pattern is None else gray_picture(image, pattern)
-        for image in (gray[0], gray[-1])
-    )
-    albedo = None
-    if colour:
-        del gray
-        of_colours = joint_stereo if channel == "joint" else stereo_of_colours
-        stereo, albedo = of_colours(
-            stack.values,
+    with ExitStack() as opened:
+        whole = semi_calibrated or channel in ("rgb", "joint")
+        stack = _opened(source, channel, opened, on_progress, whole=whole)
+        pattern = stack.pattern
+        images, colours = _gray_and_colours(stack, channel)
+        on_progress("normals", 0, 1)  # the images are examined first
+        mask, of_mask = object_of(images, stack.mask, source.not_object, pattern)
+        examined = Examination(
+            source,
+            images,
+            colours,
             lights,
             mask,
-            method=method,
-            points_mm=points_mm,
-            noise=stack.noise,
-            camera=source.camera,
-            on_progress=on_progress,
+            Heights(source, mask, points_mm, height_mm, rests_on_plane, method, on_progress),
+            points_mm,
         )
-    else:
-        stereo = photometric_stereo(
-            gray,
-            lights,
-            mask,
-            method=method,
-            points_mm=points_mm,
-            noise=stack.noise,
-            camera=source.camera,
-            on_progress=on_progress,
+        del stack, colours, images  # the examination may replace them
+        examined.leave_out_unlit()
+        examined.find_surface(semi_calibrated=semi_calibrated)
+        quality = examined.check(exclude_disagreeing=exclude_disagreeing)
+        previews = tuple(
+            np.array(image) if pattern is None else gray_picture(image, pattern)
+            for image in (examined.images[0], examined.images[-1])
         )
-        del gray
-    warnings += stereo.warnings
-    stereo, uncertainty, doubts = error_bars(
-        stack, lights, mask, stereo, albedo, points_mm, near, source.camera, on_progress
-    )
-    warnings += doubts
+        if examined.colours is None:
+            solved, albedo = normals_in_bands(examined, method, on_progress), None
+        else:
+            solved, albedo = normals_of_colours(
+                examined, method, on_progress, joint=channel == "joint"
+            )
+        warnings = [
+            *source.warnings,
+            *setup_notices(source),
+            *examined.images.warnings,
+            *of_mask,
+            *examined.warnings,
+            *solved.warnings,
+        ]
+        source, lights, near = examined.source, examined.lights, examined.near
+        points_mm, used = examined.points_mm, examined.images.ids
+        strengths, excluded = examined.strengths, examined.excluded
+        del examined  # by far the largest arrays; the height does not need them
+    stereo = solved.stereo
     _check_facing(source, stereo)
-    specular = specular_residual(
-        stack.values, lights, stereo, points_mm=points_mm, noise=stack.noise
-    )
-    used = stack.ids
-    del stack  # by far the largest array; the height does not need it
     normal_map = stereo.normal_map
     if pattern is not None:
         albedo = albedo_of_sites(stereo.albedo, normal_map.mask, pattern)
@@ -203,8 +182,8 @@ def reconstruct(
         mask=mask,
         stereo=stereo,
         albedo=albedo,
-        uncertainty=uncertainty,
-        specular=specular,
+        uncertainty=solved.uncertainty,
+        specular=solved.specular,
         surface=height,
         quality=quality,
         excluded=excluded,
@@ -214,6 +193,25 @@ def reconstruct(
         near_height=near,
         warnings=tuple(warnings),
     )
+
+
+def _opened(
+    source: Source, channel: StereoChannel, opened: ExitStack, on_progress: Progress, *, whole: bool
+) -> Stack | BandedStack:
+    """Return the stack of a source, on disk if it is large and the complete one is not needed."""
+    of_stack: Channel = "rgb" if channel == "joint" else channel
+    if whole or 4 * len(source.light_ids) * math.prod(source.size) <= _IN_MEMORY:
+        return linear_stack(source, channel=of_stack, on_progress=on_progress)
+    return opened.enter_context(open_stack(source, channel=of_stack, on_progress=on_progress))
+
+
+def _gray_and_colours(
+    stack: Stack | BandedStack, channel: StereoChannel
+) -> tuple[RecordedImages, Stack | None]:
+    """Return the gray images of a stack, and the stack itself if its colours are used."""
+    if channel in ("rgb", "joint") and isinstance(stack, Stack):
+        return RecordedImages(replace(stack, values=luma(stack.values))), stack
+    return RecordedImages(stack), None
 
 
 def _check_facing(source: Source, stereo: PhotometricStereoResult) -> None:

@@ -67,7 +67,7 @@ def test_a_session_gives_normals_and_height(session):
     assert result.surface.unit == "mm"
     assert result.lights.near
     assert result.previews[0].shape == source.size
-    assert list(dict.fromkeys(stages)) == ["reading", "normals", "height", "error bars"]
+    assert list(dict.fromkeys(stages)) == ["reading", "normals", "height"]
     assert result.near_height is not None
     assert result.near_height.mean_height_mm == pytest.approx(4.7, abs=0.5)
 
