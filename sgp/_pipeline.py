@@ -132,7 +132,9 @@ def process(
         merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
     with watch.stage("normals"):
-        seen = _normals(source, files, options, maps, write, (unit, pixel_size), pixel_mm, true_lights)
+        seen = _normals(
+            source, files, options, maps, write, (unit, pixel_size), pixel_mm, true_lights
+        )
     with watch.stage("detail"):
         part_metrics, part_panels = _detail(seen, separation, maps, write)
     with watch.stage("surface"):

@@ -110,7 +110,9 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
     # Gloss would shift the height that explains the images best.
     known = "" if sigma is None else f" (sd {sigma:.2g}, if it is matte)"
     mean, lowest = metrics["mean_height_mm"], metrics["lowest_height_mm"]
-    return [f"mean height {mean:.2f} mm above the working plane{known}, lowest part {lowest:.2f} mm"]
+    return [
+        f"mean height {mean:.2f} mm above the working plane{known}, lowest part {lowest:.2f} mm"
+    ]
 
 
 def _strength_line(strengths: processing.LightStrengths | None) -> list[str]:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.views import View
 
 Float = npt.NDArray[np.float32]
@@ -34,7 +35,7 @@ class CoarseImages:
         return np.asarray(self.origins + depth[..., None] * self.rays, np.float64)
 
 
-def coarse_images(values: Float, mask: Mask, view: View) -> CoarseImages:
+def coarse_images(values: Images, mask: Mask, view: View) -> CoarseImages:
     """Average blocks; a block with a missing sample or a pixel outside the mask is left out."""
     factor = max(1, math.isqrt(int(np.count_nonzero(mask)) // _PIXELS))
     while True:
@@ -53,5 +54,5 @@ def coarse_images(values: Float, mask: Mask, view: View) -> CoarseImages:
             # Averages of whole blocks; NaN spreads to its block.
             cv2.resize(part, size, dst=out, interpolation=cv2.INTER_AREA)
     else:
-        averages = values
+        averages = values if isinstance(values, np.ndarray) else values.stack().values
     return CoarseImages(averages, inside, small, *small.rays(), factor)

@@ -36,7 +36,9 @@ class CommonShift:
 
 def raised(lights: Lights, rise_mm: float) -> Lights:
     """Return lights with positions that are all higher."""
-    return replace(lights, positions_mm=np.asarray(lights.positions_mm) + [0.0, 0.0, rise_mm])
+    return replace(
+        lights, positions_mm=np.asarray(lights.positions_mm) + np.array([0.0, 0.0, rise_mm])
+    )
 
 
 def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights
+from acquisition import CameraModel, Lights
 from calibration import EstimateError, Stack
 from processing._normal_map import NormalMap
 from processing._reconstruction.near_height import NearHeight
@@ -61,10 +61,7 @@ def error_bars(
     EstimateError
         If no pixel is valid.
     """
-    camera, depth_sigma = None, 0.0
-    if view is not None and near is not None and math.isfinite(near.mean_height_sigma_mm):
-        mean = float(near.depth[mask].mean())
-        camera, depth_sigma = view.depth_error(near.mean_height_sigma_mm, mean)
+    camera, depth_sigma = depth_deviation(near, view, mask)
     if albedo is None:
         found = normal_uncertainty(
             stack.values,
@@ -90,7 +87,23 @@ def error_bars(
             noise=stack.noise,
             on_progress=on_progress,
         )
+    return judged(stereo, found, mask)
+
+
+def judged(
+    stereo: PhotometricStereoResult, found: NormalUncertainty, mask: Mask
+) -> tuple[PhotometricStereoResult, NormalUncertainty, list[Notice]]:
+    """Return normals at the valid pixels, their error bars, and notices."""
     return _valid_part(stereo, found), found, _notices(found, mask)
+
+
+def depth_deviation(
+    near: NearHeight | None, view: View | None, mask: Mask
+) -> tuple[CameraModel | None, float]:
+    """Return a camera, and the relative standard deviation of all depths from it."""
+    if view is None or near is None or not math.isfinite(near.mean_height_sigma_mm):
+        return None, 0.0
+    return view.depth_error(near.mean_height_sigma_mm, float(near.depth[mask].mean()))
 
 
 def _valid_part(

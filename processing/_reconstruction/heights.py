@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from acquisition import Lights
 from processing._reconstruction.near_height import NearHeight, near_height
+from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.views import View
 from processing._stereo.method import Method
 from rig import Progress
@@ -26,7 +27,7 @@ class Heights:
     on_progress: Progress
 
     def of(
-        self, values: npt.NDArray[np.float32], lights: Lights
+        self, values: Images, lights: Lights
     ) -> tuple[NearHeight | None, npt.NDArray[np.float64] | None]:
         """Return the height under near lights and the points; None under distant lights."""
         if self.view is None:

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import numpy.typing as npt
 
+from processing._reconstruction.recorded_images import Images
 from rig import Notice
 
 # An image shows no light if its brightest parts are below this fraction of those of the others.
@@ -15,7 +16,7 @@ _BLACK = 0.02
 _THREADS = 2  # each takes the memory of two images
 
 
-def lit_images(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> list[int]:
+def lit_images(values: Images, mask: npt.NDArray[np.bool_]) -> list[int]:
     """Return the indices of the images with light on the object.
 
     The other images are black, because of a dead LED or a lost trigger.
@@ -23,17 +24,19 @@ def lit_images(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> 
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear radiance; samples that are not finite are saturated.
+        N images ``(H, W)`` of linear radiance; samples that are not finite are saturated.
     mask
         ``(H, W)`` bool, the object.
     """
     with ThreadPoolExecutor(_THREADS) as pool:
-        bright = np.array(list(pool.map(lambda image: _brightness(image, mask), values)))
+        bright = np.array(
+            list(pool.map(lambda i: _brightness(values[i], mask), range(len(values))))
+        )
     return [int(i) for i in np.flatnonzero(bright > _BLACK * np.median(bright))]
 
 
 def unlit_notices(
-    values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_], ids: Sequence[str], lit: list[int]
+    values: Images, mask: npt.NDArray[np.bool_], ids: Sequence[str], lit: list[int]
 ) -> list[Notice]:
     """Return warnings about the images that `lit_images` left out.
 

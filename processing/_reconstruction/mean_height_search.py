@@ -32,6 +32,8 @@ _LIT = 0.05
 _FEWEST_PIXELS = 20
 _TRIED = 21
 _ACCURACY_MM = 0.01
+# The reflectance that `best` fits would take up what a wrong height does to the samples.
+_METHOD: Method = "cauchy"
 # Shift of all lights in differences of the cost, relative to their distance.
 _SHIFT = 0.013
 
@@ -44,10 +46,8 @@ class MeanHeightSearch:
         coarse: CoarseImages,
         lights: Lights,
         limits: tuple[float, float],
-        method: Method,
     ) -> None:
         self.coarse, self.lights = coarse, lights
-        self._method = method
         flat = coarse.values.reshape(len(coarse.values), -1)
         pixels = np.flatnonzero(coarse.mask)
         pixels = pixels[_lit(flat[:, pixels]) >= _FEWEST_LIT]
@@ -125,7 +125,7 @@ class MeanHeightSearch:
 
     def under(self, lights: Lights) -> MeanHeightSearch:
         """Return the same search under other lights, near the height that was found."""
-        other = MeanHeightSearch(self.coarse, lights, self._limits, self._method)
+        other = MeanHeightSearch(self.coarse, lights, self._limits)
         other._found = self._found
         return other
 
@@ -162,7 +162,7 @@ class MeanHeightSearch:
             return np.full((len(depth), len(self._values)), np.nan)
         maps = StereoMaps.empty(every.shape)
         # These pixels are no neighbours, so that their differences do not show the noise.
-        solve_maps(frames, model, every, None, self._method, maps, None, no_progress)
+        solve_maps(frames, model, every, None, _METHOD, maps, None, no_progress)
         samples, vectors = model.samples(frames, np.arange(len(depth)))
         normals, albedo = maps.normals[0], maps.albedo[0]
         shading = np.maximum(np.einsum("pc,pcn->pn", normals, vectors), 0)

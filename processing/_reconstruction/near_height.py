@@ -16,6 +16,7 @@ from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages, coarse_images
 from processing._reconstruction.common_shift import CommonShift, raised
 from processing._reconstruction.mean_height_search import MeanHeightSearch
+from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.views import View
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
@@ -99,12 +100,12 @@ class NearHeight:
 
 
 def near_height(
-    values: Float,
+    values: Images,
     lights: Lights,
     mask: Mask,
     view: View,
     *,
-    method: Method = "cauchy",
+    method: Method = "best",
     height_mm: float | None = None,
     rests_on_plane: bool = False,
     on_step: Callable[[int, int], None] = lambda done, total: None,
@@ -153,7 +154,7 @@ def near_height(
             f"from {lowest:.0f} to {highest:.0f} mm"
         )
     coarse = coarse_images(values, mask, view)
-    search = MeanHeightSearch(coarse, lights, (lowest, highest), method)
+    search = MeanHeightSearch(coarse, lights, (lowest, highest))
     distance = view.distance_mm
     depth = np.full(coarse.mask.shape, distance - (height_mm or 0.0))
     sigma = math.nan
@@ -180,7 +181,9 @@ def near_height(
         steps.append(HeightStep(height, change))
         on_step(step + 1, _MOST_STEPS)
         # At steep rims the steps may alternate between two surfaces.
-        if change < _SETTLED * search.light_distance_mm or (step and change > 0.5 * steps[-2].change_mm):
+        if change < _SETTLED * search.light_distance_mm or (
+            step and change > 0.5 * steps[-2].change_mm
+        ):
             break
     warnings: tuple[Notice, ...] = ()
     if math.isfinite(sigma):
@@ -216,7 +219,9 @@ def _check_reach(coarse: CoarseImages, lights: Lights, depth: Double, height: fl
         )
 
 
-def _surface(coarse: CoarseImages, lights: Lights, depth: Double, method: Method) -> tuple[Double, Mask]:
+def _surface(
+    coarse: CoarseImages, lights: Lights, depth: Double, method: Method
+) -> tuple[Double, Mask]:
     stereo = photometric_stereo(
         coarse.values,
         lights,

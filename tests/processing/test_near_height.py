@@ -10,6 +10,7 @@ from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg
 from processing import NormalMap, integrate, photometric_stereo
 from processing._reconstruction.near_height import near_height
 from processing._reconstruction.views import Parallel, Perspective
+from simulator import render, scene_named
 
 SIZE = (60, 80)
 DISTANCE = 600.0
@@ -24,14 +25,14 @@ Y, X = np.indices(SIZE)
 DISC = (X - 39.5) ** 2 + (Y - 29.5) ** 2 < 26**2
 
 
-def dome(scale=1.0):
-    """Return 16 LEDs in two rings, 450 mm from the origin."""
-    turn = np.radians(np.arange(16) * 22.5)
-    tilt = np.radians(np.resize([25.0, 50.0], 16))
+def dome(scale=1.0, count=16):
+    """Return LEDs in two rings, 450 mm from the origin."""
+    turn = np.radians(np.arange(count) * 360 / count)
+    tilt = np.radians(np.resize([25.0, 50.0], count))
     away = np.stack(
         [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)], axis=1
     )
-    return Lights(positions_mm=450.0 * scale * away, axes=-away, mu=np.ones(16))
+    return Lights(positions_mm=450.0 * scale * away, axes=-away, mu=np.ones(count))
 
 
 def plane(slope, height):
@@ -143,19 +144,30 @@ def test_normals_are_those_with_the_true_points(kind):
     assert error(found.depth) < 0.5 * error(np.full(SIZE, DISTANCE))
 
 
-UNEVEN = np.random.default_rng(5).uniform(0.85, 1.15, (16, 1))
+def coin():
+    """Return images of a rendered coin under 36 LEDs, divided by the strengths, and its truth."""
+    scene = scene_named("coin", width=120, height=100, leds=36, seed=4)
+    rendering = render(replace(scene, ambient=0.0))
+    truth, planes = rendering.truth, rendering.planes
+    full = np.quantile(planes[:, truth.mask], 0.999) / 0.8
+    photons = np.random.default_rng(4).poisson(1e4 * np.clip(planes / full, 0, 1))
+    strengths = np.asarray(truth.lights.intensities).mean(axis=1)[:, None, None]
+    return np.float32(np.where(photons < 1e4, photons / 1e4, np.nan) / strengths), truth
 
 
 def test_lights_that_are_off_alike_are_reported_or_in_the_deviation():
     """All lights are 10 mm too high. The common part of stated errors is in the deviation."""
-    lights = replace(dome(), positions_mm=UNEVEN * dome().positions_mm)
-    depth, normals = SURFACES["cap"](12.0)
-    values = images(depth, normals, lights, noise=0.002)
-    stated = LightErrors(covariances=np.tile(np.diag([0.5, 0.5, 4.0]), (16, 1, 1)))
-    right = near_height(values, replace(lights, errors=stated), DISC, VIEW)
+    values, truth = coin()
+    lights = Lights(
+        positions_mm=truth.lights.positions_mm, axes=truth.lights.axes, mu=truth.lights.mu
+    )
+    stated = LightErrors(covariances=np.tile(np.diag([0.5, 0.5, 4.0]), (36, 1, 1)))
+    view = Perspective(truth.camera)
+    right = near_height(values, replace(lights, errors=stated), truth.mask, view)
     assert not right.warnings
-    high = replace(lights, positions_mm=lights.positions_mm + [0, 0, 10.0])
-    wrong = near_height(values, high, DISC, VIEW)
+    assert right.mean_height_mm == pytest.approx(np.nanmean(truth.height_mm[truth.mask]), abs=0.3)
+    high = replace(lights, positions_mm=np.add(lights.positions_mm, [0, 0, 10.0]))
+    wrong = near_height(values, high, truth.mask, view)
     (notice,) = wrong.warnings
     assert notice.code == "height-doubtful"
     assert "if all lights were lower" in notice.text

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, Lights, read_image, read_lights, write_lights, write_png
+from acquisition import Lights, read_image, write_lights, write_png
 from processing import angle_deg, read_normals
 from processing._reconstruction.views import Parallel
 
