@@ -83,7 +83,7 @@ def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
         noise += weight**2 * one.noise
         lights += weight * np.sqrt(one.lights)
         height += weight * np.sqrt(one.height)
-        model += weight * np.sqrt(one.model)
+        model += weight * np.sqrt(one.model + np.float32(one.common_model))
         kept += weight * one.kept
         if one.reference is not None:
             reference += weight[..., None] * one.reference
@@ -100,6 +100,7 @@ def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
         lights**2,
         height**2,
         model**2,
+        0.0,
         np.asarray(angle**2, np.float32),
         kept,
         None,

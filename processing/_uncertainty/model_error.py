@@ -28,7 +28,7 @@ def agreement(chi2: Float, free: Float) -> Float:
     Parameters
     ----------
     chi2, free
-        ``(H, W)`` sums of squares and their degrees of freedom, 0 where there are none.
+        ``(H, W)`` sums of squares and their degrees of freedom, 0 without residuals.
     """
     return np.asarray((_around(chi2) + _PRIOR) / (_around(free) + _PRIOR), np.float32)
 
@@ -41,18 +41,19 @@ def model_errors(
     left: Float,
     products: Float,
     paired: Float,
-) -> tuple[Float, Float]:
-    """Return the variances by the model, and the share of the differences that are errors.
+) -> tuple[Float, float, Float]:
+    """Return variances by the model, a common one, and the share of differences that are errors.
 
     Noise is independent from pixel to pixel and from light to light, and N lights average it. Where
     the surface is not matte, residuals of neighbouring pixels are alike: the mean of their products
     is the variance of the deviation from a matte surface. Such deviations are also alike for
     neighbouring lights, and many lights do not average them: their effect on the normal is about N
-    times that of independent residuals of this size. Normals that a reflectance explains better than the
-    reference have a smaller error; it falls with what the reflectance leaves. The factors are
-    measured on simulated materials.
+    times that of independent residuals of this size. Normals that a reflectance explains better
+    than the reference have a smaller error; it falls with what the reflectance leaves. The factors
+    are measured on simulated materials.
 
-    A share of the mean deviation of the object is added everywhere, because the part of a broad
+    The common variance, from the mean deviation of the object, is that of every pixel besides its
+    own, because the part of a broad
     highlight that is linear in the direction of the light turns normals and leaves no residual.
 
     Parameters
@@ -79,8 +80,7 @@ def model_errors(
     kept = np.where(excess > 0, explained, np.float32(1)) ** _LEFT
     own = np.sqrt(_COHERENT * kept * excess * total * (free + 3))
     common = _COMMON * float(own[solved].mean()) if solved.any() else 0.0
-    variance = np.where(solved, own**2 + np.float32(common**2), 0)
-    return np.asarray(variance, np.float32), np.asarray(kept, np.float32)
+    return np.asarray(own**2, np.float32), common**2, np.asarray(kept, np.float32)
 
 
 def _around(part: Float) -> Float:

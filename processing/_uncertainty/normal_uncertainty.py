@@ -83,8 +83,8 @@ def normal_uncertainty(
     `Lights.errors`, to first order; a light without stated errors counts as exact. Where the
     residuals over 5 x 5 pixels exceed the law of the noise, the variance is larger in proportion.
     Where residuals are alike at pixels that are 4 px apart, the surface is not matte; the errors by
-    it are predicted to about a factor of 1.5, and 2 for the method ``best``. With a known noise and
-    a matte surface, bands of rows that overlap by 2 rows give the values of the whole.
+    it are predicted to about a factor of 2 on most surfaces. With a known noise and a matte
+    surface, bands of rows that overlap by 2 rows give the values of the whole.
 
     Parameters
     ----------
@@ -154,7 +154,8 @@ def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
     """Return standard deviations in degrees from variances."""
     valid = (found.reason == Reason.VALID) & (found.origin != "unknown")
     common = found.lights + found.height
-    total = found.noise + common + found.model + found.kept * found.difference
+    model = found.model + np.float32(found.common_model)
+    total = found.noise + common + model + found.kept * found.difference
     sigma, of_common = (
         np.degrees(np.sqrt(part, out=np.full_like(part, np.nan), where=valid))
         for part in (total, common)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, cast
 
 import numpy as np
@@ -11,7 +13,7 @@ import numpy.typing as npt
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
 from processing._stereo.frames import Frames
-from processing._stereo.image_noise import law_of_images
+from processing._stereo.image_noise import ImageLaw, law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
@@ -55,8 +57,9 @@ class PixelVariances:
         ``(H, W)`` variances of the direction of the reference by the noise, the errors of the
         lights, and that of the mean height. Noise and lights are scaled by the agreement of the
         residuals with them.
-    model
-        ``(H, W)`` variances where the surface is not matte, see `model_errors`.
+    model, common_model
+        ``(H, W)`` variances where the surface is not matte, and the part of them that all pixels
+        have, see `model_errors`.
     difference
         ``(H, W)`` squared angles between the given normals and the reference.
     kept
@@ -75,6 +78,7 @@ class PixelVariances:
     lights: Float
     height: Float
     model: Float
+    common_model: float
     difference: Float
     kept: Float
     reference: Float | None
@@ -98,6 +102,7 @@ def pixel_variances(
     noise: StackNoise | None,
     keep_reference: bool,
     on_progress: Progress,
+    estimated: ImageLaw | None = None,
 ) -> PixelVariances:
     """Solve all pixels of a mask again.
 
@@ -111,6 +116,8 @@ def pixel_variances(
         As in `normal_uncertainty`.
     keep_reference
         Whether to return the normals of the reference.
+    estimated
+        The law of images without a known one, if it was estimated before.
     """
     pixels = np.flatnonzero(mask)
     solver = _Solver(stack, lights, mask, scaled, points_mm, camera, depth_sigma)
@@ -118,14 +125,14 @@ def pixel_variances(
     origin: Origin = "residuals" if noise is None else cast(Origin, noise.origin)
     fitted = None
     if law is None:
-        fitted = solver.law_of_images(mask)
+        fitted = solver.law_of_images(mask) if estimated is None else estimated.law
         origin = "unknown" if fitted is None else origin
     counts = np.zeros((len(SampleKind), mask.size), np.uint8 if len(stack) < 256 else np.uint16)
     reason = np.zeros(mask.size, np.uint8)
     parts = np.zeros((9, mask.size), np.float32)
     reference = np.zeros((mask.size, 3), np.float32) if keep_reference else None
-    for first in range(0, len(pixels), _BLOCK):
-        block = pixels[first : first + _BLOCK]
+    done = 0
+    for block in _blocks(pixels, mask.shape[1]):
         samples, vectors = solver.model.samples(Frames(stack), block)
         known = fitted if law is None else law.of(block, samples, vectors)
         _, of_block, results = solver.solve(block, samples, vectors, known)
@@ -136,11 +143,12 @@ def pixel_variances(
         if reference is not None:
             found = results[good, REFERENCE]
             reference[block[good]] = found / np.linalg.norm(found, axis=1, keepdims=True)
-        on_progress("error bars", min(first + _BLOCK, len(pixels)), len(pixels))
+        done += len(block)
+        on_progress("error bars", done, len(pixels))
     of_noise, of_lights, height, difference, *residuals = parts.reshape(-1, *mask.shape)
     chi2, free, *_ = residuals
     factor = agreement(chi2, free)
-    model, kept = model_errors(of_noise, of_lights, *residuals)
+    model, common_model, kept = model_errors(of_noise, of_lights, *residuals)
     if noise is not None:
         np.maximum(factor, 1, out=factor)
     return PixelVariances(
@@ -148,6 +156,7 @@ def pixel_variances(
         of_lights * factor,
         height,
         model,
+        common_model,
         difference,
         kept,
         None if reference is None else reference.reshape(*mask.shape, 3),
@@ -195,7 +204,7 @@ class _Solver:
         depth_sigma: float,
     ) -> None:
         self.model = LightModel(lights, points_mm, mask)
-        self._stack = stack
+        self._stack, self._width = stack, mask.shape[1]
         self._near = lights.near
         self._table = light_table(lights)
         self._normals, self._albedo = scaled[0].reshape(-1, 3), scaled[1].reshape(-1)
@@ -236,6 +245,7 @@ class _Solver:
             self._points_of(pixels),
             self._view,
             pixels,
+            _row_starts(pixels, self._width),
             kinds,
             counts,
             results,
@@ -255,8 +265,29 @@ class _Solver:
     def law_of_images(self, mask: Mask) -> Float | None:
         """Return the law of the noise that the images show; None if they are too few or small."""
         law = law_of_images(Frames(self._stack), self.model, mask)
-        enough = len(self._stack) >= _FEWEST_IMAGES and np.count_nonzero(mask) >= _FEWEST_PIXELS
-        return np.zeros((1, 2, 1), np.float32) if law is None and enough else law
+        return law_of_errors(law, len(self._stack), int(np.count_nonzero(mask)))
+
+
+def law_of_errors(law: Float | None, images: int, pixels: int) -> Float | None:
+    """Return the law that `law_of_images` found; no noise if many pixels showed none."""
+    enough = images >= _FEWEST_IMAGES and pixels >= _FEWEST_PIXELS
+    return np.zeros((1, 2, 1), np.float32) if law is None and enough else law
+
+
+def _row_starts(pixels: npt.NDArray[np.intp], width: int) -> npt.NDArray[np.intp]:
+    """Return where rows of the image begin in a list of pixels, and its length."""
+    inside = np.flatnonzero(np.diff(pixels // width)) + 1
+    return np.concatenate([[0], inside, [len(pixels)]]).astype(np.intp)
+
+
+def _blocks(pixels: npt.NDArray[np.intp], width: int) -> Iterator[npt.NDArray[np.intp]]:
+    """Yield complete rows of pixels, about `_BLOCK` at once."""
+    starts = _row_starts(pixels, width)
+    at = np.unique(np.searchsorted(starts, np.arange(0, len(pixels) + _BLOCK, _BLOCK)))
+    chosen = starts[np.minimum(at, len(starts) - 1)]
+    for first, last in pairwise(chosen):
+        if last > first:
+            yield pixels[first:last]
 
 
 def _reasons(counts: npt.NDArray[np.int64], good: Mask, solved: Mask) -> npt.NDArray[np.uint8]:

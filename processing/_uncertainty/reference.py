@@ -256,7 +256,7 @@ def _pixel(
 def reference_solutions(
     values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Float,
     errors: bool, near: bool, points: Double, view: Double, places: npt.NDArray[np.intp],
-    kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
+    rows: npt.NDArray[np.intp], kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
 ) -> None:  # fmt: skip
     """Solve pixels from given solutions, and classify their samples.
 
@@ -279,6 +279,8 @@ def reference_solutions(
         deviation of the depths.
     places
         ``(P,)`` flat indices of the pixels in the image, which show neighbours.
+    rows
+        ``(R + 1,)`` where each row of the image begins in the list of pixels, and its length.
     kinds
         ``(P, N)``, receives the values of `SampleKind`.
     counts
@@ -287,15 +289,15 @@ def reference_solutions(
         ``(P, 12)``, receives the solution, and what `VARIANCES` lists, variances and angles in
         rad^2; NaN if the lit lights do not determine the pixel.
     """
-    pixels, lights = values.shape
-    for block in numba.prange((pixels + 255) // 256):
+    lights = values.shape[1]
+    for row in numba.prange(len(rows) - 1):
         samples = np.zeros((8, lights), np.float32)
         scratch = np.zeros((4, lights), np.float32)
         index = np.zeros(lights, np.int64)
         work = np.zeros(24)
         residuals = np.zeros((_APART + 1, lights), np.float32)
-        first = 256 * block
-        for p in range(256 * block, min(256 * (block + 1), pixels)):
+        first = rows[row]
+        for p in range(first, rows[row + 1]):
             start = starts[p]
             of = p if near else 0
             good = False
