@@ -61,6 +61,13 @@ class Ellipse:
         matrix: Array = turn @ np.diag(self.semi_axes_px) @ turn.T
         return matrix
 
+    def moved(self, change: Array) -> Ellipse:
+        """Return the ellipse with changed centre x, centre y and radius, in pixels."""
+        (x, y), (a, b) = self.centre_px, self.semi_axes_px
+        scale = 1 + float(change[2]) / self.radius_px
+        centre = (x + float(change[0]), y + float(change[1]))
+        return Ellipse(centre, (a * scale, b * scale), self.angle_deg)
+
     def unit(self, pixels: npt.ArrayLike) -> Array:
         """Return pixels ``(..., 2)`` in the frame in which the ellipse is the unit circle."""
         offset = np.asarray(pixels, np.float64) - self.centre_px

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -35,7 +35,6 @@ _SEARCH = np.arange(-5, 6) * 0.2
 _COMPARED = 240
 # Edges farther than this from the circle do not count, in rounds.
 _WINDOWS_PX = (1.0, 0.8, 0.4, 0.4, 0.4, 0.4)
-_ROUNDS = 3
 _FEWEST = 12
 _PARTS = 4
 
@@ -54,19 +53,15 @@ class JointOutline:
         Share 0..1 of the circumference that these points cover.
     support
         Share 0..1 of the circumference where an edge agrees with the outline, by its distance.
-    covariance_px2
-        ``(3, 3)`` covariance of centre x, centre y and radius by which the outlines of parts of the
-        images and of parts of the circumference differ.
     """
 
     outline: Ellipse
     points_px: Array
     coverage: float
     support: float
-    covariance_px2: Array
 
 
-def joint_outline(values: Images, guess: Ellipse) -> JointOutline:
+def joint_outline(values: Images, guess: Ellipse, rounds: int = 3) -> JointOutline:
     """Fit the outline of a ball to the edges in all images.
 
     What a ball mirrors, shadows and objects behind it put other edges near its outline. They move
@@ -81,6 +76,8 @@ def joint_outline(values: Images, guess: Ellipse) -> JointOutline:
         ``(N, H, W)`` linear images, NaN where saturated.
     guess
         The outline, to a pixel.
+    rounds
+        How often edges are searched for around the last outline.
 
     Raises
     ------
@@ -88,10 +85,10 @@ def joint_outline(values: Images, guess: Ellipse) -> JointOutline:
         If fewer than 12 edge points agree with an outline near the guess.
     """
     outline = guess
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         edges = _Edges(values, outline)
         fit = edges.fit(edges.every_image, edges.every_angle)
-        outline = moved_outline(outline, fit.change)
+        outline = outline.moved(fit.change)
     near = fit.weights > 0
     angles, offsets = edges.angles[near], fit.offsets[near]
     points = edges.around.point(angles, 1 + offsets / edges.around.radius_px)
@@ -101,7 +98,41 @@ def joint_outline(values: Images, guess: Ellipse) -> JointOutline:
         points = points[weights > 0]
         coverage *= float(np.mean(weights > 0))
     support = float(fit.weights.mean())
-    return JointOutline(outline, points, coverage, support, edges.disagreement(fit.change))
+    return JointOutline(outline, points, coverage, support)
+
+
+def part_covariance(values: Images, outline: Ellipse) -> Array:
+    """Return the covariance by which outlines of parts of the data differ from each other.
+
+    The parts are halves of the images, which differ by twice the deviation of one, and all but one
+    quarter of the circumference (jackknife). A part that determines nothing counts as a pixel.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, NaN where saturated.
+    outline
+        The outline of all, from `joint_outline`.
+
+    Returns
+    -------
+    Array
+        ``(3, 3)``, of centre x, centre y and radius.
+    """
+    edges = _Edges(values, outline)
+    whole = edges.part(edges.every_image, edges.every_angle)
+    total = np.zeros((3, 3))
+    halves = _halvings(len(values))
+    for half in halves:
+        apart = edges.part(half, edges.every_angle) - edges.part(~half, edges.every_angle)
+        total += np.outer(apart, apart) / (4 * len(halves))
+    turns = np.floor(edges.angles / (2 * np.pi) * 2 * _PARTS).astype(int)
+    for first in (0, 1):
+        quarter = (turns + first) // 2 % _PARTS
+        parts = [edges.part(edges.every_image, quarter != part) for part in range(_PARTS)]
+        deviations = np.array(parts) - whole
+        total += (1 - 1 / _PARTS) * deviations.T @ deviations / 2
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +152,7 @@ class _Edges:
         self.angles = edge_angles(around)
         self.every_image = np.ones(len(values), bool)
         self.every_angle = np.ones(len(self.angles), bool)
-        profiles = np.stack([self._profiles(image) for image in values])
+        profiles = np.stack([self._profiles(values[k]) for k in range(len(values))])
         count, angles, samples = profiles.shape
         flat = profiles.reshape(-1, samples)
         power = np.maximum(flat.var(axis=1), 1e-300)
@@ -181,42 +212,12 @@ class _Edges:
         best: Array = grid[np.argmin(misfit.mean(axis=1))]
         return best
 
-    def disagreement(self, whole: Array) -> Array:
-        """Return the covariance by which fits to parts differ from each other.
-
-        The parts are halves of the images, of which a half of each difference is one deviation,
-        and all but one quarter of the circumference (jackknife). A part that determines nothing
-        counts as a pixel.
-        """
-        total = np.zeros((3, 3))
-        halves = _halvings(len(self._misfit))
-        for half in halves:
-            apart = self._part(half, self.every_angle) - self._part(~half, self.every_angle)
-            total += np.outer(apart, apart) / (4 * len(halves))
-        turns = np.floor(self.angles / (2 * np.pi) * 2 * _PARTS).astype(int)
-        for first in (0, 1):
-            quarter = (turns + first) // 2 % _PARTS
-            parts = [self._part(self.every_image, quarter != part) for part in range(_PARTS)]
-            apart = np.array(parts) - whole
-            total += (1 - 1 / _PARTS) * apart.T @ apart / 2
-        return total
-
-    def _part(self, images: Flags, angles: Flags) -> Array:
+    def part(self, images: Flags, angles: Flags) -> Array:
+        """Return the change of centre and radius of a part of the data, a pixel if it has none."""
         try:
             return self.fit(images, angles).change
         except EstimateError:
             return np.ones(3)
-
-
-def moved_outline(outline: Ellipse, change: Array) -> Ellipse:
-    """Return an outline with changed centre x, centre y and radius, in pixels."""
-    (x, y), (a, b) = outline.centre_px, outline.semi_axes_px
-    scale = 1 + float(change[2]) / outline.radius_px
-    return replace(
-        outline,
-        centre_px=(x + float(change[0]), y + float(change[1])),
-        semi_axes_px=(a * scale, b * scale),
-    )
 
 
 def _halvings(count: int) -> list[Flags]:

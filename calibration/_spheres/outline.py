@@ -115,21 +115,21 @@ class OutlineImages:
     """
 
     def __init__(self, values: Images) -> None:
-        self._values = values
+        self.values = values
 
     @cached_property
     def upper(self) -> npt.NDArray[np.float32]:
         """The upper mean, see `outline_image`: it shows most of an outline in most recordings."""
-        return outline_image(self._values)
+        return outline_image(self.values)
 
     @cached_property
     def median(self) -> npt.NDArray[np.float32]:
         """The median: of few images, reflections and shadows of the surroundings spoil it least."""
-        white = _white(self._values)
-        median = np.zeros(self._values.shape[1:], np.float32)
+        white = _white(self.values)
+        median = np.zeros(self.values.shape[1:], np.float32)
         for start in range(0, len(median), _BAND_ROWS):
             rows = slice(start, start + _BAND_ROWS)
-            median[rows] = np.median(np.nan_to_num(self._values[:, rows], nan=white), axis=0)
+            median[rows] = np.median(np.nan_to_num(self.values[:, rows], nan=white), axis=0)
         return median + np.float32(max(0.01 * float(median.mean()), 1e-6))
 
 
