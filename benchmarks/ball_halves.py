@@ -33,7 +33,8 @@ HALVES = {
 
 def stated_deg(lights: Lights) -> float:
     """Return the root mean square of the stated errors of directions in degrees."""
-    assert lights.errors is not None and lights.errors.covariances is not None
+    if lights.errors is None or lights.errors.covariances is None:
+        return float("nan")
     variances = np.trace(lights.errors.covariances, axis1=1, axis2=2)
     return float(np.degrees(np.sqrt(np.mean(variances))))
 

@@ -1,4 +1,4 @@
-"""Drawn images of a mirror ball that stands on a dark cloth in a cluttered room, without a plane."""
+"""Drawn images of a mirror ball on a dark cloth in a cluttered room, without a plane around it."""
 
 from __future__ import annotations
 

@@ -39,6 +39,8 @@ _SECTORS = 72
 _LEAST_COVERAGE = 0.35
 _HORIZON, _CONCENTRIC = 0.73, 0.15
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
+# One picture may show an edge as far from the outline that less of all images supports.
+_WIDER_SHARE, _DECIDED = 0.1, 0.5
 
 
 def find_spheres(
@@ -173,6 +175,10 @@ def _in_all_images(values: Images, sphere: SphereImage) -> SphereImage:
     """Return a sphere with the outline that the edges of most images support."""
     radius = sphere.outline.radius_px
     joint = joint_near(values, sphere.outline, max(_REACH_PX, _REACH_SHARE * radius))
+    if joint is None or joint.support < _DECIDED:
+        wider = joint_near(values, sphere.outline, max(_REACH_PX, _WIDER_SHARE * radius))
+        if joint is None or (wider is not None and wider.support > joint.support):
+            joint = wider
     if joint is None:
         return sphere
     highlights = find_highlights(values, joint.outline)
@@ -214,8 +220,8 @@ def _refined(pictures: OutlineImages, circle: Ellipse) -> tuple[Ellipse, Array, 
 
     The refinement moves the outline by up to 3 px or 3 % of the radius.
     """
+    reach = max(_REACH_PX, _REACH_SHARE * circle.radius_px)
     try:
-        reach = max(_REACH_PX, _REACH_SHARE * circle.radius_px)
         outline, points, coverage = refine_sharpest(pictures, circle, reach)
     except EstimateError:
         return None

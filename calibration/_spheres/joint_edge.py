@@ -35,7 +35,7 @@ _SEARCH = np.arange(-5, 6) * 0.2
 _COMPARED = 240
 # Edges farther than this from the circle do not count, in rounds.
 _WINDOWS_PX = (1.0, 0.8, 0.4, 0.4, 0.4, 0.4)
-_FEWEST = 12
+_FEWEST, _MOST_ANGLES = 12, 2000
 _PARTS = 4
 
 
@@ -61,7 +61,9 @@ class JointOutline:
     support: float
 
 
-def joint_outline(values: Images, guess: Ellipse, rounds: int = 3) -> JointOutline:
+def joint_outline(
+    values: Images, guess: Ellipse, rounds: int = 2, most_angles: int = _MOST_ANGLES
+) -> JointOutline:
     """Fit the outline of a ball to the edges in all images.
 
     What a ball mirrors, shadows and objects behind it put other edges near its outline. They move
@@ -78,6 +80,8 @@ def joint_outline(values: Images, guess: Ellipse, rounds: int = 3) -> JointOutli
         The outline, to a pixel.
     rounds
         How often edges are searched for around the last outline.
+    most_angles
+        At how many angles, one per pixel of a smaller outline.
 
     Raises
     ------
@@ -86,7 +90,7 @@ def joint_outline(values: Images, guess: Ellipse, rounds: int = 3) -> JointOutli
     """
     outline = guess
     for _ in range(rounds):
-        edges = _Edges(values, outline)
+        edges = _Edges(values, outline, most_angles)
         fit = edges.fit(edges.every_image, edges.every_angle)
         outline = outline.moved(fit.change)
     near = fit.weights > 0
@@ -147,9 +151,9 @@ class _Fit:
 class _Edges:
     """How well each image agrees with an edge at each angle and place near an outline."""
 
-    def __init__(self, values: Images, around: Ellipse) -> None:
+    def __init__(self, values: Images, around: Ellipse, most_angles: int = _MOST_ANGLES) -> None:
         self.around = around
-        self.angles = edge_angles(around)
+        self.angles = edge_angles(around, most_angles)
         self.every_image = np.ones(len(values), bool)
         self.every_angle = np.ones(len(self.angles), bool)
         profiles = np.stack([self._profiles(values[k]) for k in range(len(values))])

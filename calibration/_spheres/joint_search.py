@@ -22,7 +22,7 @@ _MARGIN_SHARE, _MARGIN_PX = 0.3, 24
 _MOST_IMAGES = 18
 # An outline that edges support this well has no rival; with less support, it is none.
 _WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.2
-_LEADERS = 6
+_LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
 # Edges along this length of an outline count as one observation.
 _INDEPENDENT_PX = 16.0
@@ -71,7 +71,7 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
     if not found:
         return None
     found.sort(key=lambda one: -one.support)
-    best = found[0]
+    best = found[0] = joint_outline(crop, found[0].outline)
     if best.support < _LEAST_SUPPORT or scatter_px(best.outline, best.points_px) >= SHARP_PX:
         return None
     return JointNear(
@@ -90,7 +90,7 @@ def _found(values: Images, guess: Ellipse, reach_px: float) -> list[JointOutline
 
     def refine(trial: Ellipse) -> None:
         try:
-            joint = joint_outline(values, trial)
+            joint = joint_outline(values, trial, most_angles=_QUICK_ANGLES)
         except EstimateError:
             return
         if np.abs(_change(circle, joint.outline)).max() <= 1.2 * reach_px:

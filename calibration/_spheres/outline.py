@@ -28,6 +28,7 @@ ALONG_PX = 4.0
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 SHARP_PX = 0.25
 _NEARLY = 0.75
+_MOST_ANGLES = 720
 
 
 def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
@@ -240,9 +241,9 @@ def _no_outline(guess: Ellipse) -> EstimateError:
     )
 
 
-def edge_angles(outline: Ellipse) -> Array:
-    """Return the angles at which an outline is examined, about one per pixel."""
-    count = int(np.clip(2 * np.pi * outline.radius_px, 90, 2000))
+def edge_angles(outline: Ellipse, most: int = _MOST_ANGLES) -> Array:
+    """Return the angles at which an outline is examined, about one per pixel, or so many."""
+    count = int(np.clip(2 * np.pi * outline.radius_px, 90, most))
     angles: Array = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
     return angles
 
