@@ -84,7 +84,8 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     their circumference where an edge faces them, not by the strength of the edges. The best eight
     are refined. One that has n observations less than the best one (8 px of circumference each) is
     exp(-n) times as plausible; the covariance of this mixture adds to that of the best outline, so
-    that it contains the others if the edges do not decide.
+    that it contains the others if the edges do not decide. At last, the edges of all images decide
+    together, see `joint_near`.
 
     Parameters
     ----------
@@ -109,11 +110,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     else:
         if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
             _check_inside(pictures, first[0], first[2])
-            joint = joint_near(pictures.values, first[0], 3.0)
-            if joint is None:
-                return NearOutline(*first, None, is_sharp=True)
-            parts = joint.outline, joint.points_px, joint.coverage, joint.covariance_px2
-            return NearOutline(*parts, is_sharp=True)
+            return _in_all_images(pictures, NearOutline(*first, None, is_sharp=True), 3.0)
         found.append((0.0, *first))
     trials = [one[1] for one in found]
     found = []
@@ -144,8 +141,19 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
             f"length, scatters by {scatter:.1f} px and is known to {best.sigma_px:.1f} px: give "
             "a better circle or a mask, or light the background evenly"
         )
+    best = _in_all_images(pictures, best, reach_px)
     _check_inside(pictures, best.outline, best.coverage)
     return best
+
+
+def _in_all_images(pictures: OutlineImages, near: NearOutline, reach_px: float) -> NearOutline:
+    """Return the outline that the edges of most images support, see `joint_near`."""
+    joint = joint_near(pictures.values, near.outline, reach_px)
+    if joint is None:
+        return near
+    return NearOutline(
+        joint.outline, joint.points_px, joint.coverage, joint.covariance_px2, near.is_sharp
+    )
 
 
 def _is_sharp(outline: Ellipse, points_px: Array, coverage: float) -> bool:
