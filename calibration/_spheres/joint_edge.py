@@ -28,7 +28,7 @@ Flags = npt.NDArray[np.bool_]
 # (misfit in variances) that one image, and all images, give against an edge at one angle.
 _MODEL, _MOST_OF_IMAGE, _MOST_OF_ANGLE = 0.03, 16.0, 25.0
 # An edge is seen at an angle if it explains the images by this much better than another place.
-_LEAST_EVIDENCE = 4.0
+_LEAST_EVIDENCE = 10.0
 _STRONG_PERCENT, _MOST_OF_STRONG = 70, 3
 # The trial circles of the search: steps in pixels, and at how many angles they are compared.
 _SEARCH = np.arange(-5, 6) * 0.2

@@ -20,8 +20,8 @@ from calibration._spheres.robust import Array
 
 _MARGIN_SHARE, _MARGIN_PX = 0.3, 24
 _MOST_IMAGES = 18
-# An outline that edges support this well has no rival; with less support, it is none.
-_WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.2
+# An outline that edges support this well has no rival. Noise supports up to .25 of large outlines.
+_WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
 _LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
 # Edges along this length of an outline count as one observation.
