@@ -150,8 +150,11 @@ class NormalsMetrics(QualityMetrics):
             float,
             "mm",
             "standard deviation of this height, from the scatter of residuals between pixels and "
-            "lights; absent if the height was stated",
+            "lights and from stated errors of positions; absent if the height was stated",
         ]
+    ]
+    lowest_height_mm: NotRequired[
+        Annotated[float, "mm", "height above the plane that 0.5 % of the object are below"]
     ]
     height_changes_mm: NotRequired[
         Annotated[

@@ -140,8 +140,9 @@ def integrate(
         it is computed from this. Without any scale the result is in pixels: a perspective surface
         then has a mean depth of one focal length.
     depth_mm
-        ``(H, W)`` approximate depth, for a camera with a working distance: the mean depth of each
-        part is that of these values instead of the working distance.
+        ``(H, W)`` approximate depth, from a camera with a working distance, or, without a camera
+        and with ``pixel_mm``, from the plane of height 0, so that depths are minus heights. The
+        mean depth of each part is that of these values.
     discontinuity
         Look for jumps in depth, where one part of the surface hides another, and do not smooth
         across them (see `processing._surface.jumps`). `HeightMap.jumps` says where they are.
@@ -183,7 +184,7 @@ def integrate(
     if not (math.isfinite(k) and k > 0):
         raise DataError(f"a sharpness k of {k} is not positive: 4 is a good value")
     if depth_mm is not None:
-        _check_depth(depth_mm, normal_map, camera)
+        _check_depth(depth_mm, normal_map, camera, pixel_mm)
     window = _bounding_box(normal_map.mask)
     normals, inside = normal_map.normals[window], normal_map.mask[window]
     # A kernel is compiled for each layout of its arguments: all windows have the same one.
@@ -238,6 +239,9 @@ def integrate(
     unit, pixel_size, distance = _scale(camera, pixel_mm)
     if camera is None:
         height[mask] = pixel_size * (u - _part_means(u, members, count)[members])
+        if depth_mm is not None:
+            below = depth_mm[mask].astype(np.float64)
+            height[mask] -= _part_means(below, members, count)[members]
     else:
         depths = _relative_depth(u, members, count)
         if depth_mm is None:
@@ -269,7 +273,16 @@ def integrate(
     )
 
 
-def _check_depth(depth_mm: Float, normal_map: NormalMap, camera: CameraModel | None) -> None:
+def _check_depth(
+    depth_mm: Float, normal_map: NormalMap, camera: CameraModel | None, pixel_mm: float | None
+) -> None:
+    if camera is None and pixel_mm is not None:
+        if depth_mm.shape != normal_map.size or not np.isfinite(depth_mm[normal_map.mask]).all():
+            raise DataError(
+                f"approximate depths of shape {depth_mm.shape} must be finite at all pixels of a "
+                f"normal map of shape {normal_map.size}"
+            )
+        return
     if camera is None or camera.working_distance_mm is None:
         raise DataError("approximate depths require a camera with a working distance")
     if depth_mm.shape != normal_map.size or not (depth_mm[normal_map.mask] > 0).all():

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
 from processing._stereo.frames import Frames
+from processing._stereo.image_noise import ImageLaw
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
@@ -93,6 +94,7 @@ def pixel_variances(
     noise: StackNoise | None,
     keep_reference: bool,
     on_progress: Progress,
+    estimated: ImageLaw | None = None,
 ) -> PixelVariances:
     """Solve all pixels of a mask again.
 
@@ -106,6 +108,8 @@ def pixel_variances(
         As in `normal_uncertainty`.
     keep_reference
         Whether to return the normals of the reference.
+    estimated
+        The law of images without a known one, if it was estimated before.
     """
     pixels = np.flatnonzero(mask)
     solver = _Solver(stack, lights, mask, scaled, points_mm, camera, depth_sigma)
@@ -113,7 +117,7 @@ def pixel_variances(
     origin: Origin = "residuals" if noise is None else cast(Origin, noise.origin)
     fitted = None
     if law is None:
-        fitted = solver.fitted_law(pixels)
+        fitted = solver.fitted_law(pixels) if estimated is None else estimated.law
         origin = "unknown" if fitted is None else origin
     counts = np.zeros((len(SampleKind), mask.size), np.uint8 if len(stack) < 256 else np.uint16)
     reason = np.zeros(mask.size, np.uint8)
