@@ -52,12 +52,13 @@ def find_spheres(
 
     Bright spots of different lights at one place show where a sphere may be. Of all balls around
     such a place, the one that mirrors the plane around it best is the sphere (`MirroredPlane`);
-    then its outline is refined. If no ball mirrors a plane, because it is missing or black,
-    the round edges of the mean image around that place are examined: one of them is the outline if
-    more than a third of it is visible, it shows a compact highlight under at least half of the
-    lights, the highlight moves with the light, by 1 px and 2 % of the radius, and its middle is not
-    shaded as that of a painted ball is. Of overlapping edges (a sphere mirrors circles inside
-    itself), the largest well-covered one is the outline.
+    then its outline is refined, and confirmed by the edges of all images: where they contradict it,
+    there is no such plane, and their outline is used. If no ball mirrors a plane, because it is
+    missing or black, the round edges of the mean image around that place are examined: one of them
+    is the outline if more than a third of it is visible, it shows a compact highlight under at
+    least half of the lights, the highlight moves with the light, by 1 px and 2 % of the radius, and
+    its middle is not shaded as that of a painted ball is. Of overlapping edges (a sphere mirrors
+    circles inside itself), the largest well-covered one is the outline.
 
     Parameters
     ----------
