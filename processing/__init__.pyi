@@ -77,6 +77,11 @@ from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh
 from ._surface.normal_residual import normal_residual as normal_residual
 from ._surface.solid import solid_mesh as solid_mesh
+from ._synthesis.figures import TextureFigures as TextureFigures
+from ._synthesis.figures import texture_figures as texture_figures
+from ._synthesis.quilting import Synthesis as Synthesis
+from ._synthesis.quilting import synthesize as synthesize
+from ._synthesis.seam_steps import CutSteps as CutSteps
 from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty
 from ._uncertainty.normal_uncertainty import normal_uncertainty as normal_uncertainty
 from ._uncertainty.sample_kind import Reason as Reason

@@ -14,7 +14,12 @@ from typing import Annotated, Final, Literal, NotRequired
 from typing_extensions import TypedDict
 
 from sgp._comparison_metrics import CheckMetrics
-from sgp._detail_metrics import CombineMetrics, PropertiesMetrics, TransferMetrics
+from sgp._detail_metrics import (
+    CombineMetrics,
+    PropertiesMetrics,
+    SynthesisMetrics,
+    TransferMetrics,
+)
 
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
@@ -566,6 +571,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail combine": (CombineMetrics,),
     "sgp detail transfer": (TransferMetrics,),
     "sgp detail properties": (PropertiesMetrics,),
+    "sgp detail synthesize": (SynthesisMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),
