@@ -23,6 +23,7 @@ from processing._surface.integrability import integrability
 from processing._surface.jumps import SHARPNESS, Jumps, solve_with_jumps
 from processing._surface.multigrid import solve
 from processing._surface.surface_notices import doubts_of_parts, doubts_of_solution
+from processing._surface.turns import evenness
 from rig import Notice, Progress, no_progress
 
 Float = npt.NDArray[np.float32]
@@ -202,6 +203,7 @@ def integrate(
         edges = perspective_edges(*contiguous, rays)
         facing = facing_cosines(contiguous[0], rays)
         del rays, x, y
+    even = evenness(*contiguous, edges[:2]) if discontinuity else None
     del contiguous
     right, down, step_right, step_down = edges
     labels, count = label_parts(right, down)
@@ -218,10 +220,12 @@ def integrate(
         )
     sampled = SampledSteps(right, down, step_right, step_down)
     jumps = None
-    if discontinuity:
+    if even is not None:
         scale = 1.0 if camera is None else camera.focal_px
         facing = np.pad(np.where(inside, facing, 0), 1)
-        solution, jumps = solve_with_jumps(edges, facing, k=k, scale=scale, on_progress=on_progress)
+        solution, jumps = solve_with_jumps(
+            edges, facing, even, k=k, scale=scale, on_progress=on_progress
+        )
         jumps = jumps.placed(window, normal_map.size)
         del step_right, step_down, edges
     else:

@@ -24,15 +24,25 @@ Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
+Edges = tuple[Float, Float, Double, Double]
 
 # Default sharpness of the sigmoid, in 1/px^2.
 SHARPNESS: Final = 4.0
-# Weight of an edge across a certain jump. It holds parts that only doubtful edges connect where
-# the last surface had them; without it, noise moves them further in every round.
-_LEAST_WEIGHT = 0.03
 _ROUNDS = 15
+# Rounds of the second start in which the turn of the normals counts.
+_UNEVEN_ROUNDS = 10
+# The residual gate is as wide as this quantile of the residuals at first, becomes narrower by this
+# factor in each round, and ends at this multiple of their deviation.
+_LARGE = 0.99
+_NARROWER = 0.7
+_DEVIATIONS = 8.0
+_LEAST_DEVIATION_PX = 0.02
+_SAMPLES = 100_000
 # The surface stands still when it moves by less, on average over all pixels, in pixels.
 _STILL_PX = 0.01
+# If most of the surface still moves by this much in the last round, relative to its median, it is
+# reported as not settled.
+_SETTLED_PX = 0.1
 # Of one round: later rounds change the weights anyway.
 _TOLERANCE = 0.01
 _ITERATIONS = 12
@@ -64,9 +74,10 @@ class Jumps:
     rounds
         How often the weights and the surface were computed.
     last_change
-        By how much the last round moved the surface, in pixels, on average over all pixels.
+        By how much the last round moved the surface in itself, in pixels: the median over all
+        pixels.
     settled
-        Whether the surface stood still at the end: the last round moved it by less than .01 px.
+        Whether the surface stood still at the end: the last round moved it by less than .1 px.
     """
 
     right: Mask
@@ -95,22 +106,25 @@ class Jumps:
 
 
 def solve_with_jumps(
-    edges: tuple[Float, Float, Double, Double],
+    edges: Edges,
     facing: Float,
+    even: tuple[Float, Float],
     *,
     k: float,
     scale: float = 1.0,
     on_progress: Progress = no_progress,
 ) -> tuple[Solution, Jumps]:
-    """Compute the surface and the weights of its edges in turn.
+    """Compute the surface and the weights of its edges in turn, from two starts.
 
     Parameters
     ----------
     edges
-        Weights and steps of the chord rule, see `processing._surface.chord_rule`. Of the weights,
-        only the zeros are used.
+        Weights and steps of the chord rule, see `processing._surface.chord_rule`.
     facing
         ``(H+2, W+2)`` float32 cosine between normal and line of sight.
+    even
+        ``(H+2, W+2)`` float32 weights of the edges by the turn of the normals, see
+        `processing._surface.turns`.
     k
         Sharpness of the sigmoid, in 1/px^2.
     scale
@@ -125,44 +139,115 @@ def solve_with_jumps(
     Jumps
         Where it jumps.
     """
-    right, down, step_right, step_down = edges
-    u = np.zeros(right.shape)
-    product = np.zeros_like(u)
-    weights_right, weights_down = np.zeros_like(right), np.zeros_like(down)
-    share_right, share_down = np.full_like(right, 0.5), np.full_like(down, 0.5)
-    pixels = max(int(np.count_nonzero(facing)), 1)
-    iterations, rounds, moved = 0, 0, np.inf
     on_progress("integrating", 0, 100)
-    while rounds < _ROUNDS and moved >= _STILL_PX:
-        if rounds:
-            share_right, share_down = kernels.shares(u, right, down, facing, k, scale)
-        kernels.gated_weights(right, facing, share_right, 0, _LEAST_WEIGHT, weights_right)
-        kernels.gated_weights(down, facing, share_down, 1, _LEAST_WEIGHT, weights_down)
-        b = divergence(weights_right, weights_down, step_right, step_down)
-        apply_laplacian(weights_right, weights_down, u, product)
-        change = solve(
-            weights_right,
-            weights_down,
-            b - product,
-            tolerance=_TOLERANCE,
-            max_iterations=_ITERATIONS,
-        )
+    indifferent = np.ones_like(even[0]), np.ones_like(even[1])
+    first = _alternate(edges, facing, (indifferent, indifferent), k, scale)
+    on_progress("integrating", 50, 100)
+    second = _alternate(edges, facing, (even, indifferent), k, scale)
+    width = min(first.width, second.width)
+    found = min((first, second), key=lambda each: _misfit(each.u, edges, scale, width))
+    on_progress("integrating", 100, 100)
+    iterations = first.iterations + second.iterations
+    # That the rounds end before the surface stands still is reported by the jumps.
+    converged = found.relative_residual <= _TOLERANCE
+    solution = Solution(found.u, iterations, found.relative_residual, converged=converged)
+    right, down = edges[:2]
+    shares = kernels.shares(found.u, right, down, facing, k, scale)
+    weights = np.zeros_like(right), np.zeros_like(down)
+    for axis in (0, 1):
+        kernels.trust(edges[axis], shares[axis], axis, weights[axis])
+    maps = _judged(scale * found.u, (right, down), weights)
+    settled = found.last_change < _SETTLED_PX
+    return solution, Jumps(*maps, found.rounds, found.last_change, settled=settled)
+
+
+@dataclass(frozen=True, eq=False)
+class _Alternation:
+    """A surface after the rounds from one start."""
+
+    u: Double
+    rounds: int
+    iterations: int
+    relative_residual: float
+    # Median change of the last round, in pixels, and the last width of the gate.
+    last_change: float
+    width: float
+
+
+def _alternate(
+    edges: Edges,
+    facing: Float,
+    even: tuple[tuple[Float, Float], tuple[Float, Float]],
+    k: float,
+    scale: float,
+) -> _Alternation:
+    """Compute surface and weights in turn; ``even`` are weights of the first and last rounds."""
+    u = np.zeros(edges[0].shape)
+    product = np.zeros_like(u)
+    weights = np.zeros_like(edges[0]), np.zeros_like(edges[1])
+    shares = np.full_like(edges[0], 0.5), np.full_like(edges[1], 0.5)
+    residuals = np.zeros_like(edges[0]), np.zeros_like(edges[1])
+    inside = facing != 0
+    pixels = max(int(np.count_nonzero(inside)), 1)
+    iterations, begin, width, final = 0, np.inf, np.inf, 0.0
+    for rounds in range(1, _ROUNDS + 1):
+        if rounds > 1:
+            shares = kernels.shares(u, *edges[:2], facing, k, scale)
+            _residuals(u, edges, scale, residuals)
+            usual, largest = _spread(edges, residuals)
+            begin = largest if rounds == 2 else begin
+            final = _DEVIATIONS * max(usual, _LEAST_DEVIATION_PX)
+            width = max(final, begin * _NARROWER ** (rounds - 2))
+        for axis in (0, 1):
+            kernels.gated_weights(
+                edges[axis],
+                facing,
+                shares[axis],
+                even[rounds > _UNEVEN_ROUNDS][axis],
+                residuals[axis],
+                axis,
+                width,
+                weights[axis],
+            )
+        b = divergence(*weights, *edges[2:])
+        apply_laplacian(*weights, u, product)
+        change = solve(*weights, b - product, tolerance=_TOLERANCE, max_iterations=_ITERATIONS)
         u += change.u
         iterations += change.iterations
-        rounds += 1
         moved = scale * float(np.abs(change.u).sum()) / pixels
-        on_progress("integrating", round(100 * rounds / _ROUNDS), 100)
-    on_progress("integrating", 100, 100)
-    apply_laplacian(weights_right, weights_down, u, product)
+        if moved < _STILL_PX and width <= final and rounds > _UNEVEN_ROUNDS:
+            break
+    apply_laplacian(*weights, u, product)
     norm = float(np.linalg.norm(b))
     relative = float(np.linalg.norm(b - product)) / norm if norm else 0.0
-    # That the rounds end before the surface stands still is reported by the jumps.
-    solution = Solution(u, iterations, relative, converged=relative <= _TOLERANCE)
-    share_right, share_down = kernels.shares(u, right, down, facing, k, scale)
-    kernels.trust(right, share_right, 0, weights_right)
-    kernels.trust(down, share_down, 1, weights_down)
-    maps = _judged(scale * u, (right, down), (weights_right, weights_down))
-    return solution, Jumps(*maps, rounds, moved, settled=moved < _STILL_PX)
+    moves = change.u[inside]
+    last = scale * float(np.median(np.abs(moves - np.median(moves)))) if moves.size else 0.0
+    return _Alternation(u, rounds, iterations, relative, last, width)
+
+
+def _residuals(u: Double, edges: Edges, scale: float, out: tuple[Float, Float]) -> None:
+    for axis in (0, 1):
+        kernels.residuals(u, edges[axis], edges[2 + axis], axis, scale, out[axis])
+
+
+def _spread(edges: Edges, residuals: tuple[Float, Float]) -> tuple[float, float]:
+    """Return standard deviation, from the median, and a large quantile of the residuals."""
+    sparse = max(1, int((edges[0].size / _SAMPLES) ** 0.5))
+    some = [
+        np.abs(residual[axis::sparse, ::sparse][edges[axis][axis::sparse, ::sparse] > 0])
+        for axis, residual in enumerate(residuals)
+    ]
+    values = np.concatenate(some)
+    if not values.size:
+        return 0.0, np.inf
+    median, large = np.quantile(values, [0.5, _LARGE])
+    return 1.4826 * float(median), float(large)
+
+
+def _misfit(u: Double, edges: Edges, scale: float, width: float) -> float:
+    residuals = np.zeros_like(edges[0]), np.zeros_like(edges[1])
+    _residuals(u, edges, scale, residuals)
+    return sum(float(kernels.misfit(residual, width).sum()) for residual in residuals)
 
 
 def _judged(
