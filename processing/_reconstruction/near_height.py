@@ -17,7 +17,8 @@ from processing._reconstruction.coarse_images import CoarseImages, coarse_images
 from processing._reconstruction.mean_height_search import MeanHeightSearch
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
-from processing._surface.integration import HeightMap, integrate
+from processing._surface.height_map import HeightMap
+from processing._surface.integration import integrate
 from rig import Notice, short_repr
 
 Float = npt.NDArray[np.float32]

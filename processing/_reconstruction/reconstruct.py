@@ -36,7 +36,8 @@ from processing._reconstruction.scheme_check import exclusion
 from processing._reconstruction.specular import specular_residual
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
-from processing._surface.integration import HeightMap, integrate
+from processing._surface.height_map import HeightMap
+from processing._surface.integration import integrate
 from processing._uncertainty.normal_uncertainty import NormalUncertainty
 from rig import Notice, Progress, check_type, no_progress
 

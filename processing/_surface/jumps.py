@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing._surface import jump_kernels as kernels
+from processing._surface.anchors import Anchors
 from processing._surface.grid_graph import apply_laplacian, divergence, label_parts
 from processing._surface.multigrid import Solution, solve
 from rig import Progress, no_progress, short_repr
@@ -100,8 +101,11 @@ def solve_with_jumps(
     *,
     k: float,
     scale: float = 1.0,
+    factors: tuple[Float, Float] | None = None,
+    held: Anchors | None = None,
+    start: Double | None = None,
     on_progress: Progress = no_progress,
-) -> tuple[Solution, Jumps]:
+) -> tuple[Solution, Jumps, tuple[Float, Float]]:
     """Compute the surface and the weights of its edges in turn.
 
     Parameters
@@ -115,6 +119,12 @@ def solve_with_jumps(
         Sharpness of the sigmoid, in 1/px^2.
     scale
         Pixels for a step of 1: 1, or the focal length in pixels for logarithms of depths.
+    factors
+        ``(H+2, W+2)`` float32 factors of the weights of edges, from the deviations of normals.
+    held
+        Known heights.
+    start
+        ``(H+2, W+2)`` first surface; default: 0.
     on_progress
         Receives the stage ``integrating``, in percent.
 
@@ -124,9 +134,11 @@ def solve_with_jumps(
         The surface under the last weights; its iterations are those of all rounds.
     Jumps
         Where it jumps.
+    weights
+        ``(H+2, W+2)`` the last weights of the edges to the right and down.
     """
     right, down, step_right, step_down = edges
-    u = np.zeros(right.shape)
+    u = np.zeros(right.shape) if start is None else start.copy()
     product = np.zeros_like(u)
     weights_right, weights_down = np.zeros_like(right), np.zeros_like(down)
     share_right, share_down = np.full_like(right, 0.5), np.full_like(down, 0.5)
@@ -138,12 +150,19 @@ def solve_with_jumps(
             share_right, share_down = kernels.shares(u, right, down, facing, k, scale)
         kernels.gated_weights(right, facing, share_right, 0, _LEAST_WEIGHT, weights_right)
         kernels.gated_weights(down, facing, share_down, 1, _LEAST_WEIGHT, weights_down)
+        if factors is not None:
+            weights_right *= factors[0]
+            weights_down *= factors[1]
         b = divergence(weights_right, weights_down, step_right, step_down)
         apply_laplacian(weights_right, weights_down, u, product)
+        if held is not None:
+            b += held.load
+            held.add(u, product)
         change = solve(
             weights_right,
             weights_down,
             b - product,
+            anchors=None if held is None else held.weights,
             tolerance=_TOLERANCE,
             max_iterations=_ITERATIONS,
         )
@@ -154,15 +173,19 @@ def solve_with_jumps(
         on_progress("integrating", round(100 * rounds / _ROUNDS), 100)
     on_progress("integrating", 100, 100)
     apply_laplacian(weights_right, weights_down, u, product)
+    if held is not None:
+        held.add(u, product)
     norm = float(np.linalg.norm(b))
     relative = float(np.linalg.norm(b - product)) / norm if norm else 0.0
     # That the rounds end before the surface stands still is reported by the jumps.
     solution = Solution(u, iterations, relative, converged=relative <= _TOLERANCE)
     share_right, share_down = kernels.shares(u, right, down, facing, k, scale)
-    kernels.trust(right, share_right, 0, weights_right)
-    kernels.trust(down, share_down, 1, weights_down)
-    maps = _judged(scale * u, (right, down), (weights_right, weights_down))
-    return solution, Jumps(*maps, rounds, moved, settled=moved < _STILL_PX)
+    trust_right, trust_down = np.zeros_like(right), np.zeros_like(down)
+    kernels.trust(right, share_right, 0, trust_right)
+    kernels.trust(down, share_down, 1, trust_down)
+    maps = _judged(scale * u, (right, down), (trust_right, trust_down))
+    jumps = Jumps(*maps, rounds, moved, settled=moved < _STILL_PX)
+    return solution, jumps, (weights_right, weights_down)
 
 
 def _judged(
