@@ -62,6 +62,9 @@ from ._stereo.method import Method as Method
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult
 from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._stereo.stereo_maps import StereoMaps as StereoMaps
+from ._surface.curl import NormalCurl as NormalCurl
+from ._surface.curl import curl_notices as curl_notices
+from ._surface.curl import normal_curl as normal_curl
 from ._surface.height_errors import HeightUncertainty as HeightUncertainty
 from ._surface.height_map import HeightMap as HeightMap
 from ._surface.height_picture import HeightPicture as HeightPicture
@@ -77,6 +80,7 @@ from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh
 from ._surface.normal_residual import normal_residual as normal_residual
 from ._surface.prior import HeightPrior as HeightPrior
+from ._surface.prior_file import read_prior as read_prior
 from ._surface.scale import surface_scale as surface_scale
 from ._surface.solid import solid_mesh as solid_mesh
 from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty

@@ -310,7 +310,9 @@ def reconstruct(
     height = None
     if surface:
         depth = None if near is None else near.depth
-        height = integrate(normal_map, camera=source.camera, depth_mm=depth)
+        height = integrate(
+            normal_map, camera=source.camera, depth_mm=depth, sigma_deg=uncertainty.sigma_deg
+        )
         warnings += height.warnings
     truth = source.normals_truth
     return Reconstruction(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from processing._surface.anchors import Anchors
 from processing._surface.chord_rule import ChordRule
 from processing._surface.grid_graph import divergence
-from processing._surface.multigrid import solve
+from processing._surface.multigrid import coarsened, solve
 from rig import Progress, short_repr
 
 Float = npt.NDArray[np.float32]
@@ -27,7 +27,7 @@ _TOLERANCE = 1e-3
 _DISTANCES: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 # Pairs of pixels at each distance: fewer say little, more cost time.
 _FEWEST_PAIRS = 100
-_MOST_PAIRS = 200_000
+_MOST_PAIRS = 50_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +114,7 @@ def simulate_errors(
     squares = np.zeros(members.shape)
     pairs = _Pairs(labels[1:-1, 1:-1])
     error = np.full(mask.shape, np.nan)
+    levels = coarsened(*weights, held_weights)
     for sample in range(_SAMPLES):
         rng = np.random.default_rng([_SEED, sample])
         moved = normals + sigma * rng.standard_normal(normals.shape, np.float32)
@@ -125,7 +126,7 @@ def simulate_errors(
         b = divergence(*weights, change_right, change_down)
         if held is not None:
             b += loads * rng.standard_normal(b.shape)
-        u = solve(*weights, b, anchors=held_weights, tolerance=_TOLERANCE).u
+        u = solve(*weights, b, anchors=held_weights, levels=levels, tolerance=_TOLERANCE).u
         found = scales * u[1:-1, 1:-1][inside]
         # The mean of each part without a prior is fixed.
         means = free * np.bincount(members, found) / totals

@@ -64,6 +64,7 @@ def solve(
     b: Double,
     *,
     anchors: Float | None = None,
+    levels: Levels | None = None,
     tolerance: float = 1e-6,
     max_iterations: int = 500,
     on_progress: Progress = no_progress,
@@ -84,6 +85,8 @@ def solve(
     anchors
         ``(H+2, W+2)`` float32 diagonal of A: weights of pixels, 0 or more, and 0 on pixels without
         edges; default: none.
+    levels
+        The `coarsened` weights, if several systems have the same ones.
     tolerance
         Relative residual at which the iteration stops; values below 1e-14 mean 1e-14.
     max_iterations
@@ -102,7 +105,7 @@ def solve(
         return Solution(u, 0, 0.0, converged=True)
     # The cycle uses float32: scale the right-hand side to its range.
     scale = float(np.abs(b).max())
-    levels = _coarsen(right, down, anchors)
+    levels = coarsened(right, down, anchors) if levels is None else levels
     residual = b / scale
     target = max(tolerance, _ROUNDING) * norm_b / scale
     direction, product = np.zeros_like(b), np.zeros_like(b)
@@ -151,8 +154,12 @@ class _Level:
     dense: Float | None
 
 
-def _coarsen(right: Float, down: Float, anchors: Float | None) -> list[_Level]:
-    levels: list[_Level] = []
+Levels = list[_Level]
+
+
+def coarsened(right: Float, down: Float, anchors: Float | None = None) -> Levels:
+    """Return the levels of the multigrid for weights, as for `solve`."""
+    levels: Levels = []
     while True:
         inner = (right.shape[0] - 2) * (right.shape[1] - 2)
         last = inner <= _COARSEST_PIXELS
