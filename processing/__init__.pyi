@@ -50,9 +50,9 @@ from ._reconstruction.near_height import HeightStep as HeightStep
 from ._reconstruction.near_height import NearHeight as NearHeight
 from ._reconstruction.quality import ImageQuality as ImageQuality
 from ._reconstruction.quality import image_quality as image_quality
-from ._reconstruction.reconstruct import Reconstruction as Reconstruction
 from ._reconstruction.reconstruct import StereoChannel as StereoChannel
 from ._reconstruction.reconstruct import reconstruct as reconstruct
+from ._reconstruction.reconstruction import Reconstruction as Reconstruction
 from ._reconstruction.scheme_check import Disagreement as Disagreement
 from ._reconstruction.scheme_check import SchemeCheck as SchemeCheck
 from ._reconstruction.specular import specular_residual as specular_residual

@@ -122,8 +122,7 @@ class NormalsMetrics(QualityMetrics):
             float | None,
             "-1..1",
             "correlation between the residuals of each light and of the one nearest to it: about "
-            "-.1 for noise; above .1 the surface is not matte, and errors are larger than the "
-            "standard deviations; null with fewer than 8 lights",
+            "-.1 for noise; above .1 the surface is not matte; null with fewer than 8 lights",
         ]
     ]
     samples: NotRequired[
@@ -150,8 +149,11 @@ class NormalsMetrics(QualityMetrics):
             float,
             "mm",
             "standard deviation of this height, from the scatter of residuals between pixels and "
-            "lights; absent if the height was stated",
+            "lights and from stated errors of positions; absent if the height was stated",
         ]
+    ]
+    lowest_height_mm: NotRequired[
+        Annotated[float, "mm", "height above the plane that 0.5 % of the object are below"]
     ]
     height_changes_mm: NotRequired[
         Annotated[

@@ -28,7 +28,7 @@ from sgp._panels.maps import (
 )
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
-from sgp._stages import Stopwatch, compute_normals
+from sgp._stages import Stopwatch, compute_normals, with_scale
 from sgp._write import (
     normals_metrics,
     separation_metrics,
@@ -113,7 +113,7 @@ def process(
         If both a pixel size and a camera with a working distance are given, or the images are
         smaller than the window of the filter, besides the errors of the stages.
     """
-    pixel_mm = _pixel_mm(source, surfaces)
+    source, pixel_mm = with_scale(source, surfaces.pixel_mm)
     surfaces.sharpness()  # refuses wrong combinations before any work
     # Before the normals, which take long.
     unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
@@ -133,7 +133,9 @@ def process(
         merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
     with watch.stage("normals"):
-        seen = _normals(source, files, options, maps, write, (unit, pixel_size), true_lights)
+        seen = _normals(
+            source, files, options, maps, write, (unit, pixel_size), pixel_mm, true_lights
+        )
     with watch.stage("detail"):
         part_metrics, part_panels = _detail(seen, separation, maps, write)
     with watch.stage("surface"):
@@ -154,10 +156,11 @@ def _normals(
     maps: MapOptions,
     write: _Write,
     scale: tuple[str, float],
+    pixel_mm: float | None,
     true_lights: acquisition.Lights | None,
 ) -> _Normals:
     """Compute, write and draw the normals, and keep what the other stages need."""
-    stage = compute_normals(source, options)
+    stage = compute_normals(source, options, pixel_mm)
     normal_map = stage.stereo.normal_map
     picture = processing.albedo_picture(stage.albedo, normal_map.mask)
     write(
@@ -229,13 +232,6 @@ def _surface(
         map_panel("height", surface.height, surface.unit, seen.crop),
         shaded_panel(shaded, surface.height, seen.crop, surface.pixel_size),
     ]
-
-
-def _pixel_mm(source: acquisition.Source, options: SurfaceOptions) -> float | None:
-    """Return the size of a pixel of the images that are processed."""
-    if options.pixel_mm is None or source.reduction is None:
-        return options.pixel_mm
-    return options.pixel_mm * source.reduction.factor
 
 
 def _recorded(*groups: DataclassInstance) -> dict[str, object]:

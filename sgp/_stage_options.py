@@ -61,7 +61,8 @@ class SurfaceOptions:
     ----------
     pixel_mm
         Size of a pixel on the object in mm; without it and without a working distance, the unit of
-        heights and meshes is one pixel.
+        heights and meshes is one pixel. Under lights with positions and without a camera, the view
+        is that of a telecentric lens whose axis is in the middle of the image.
     glb
         Also write surface.glb, in metres as glTF requires, with the albedo as its texture.
     normal_texture

@@ -110,7 +110,10 @@ def _height_line(metrics: NormalsMetrics) -> list[str]:
     sigma = metrics.get("mean_height_sigma_mm")
     # Gloss would shift the height that explains the images best.
     known = "" if sigma is None else f" (sd {sigma:.2g}, if it is matte)"
-    return [f"mean height {metrics['mean_height_mm']:.2f} mm above the working plane{known}"]
+    mean, lowest = metrics["mean_height_mm"], metrics["lowest_height_mm"]
+    return [
+        f"mean height {mean:.2f} mm above the working plane{known}, lowest part {lowest:.2f} mm"
+    ]
 
 
 def _strength_line(strengths: processing.LightStrengths | None) -> list[str]:
@@ -141,6 +144,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     near = stage.near_height
     if near is not None and near.steps:
         metrics["mean_height_mm"] = near.mean_height_mm
+        metrics["lowest_height_mm"] = near.lowest_mm
         metrics["height_changes_mm"] = [step.change_mm for step in near.steps]
         if np.isfinite(near.mean_height_sigma_mm):
             metrics["mean_height_sigma_mm"] = near.mean_height_sigma_mm

@@ -59,8 +59,9 @@ def integrate(
         it is computed from this. Without any scale the result is in pixels: a perspective surface
         then has a mean depth of one focal length.
     depth_mm
-        ``(H, W)`` approximate depth, for a camera with a working distance: the mean depth of each
-        part is that of these values instead of the working distance.
+        ``(H, W)`` approximate depth, from a camera with a working distance, or, without a camera
+        and with ``pixel_mm``, from the plane of height 0, so that depths are minus heights. The
+        mean depth of each part is that of these values.
     sigma_deg
         ``(H, W)`` standard deviations of the normals in degrees, as `NormalUncertainty.sigma_deg`:
         edges count by their reciprocal variance. A normal whose deviation is NaN counts as the
@@ -113,7 +114,7 @@ def integrate(
     """
     check_normal_map("normal_map", normal_map)
     scale = scale_of(camera, pixel_mm)
-    _check(normal_map, camera, k, depth_mm, prior)
+    _check(normal_map, camera, pixel_mm, k, depth_mm, prior)
     relative, variance = variances(sigma_deg, normal_map.mask)
     if height_errors and relative is None:
         raise DataError("errors of heights require standard deviations of the normals")
@@ -222,6 +223,7 @@ def integrate(
 def _check(
     normal_map: NormalMap,
     camera: CameraModel | None,
+    pixel_mm: float | None,
     k: float,
     depth_mm: Float | None,
     prior: HeightPrior | None,
@@ -241,6 +243,13 @@ def _check(
             f"{normal_map.size}"
         )
     if depth_mm is None:
+        return
+    if camera is None and pixel_mm is not None:
+        if depth_mm.shape != normal_map.size or not np.isfinite(depth_mm[normal_map.mask]).all():
+            raise DataError(
+                f"approximate depths of shape {depth_mm.shape} must be finite at all pixels of a "
+                f"normal map of shape {normal_map.size}"
+            )
         return
     if camera is None or camera.working_distance_mm is None:
         raise DataError("approximate depths require a camera with a working distance")

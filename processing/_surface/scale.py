@@ -102,7 +102,7 @@ def placed(
         ``(N,)`` part of each pixel.
     near
         ``(N,)`` depths whose mean over each part is that of the surface; default: the working
-        distance.
+        distance, or without a camera a height of 0. Without a camera, depths are minus heights.
     held
         For each part, whether a prior determines its height.
     scale
@@ -115,7 +115,9 @@ def placed(
     """
     mean = part_means(u, members)
     if scale.distance is None:
-        return np.asarray(scale.pixel_size * (u - np.where(held, 0, mean)[members]), np.float64)
+        raised = 0 if near is None else -part_means(near, members)
+        own = np.where(held, 0, raised - scale.pixel_size * mean)
+        return np.asarray(scale.pixel_size * u + own[members], np.float64)
     if np.abs(u - mean[members]).max() > math.log(_DEPTH_RANGE):
         raise EstimateError(
             f"the depth would vary by more than a factor of {_DEPTH_RANGE:g}: the camera matrix "
