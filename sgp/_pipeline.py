@@ -211,6 +211,7 @@ def _surface(
             pixel_mm=pixel_mm,
             depth_mm=seen.depth_mm,
             sigma_deg=seen.sigma_deg,
+            weighted=False,
             height_errors=options.height_sigma and bool(np.isfinite(seen.sigma_deg).any()),
             discontinuity=options.discontinuity,
             k=options.sharpness(),

@@ -182,13 +182,7 @@ def reconstruct(
         camera, size = source.camera, pixel_mm
         if isinstance(view, Perspective):
             camera, size = view.camera, None  # the camera has the scale
-        height = integrate(
-            normal_map,
-            camera=camera,
-            pixel_mm=size,
-            depth_mm=depth,
-            sigma_deg=solved.uncertainty.sigma_deg,
-        )
+        height = integrate(normal_map, camera=camera, pixel_mm=size, depth_mm=depth)
         warnings += height.warnings
     truth = source.normals_truth
     return Reconstruction(

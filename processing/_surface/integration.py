@@ -36,6 +36,7 @@ def integrate(
     pixel_mm: float | None = None,
     depth_mm: Float | None = None,
     sigma_deg: Float | None = None,
+    weighted: bool = True,
     prior: HeightPrior | None = None,
     discontinuity: bool = False,
     k: float = SHARPNESS,
@@ -66,6 +67,8 @@ def integrate(
         ``(H, W)`` standard deviations of the normals in degrees, as `NormalUncertainty.sigma_deg`:
         edges count by their reciprocal variance. A normal whose deviation is NaN counts as the
         least certain one. Default: all normals are equally certain.
+    weighted
+        Whether edges count by ``sigma_deg``. If not, it only serves for the errors of the heights.
     prior
         Heights that are known from elsewhere, in the unit of the surface; with a camera, above the
         working plane. The surface minimises the squared errors of steps and of these heights, each
@@ -130,7 +133,7 @@ def integrate(
     sampled = SampledSteps(right, down, step_right, step_down)
     held = None if prior is None else anchors(prior, labels, window, variance, scale)
     weights, factors = (right, down), None
-    if relative is not None:
+    if relative is not None and weighted:
         factors = certainties(relative[window])
         weights = right * factors[0], down * factors[1]
     facing = chords.facing(normals, inside) if discontinuity else None

@@ -45,7 +45,8 @@ def surface(
     For example:
 
         sgp surface out/normals --camera camera.json --out surface
-        sgp surface out/normals --sigma out/normals/normal_sigma_deg.exr --prior points.csv --out s
+        sgp surface normals --sigma normal_sigma_deg.exr --height-sigma --out s
+        sgp surface out/normals --prior points.csv --pixel-mm 0.05 --out surface
 
     Parameters
     ----------
@@ -71,7 +72,8 @@ def surface(
         .tif) of floats, NaN where unknown, of the size of the normals or coarser.
     prior_sigma
         Standard deviation of each known height in mm, or in pixels if the scale is not known; a
-        small one fixes heights; default: the size of a pixel.
+        small one fixes heights, or bends a surface whose normals have errors in common;
+        default: the size of a pixel.
     height_mm
         Mean height of the surface above the working plane of the camera, as sgp normals reports it
         under near lights; default: 0.
