@@ -16,42 +16,29 @@ import numpy as np
 import numpy.typing as npt
 
 from processing._surface import jump_kernels as kernels
-from processing._surface.grid_graph import apply_laplacian, divergence, label_parts
-from processing._surface.multigrid import Solution, solve
+from processing._surface.alternation import TOLERANCE, Alternation, Edges
+from processing._surface.anchors import Anchors
+from processing._surface.grid_graph import label_parts
+from processing._surface.multigrid import Solution
 from rig import Progress, no_progress, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
-Edges = tuple[Float, Float, Double, Double]
 
 # Default sharpness of the sigmoid, in 1/px^2.
 SHARPNESS: Final = 4.0
-_ROUNDS = 15
-# Rounds of the second start in which the turn of the normals counts.
-_UNEVEN_ROUNDS = 10
-# The residual gate is as wide as this quantile of the residuals at first, becomes narrower by this
-# factor in each round, and ends at this multiple of their deviation.
-_LARGE = 0.99
-_NARROWER = 0.7
-_DEVIATIONS = 8.0
-_LEAST_DEVIATION_PX = 0.02
-_SAMPLES = 100_000
-# The surface stands still when it moves by less, on average over all pixels, in pixels.
-_STILL_PX = 0.01
 # If most of the surface still moves by this much in the last round, relative to its median, it is
 # reported as not settled.
 _SETTLED_PX = 0.1
-# Of one round: later rounds change the weights anyway.
-_TOLERANCE = 0.01
-_ITERATIONS = 12
 # A jump is a step of at least this size in pixels, between pixels that trust each other less than
 # this. Of the depth jumps of more than 2 mm (5 px) in four captured objects, two thirds are found.
 _JUMP_PX = 2.0
 _JUMP_TRUST = 0.3
-# Edges with less trust do not connect pieces: around a ball in front of a plane, some reach 0.45.
-_PIECE_TRUST = 0.5
+# Edges with less trust do not connect pieces. At .6, 14 of 18 balls that hide their contact with
+# the ground are pieces of their own, at .7 all of them.
+_PIECE_TRUST = 0.7
 # Smaller pieces, in pixels and relative to all pixels, are crumbs at the jumps.
 _SMALLEST_PIECE = 50
 _SMALLEST_SHARE = 1e-3
@@ -112,9 +99,15 @@ def solve_with_jumps(
     *,
     k: float,
     scale: float = 1.0,
+    factors: tuple[Float, Float] | None = None,
+    held: Anchors | None = None,
+    start: Double | None = None,
     on_progress: Progress = no_progress,
-) -> tuple[Solution, Jumps]:
+) -> tuple[Solution, Jumps, tuple[Float, Float]]:
     """Compute the surface and the weights of its edges in turn, from two starts.
+
+    The normals may show a rim or not, so that one start counts abrupt turns of the normals and the
+    other does not. Of the two surfaces, the one that fewer edges contradict is returned.
 
     Parameters
     ----------
@@ -129,6 +122,12 @@ def solve_with_jumps(
         Sharpness of the sigmoid, in 1/px^2.
     scale
         Pixels for a step of 1: 1, or the focal length in pixels for logarithms of depths.
+    factors
+        ``(H+2, W+2)`` float32 factors of the weights of edges, from the deviations of normals.
+    held
+        Known heights.
+    start
+        ``(H+2, W+2)`` first surface; default: 0.
     on_progress
         Receives the stage ``integrating``, in percent.
 
@@ -138,116 +137,31 @@ def solve_with_jumps(
         The surface under the last weights; its iterations are those of all rounds.
     Jumps
         Where it jumps.
+    weights
+        ``(H+2, W+2)`` the last weights of the edges to the right and down.
     """
     on_progress("integrating", 0, 100)
     indifferent = np.ones_like(even[0]), np.ones_like(even[1])
-    first = _alternate(edges, facing, (indifferent, indifferent), k, scale)
+    problem = Alternation(edges, facing, k, scale, factors, held, start)
+    first = problem.solved((indifferent, indifferent))
     on_progress("integrating", 50, 100)
-    second = _alternate(edges, facing, (even, indifferent), k, scale)
-    width = min(first.width, second.width)
-    found = min((first, second), key=lambda each: _misfit(each.u, edges, scale, width))
+    second = problem.solved((even, indifferent))
     on_progress("integrating", 100, 100)
+    width = min(first.width, second.width)
+    found = min((first, second), key=lambda each: problem.misfit(each.u, width))
     iterations = first.iterations + second.iterations
     # That the rounds end before the surface stands still is reported by the jumps.
-    converged = found.relative_residual <= _TOLERANCE
+    converged = found.relative_residual <= TOLERANCE
     solution = Solution(found.u, iterations, found.relative_residual, converged=converged)
     right, down = edges[:2]
     shares = kernels.shares(found.u, right, down, facing, k, scale)
-    weights = np.zeros_like(right), np.zeros_like(down)
+    trust = np.zeros_like(right), np.zeros_like(down)
     for axis in (0, 1):
-        kernels.trust(edges[axis], shares[axis], axis, weights[axis])
-    maps = _judged(scale * found.u, (right, down), weights)
+        kernels.trust((right, down)[axis], shares[axis], axis, trust[axis])
+    maps = _judged(scale * found.u, (right, down), trust)
     settled = found.last_change < _SETTLED_PX
-    return solution, Jumps(*maps, found.rounds, found.last_change, settled=settled)
-
-
-@dataclass(frozen=True, eq=False)
-class _Alternation:
-    """A surface after the rounds from one start."""
-
-    u: Double
-    rounds: int
-    iterations: int
-    relative_residual: float
-    # Median change of the last round, in pixels, and the last width of the gate.
-    last_change: float
-    width: float
-
-
-def _alternate(
-    edges: Edges,
-    facing: Float,
-    even: tuple[tuple[Float, Float], tuple[Float, Float]],
-    k: float,
-    scale: float,
-) -> _Alternation:
-    """Compute surface and weights in turn; ``even`` are weights of the first and last rounds."""
-    u = np.zeros(edges[0].shape)
-    product = np.zeros_like(u)
-    weights = np.zeros_like(edges[0]), np.zeros_like(edges[1])
-    shares = np.full_like(edges[0], 0.5), np.full_like(edges[1], 0.5)
-    residuals = np.zeros_like(edges[0]), np.zeros_like(edges[1])
-    inside = facing != 0
-    pixels = max(int(np.count_nonzero(inside)), 1)
-    iterations, begin, width, final = 0, np.inf, np.inf, 0.0
-    for rounds in range(1, _ROUNDS + 1):
-        if rounds > 1:
-            shares = kernels.shares(u, *edges[:2], facing, k, scale)
-            _residuals(u, edges, scale, residuals)
-            usual, largest = _spread(edges, residuals)
-            begin = largest if rounds == 2 else begin
-            final = _DEVIATIONS * max(usual, _LEAST_DEVIATION_PX)
-            width = max(final, begin * _NARROWER ** (rounds - 2))
-        for axis in (0, 1):
-            kernels.gated_weights(
-                edges[axis],
-                facing,
-                shares[axis],
-                even[rounds > _UNEVEN_ROUNDS][axis],
-                residuals[axis],
-                axis,
-                width,
-                weights[axis],
-            )
-        b = divergence(*weights, *edges[2:])
-        apply_laplacian(*weights, u, product)
-        change = solve(*weights, b - product, tolerance=_TOLERANCE, max_iterations=_ITERATIONS)
-        u += change.u
-        iterations += change.iterations
-        moved = scale * float(np.abs(change.u).sum()) / pixels
-        if moved < _STILL_PX and width <= final and rounds > _UNEVEN_ROUNDS:
-            break
-    apply_laplacian(*weights, u, product)
-    norm = float(np.linalg.norm(b))
-    relative = float(np.linalg.norm(b - product)) / norm if norm else 0.0
-    moves = change.u[inside]
-    last = scale * float(np.median(np.abs(moves - np.median(moves)))) if moves.size else 0.0
-    return _Alternation(u, rounds, iterations, relative, last, width)
-
-
-def _residuals(u: Double, edges: Edges, scale: float, out: tuple[Float, Float]) -> None:
-    for axis in (0, 1):
-        kernels.residuals(u, edges[axis], edges[2 + axis], axis, scale, out[axis])
-
-
-def _spread(edges: Edges, residuals: tuple[Float, Float]) -> tuple[float, float]:
-    """Return standard deviation, from the median, and a large quantile of the residuals."""
-    sparse = max(1, int((edges[0].size / _SAMPLES) ** 0.5))
-    some = [
-        np.abs(residual[axis::sparse, ::sparse][edges[axis][axis::sparse, ::sparse] > 0])
-        for axis, residual in enumerate(residuals)
-    ]
-    values = np.concatenate(some)
-    if not values.size:
-        return 0.0, np.inf
-    median, large = np.quantile(values, [0.5, _LARGE])
-    return 1.4826 * float(median), float(large)
-
-
-def _misfit(u: Double, edges: Edges, scale: float, width: float) -> float:
-    residuals = np.zeros_like(edges[0]), np.zeros_like(edges[1])
-    _residuals(u, edges, scale, residuals)
-    return sum(float(kernels.misfit(residual, width).sum()) for residual in residuals)
+    jumps = Jumps(*maps, found.rounds, found.last_change, settled=settled)
+    return solution, jumps, found.weights
 
 
 def _judged(
