@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -93,13 +94,20 @@ def object_mask(values: npt.ArrayLike, *, outside: Mask | None = None) -> Object
     stack = np.asarray(values, np.float32)
     if stack.ndim != 3 or 0 in stack.shape:
         raise DataError(f"an object mask requires a stack (N, H, W), not {stack.shape}")
-    examined = np.ones(stack.shape[1:], np.bool_) if outside is None else ~np.asarray(outside)
-    if examined.shape != stack.shape[1:] or examined.dtype != np.bool_ or not examined.any():
+    return mask_of_images(stack, stack.shape[1:], outside)
+
+
+def mask_of_images(
+    images: Iterable[npt.NDArray[np.float32]], shape: tuple[int, ...], outside: Mask | None
+) -> ObjectMask:
+    """Return `object_mask` of images ``(H, W)`` that are read one after the other."""
+    examined = np.ones(shape, np.bool_) if outside is None else ~np.asarray(outside)
+    if examined.shape != shape or examined.dtype != np.bool_ or not examined.any():
         raise DataError(
-            f"outside must be bool {stack.shape[1:]} and leave pixels to examine, not "
+            f"outside must be bool {shape} and leave pixels to examine, not "
             f"{examined.dtype} {examined.shape}"
         )
-    brightness, saturated = _brightest(stack)
+    brightness, saturated = _brightest(images, shape)
     # Up to 1 % of the pixels may be highlights.
     reference = float(np.quantile(brightness[examined], 0.99))
     if not reference > 0:
@@ -120,14 +128,16 @@ def object_mask(values: npt.ArrayLike, *, outside: Mask | None = None) -> Object
     return ObjectMask(mask=_clean(bright) & examined, contrast=contrast, separability=separability)
 
 
-def _brightest(stack: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.float32], Mask]:
+def _brightest(
+    images: Iterable[npt.NDArray[np.float32]], shape: tuple[int, ...]
+) -> tuple[npt.NDArray[np.float32], Mask]:
     """Return the largest finite sample of each pixel, and the mask of the saturated pixels.
 
     A median filter removes single pixels from both.
     """
-    brightness = np.zeros(stack.shape[1:], np.float32)
-    saturated = np.zeros(stack.shape[1:], np.uint8)
-    for image in stack:
+    brightness = np.zeros(shape, np.float32)
+    saturated = np.zeros(shape, np.uint8)
+    for image in images:
         finite = np.isfinite(image)
         np.maximum(brightness, np.where(finite, image, 0), out=brightness)
         saturated[~finite] = 1

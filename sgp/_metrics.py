@@ -127,8 +127,7 @@ class NormalsMetrics(QualityMetrics):
             float | None,
             "-1..1",
             "correlation between the residuals of each light and of the one nearest to it: about "
-            "-.1 for noise; above .1 the surface is not matte, and errors are larger than the "
-            "standard deviations; null with fewer than 8 lights",
+            "-.1 for noise; above .1 the surface is not matte; null with fewer than 8 lights",
         ]
     ]
     samples: NotRequired[
@@ -155,8 +154,11 @@ class NormalsMetrics(QualityMetrics):
             float,
             "mm",
             "standard deviation of this height, from the scatter of residuals between pixels and "
-            "lights; absent if the height was stated",
+            "lights and from stated errors of positions; absent if the height was stated",
         ]
+    ]
+    lowest_height_mm: NotRequired[
+        Annotated[float, "mm", "height above the plane that 0.5 % of the object are below"]
     ]
     height_changes_mm: NotRequired[
         Annotated[
@@ -223,6 +225,43 @@ class SurfaceMetrics(MeshMetrics):
     ]
     normal_residual_deg: NotRequired[
         Annotated[float, "deg", "mean angle between the given normals and those of the surface"]
+    ]
+    curl_deg: NotRequired[
+        Annotated[
+            float,
+            "deg",
+            "robust standard deviation of the curl of the normals, which is that of the normals if "
+            "their errors are independent",
+        ]
+    ]
+    curl_excess: NotRequired[
+        Annotated[
+            float, "1", "the same relative to the standard deviations of the normals: 1 for noise"
+        ]
+    ]
+    height_sigma: NotRequired[
+        Annotated[
+            float,
+            "`unit`",
+            "`--height-sigma`: median standard deviation of the heights, relative to the mean of "
+            "their part or to the prior",
+        ]
+    ]
+    difference_distances_px: NotRequired[
+        Annotated[list[int], "px", "`--height-sigma`: distances in rows and columns"]
+    ]
+    difference_sigma: NotRequired[
+        Annotated[
+            list[float],
+            "`unit`",
+            "standard deviations of differences in height at these distances",
+        ]
+    ]
+    prior_heights: NotRequired[
+        Annotated[int, "", "`--prior`: pixels of the surface whose height is known"]
+    ]
+    prior_rms: NotRequired[
+        Annotated[float, "`unit`", "rms difference between the surface and these heights"]
     ]
     jumps: NotRequired[
         Annotated[int, "", "`--discontinuity`: pairs of neighbours between which the surface jumps"]

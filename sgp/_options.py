@@ -214,8 +214,8 @@ class SourceOptions(RecordingOptions):
     ----------
     method
         ls (plain least squares), trimmed (without the darkest and brightest fifth of the samples),
-        cauchy (gives shadows and highlights a low weight), or best (also fits the reflectance;
-        most accurate on surfaces that are not matte, and takes about three times as long).
+        cauchy (gives shadows and highlights a low weight), or best (also fits the reflectance; the
+        most accurate, but takes about three times as long as cauchy on glossy surfaces).
     channel
         gray, rgb (one solution per channel, averaged), joint (one normal and one albedo per channel
         that explain all channels best), or mosaic (the normal of every site of a
@@ -230,7 +230,7 @@ class SourceOptions(RecordingOptions):
         and their standard deviations is written with the result.
     """
 
-    method: processing.Method = "cauchy"
+    method: processing.Method = "best"
     channel: processing.StereoChannel = "gray"
     height_mm: Millimetres | None = None
     rests_on_plane: bool = False

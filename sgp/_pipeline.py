@@ -28,7 +28,7 @@ from sgp._panels.maps import (
 )
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
-from sgp._stages import Stopwatch, compute_normals
+from sgp._stages import Stopwatch, compute_normals, with_scale
 from sgp._write import (
     normals_metrics,
     separation_metrics,
@@ -87,6 +87,7 @@ class _Normals:
     errors: list[Panel]
     metrics: NormalsMetrics
     depth_mm: npt.NDArray[np.float32] | None
+    sigma_deg: npt.NDArray[np.float32]
 
 
 def process(
@@ -112,7 +113,7 @@ def process(
         If both a pixel size and a camera with a working distance are given, or the images are
         smaller than the window of the filter, besides the errors of the stages.
     """
-    pixel_mm = _pixel_mm(source, surfaces)
+    source, pixel_mm = with_scale(source, surfaces.pixel_mm)
     surfaces.sharpness()  # refuses wrong combinations before any work
     # Before the normals, which take long.
     unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
@@ -132,7 +133,9 @@ def process(
         merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
     with watch.stage("normals"):
-        seen = _normals(source, files, options, maps, write, (unit, pixel_size), true_lights)
+        seen = _normals(
+            source, files, options, maps, write, (unit, pixel_size), pixel_mm, true_lights
+        )
     with watch.stage("detail"):
         part_metrics, part_panels = _detail(seen, separation, maps, write)
     with watch.stage("surface"):
@@ -153,10 +156,11 @@ def _normals(
     maps: MapOptions,
     write: _Write,
     scale: tuple[str, float],
+    pixel_mm: float | None,
     true_lights: acquisition.Lights | None,
 ) -> _Normals:
     """Compute, write and draw the normals, and keep what the other stages need."""
-    stage = compute_normals(source, options)
+    stage = compute_normals(source, options, pixel_mm)
     normal_map = stage.stereo.normal_map
     picture = processing.albedo_picture(stage.albedo, normal_map.mask)
     write(
@@ -174,6 +178,7 @@ def _normals(
         errors=_error(stage.error, crop),
         metrics=normals_metrics(stage),
         depth_mm=None if stage.near_height is None else stage.near_height.depth,
+        sigma_deg=stage.uncertainty.sigma_deg,
     )
 
 
@@ -205,6 +210,9 @@ def _surface(
             camera=source.camera,
             pixel_mm=pixel_mm,
             depth_mm=seen.depth_mm,
+            sigma_deg=seen.sigma_deg,
+            weighted=False,
+            height_errors=options.height_sigma and bool(np.isfinite(seen.sigma_deg).any()),
             discontinuity=options.discontinuity,
             k=options.sharpness(),
             on_progress=progress,
@@ -212,7 +220,12 @@ def _surface(
     write(
         "surface",
         lambda folder: write_surface(
-            folder, surface, seen.normal_map, options, colours=seen.colours
+            folder,
+            surface,
+            seen.normal_map,
+            options,
+            colours=seen.colours,
+            sigma_deg=seen.sigma_deg,
         ),
     )
     shaded = "surface, lit from the upper left"
@@ -220,13 +233,6 @@ def _surface(
         map_panel("height", surface.height, surface.unit, seen.crop),
         shaded_panel(shaded, surface.height, seen.crop, surface.pixel_size),
     ]
-
-
-def _pixel_mm(source: acquisition.Source, options: SurfaceOptions) -> float | None:
-    """Return the size of a pixel of the images that are processed."""
-    if options.pixel_mm is None or source.reduction is None:
-        return options.pixel_mm
-    return options.pixel_mm * source.reduction.factor
 
 
 def _recorded(*groups: DataclassInstance) -> dict[str, object]:

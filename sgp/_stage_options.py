@@ -61,7 +61,8 @@ class SurfaceOptions:
     ----------
     pixel_mm
         Size of a pixel on the object in mm; without it and without a working distance, the unit of
-        heights and meshes is one pixel.
+        heights and meshes is one pixel. Under lights with positions and without a camera, the view
+        is that of a telecentric lens whose axis is in the middle of the image.
     glb
         Also write surface.glb, in metres as glTF requires, with the albedo as its texture.
     normal_texture
@@ -82,6 +83,10 @@ class SurfaceOptions:
     discontinuity
         Look for jumps in depth, where one part of the object hides another, and do not smooth
         across them; meshes are cut there. discontinuity.png and parts.png show what was found.
+    height_sigma
+        Also write height_sigma.exr, the standard deviation of each height, from simulated errors of
+        the normals, and report that of differences in height; about 6 CPU seconds per million
+        pixels. Requires standard deviations of the normals.
     k
         With --discontinuity: how small the jumps are that count; steps of 1 / sqrt(k) pixels begin
         to be jumps; default: 4.
@@ -97,6 +102,7 @@ class SurfaceOptions:
     base: Positive | None = None
     discontinuity: bool = False
     k: Positive | None = None
+    height_sigma: bool = False
 
     def sharpness(self) -> float:
         """Return the k of jumps."""

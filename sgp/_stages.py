@@ -147,8 +147,25 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     return Recording(acquisition.downscale(source, options.downscale), files, lit_by)
 
 
+def with_scale(
+    source: acquisition.Source, pixel_mm: float | None
+) -> tuple[acquisition.Source, float | None]:
+    """Return a source and the size of its pixels, from that of a pixel of the frames.
+
+    A camera without a working distance gets the one that follows from the size.
+    """
+    if pixel_mm is None:
+        return source, None
+    size = pixel_mm if source.reduction is None else pixel_mm * source.reduction.factor
+    camera = source.camera
+    if camera is None or camera.working_distance_mm is not None:
+        return source, size
+    camera = replace(camera, working_distance_mm=size * camera.focal_px)
+    return replace(source, camera=camera), None
+
+
 def compute_normals(
-    source: acquisition.Source, options: SourceOptions
+    source: acquisition.Source, options: SourceOptions, pixel_mm: float | None = None
 ) -> processing.Reconstruction:
     """Run `processing.reconstruct` up to the normals and show its progress.
 
@@ -162,6 +179,7 @@ def compute_normals(
             distant=options.distant,
             height_mm=options.height_mm,
             rests_on_plane=options.rests_on_plane,
+            pixel_mm=pixel_mm,
             exclude_disagreeing=options.exclude_disagreeing,
             semi_calibrated=options.semi_calibrated,
             surface=False,
@@ -171,6 +189,7 @@ def compute_normals(
     other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
     answers = {
         "transfer-curve-doubtful": f"--gamma {other}",
+        "height-doubtful": "--height-mm, --rests-on-plane",
         "height-not-determined": "--height-mm, --rests-on-plane",
     }
     warnings = tuple(

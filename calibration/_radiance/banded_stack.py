@@ -15,6 +15,7 @@ from calibration._radiance.developer import Developer
 from calibration._radiance.linear_stack import Stack
 from calibration._radiance.stack_tasks import (
     Channel,
+    FloatImage,
     brightest_sample,
     check_usable,
     frames_of_lights,
@@ -122,6 +123,16 @@ class BandedStack:
                 pass
         noise = None if part.noise is None else replace(part.noise, used=used)
         return replace(part, values=values, noise=noise, warnings=self.warnings)
+
+    def image(self, index: int) -> FloatImage:
+        """Return the image of one light, ``(H, W)`` or ``(H, W, 3)``, as in `linear_stack`.
+
+        Raises
+        ------
+        DataError
+            As `rows`.
+        """
+        return self._develop(*self._tasks[index])
 
     def bands(self, rows: int | None = None) -> Iterator[tuple[slice, Stack]]:
         """Yield all rows in bands, from the top, with their stacks.

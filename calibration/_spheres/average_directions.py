@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from acquisition import CameraModel, LightErrors, Lights, angle_deg
 from calibration._errors import EstimateError
 from calibration._spheres.cone import Cone
 from calibration._spheres.direction_errors import direction_covariances
-from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.joint_refinement import KnownSpheres
 from calibration._spheres.outline_noise import outline_covariance
 from calibration._spheres.placed import COMMON_SHARE, common_error, systematic
@@ -36,7 +34,7 @@ def orthographic_lights(shown: SeenTogether, warnings: list[Notice]) -> SphereCa
 
     def rays_of(pixels: Array, change: Array) -> Array:
         pairs = zip(outlines, np.moveaxis(pixels, 1, 0), change, strict=True)
-        rays = [orthographic_directions(_changed(o, by), of_one) for o, of_one, by in pairs]
+        rays = [orthographic_directions(o.moved(by), of_one) for o, of_one, by in pairs]
         return np.stack(rays, axis=1)
 
     # Centre x, centre y and radius of each outline.
@@ -125,14 +123,3 @@ def _check_decided(names: tuple[str, ...], images: Sequence[SphereImage]) -> Non
                 f"light {names[undecided[0]]}{more}: several bright spots on {places([image])} may "
                 f"be its highlight, at {where} px: cover lamps and windows, or leave out its image"
             )
-
-
-def _changed(outline: Ellipse, change: Array) -> Ellipse:
-    """Return an outline with changed centre x, centre y and radius, in pixels."""
-    (x, y), (a, b) = outline.centre_px, outline.semi_axes_px
-    scale = 1 + float(change[2]) / outline.radius_px
-    return replace(
-        outline,
-        centre_px=(x + float(change[0]), y + float(change[1])),
-        semi_axes_px=(a * scale, b * scale),
-    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +20,7 @@ _FACING = 0.9
 _SIGNIFICANT = 4.0
 _OFFSET_STEP_PX = 0.5
 _TOLERANCE_PX = 1.0
+_OF_IMAGES = 0.5
 
 
 class EdgesAround:
@@ -25,28 +28,36 @@ class EdgesAround:
 
     Parameters
     ----------
-    image
-        ``(H, W)``, above 0; edges are steps of its logarithm.
+    images
+        ``(H, W)`` each, above 0; edges are steps of their logarithms. One that half of the images
+        show counts like one that all show.
     circle
         The circle.
     reach_px
         Largest difference of the centre and of the radius of circles that are compared.
     """
 
-    def __init__(self, image: npt.NDArray[np.float32], circle: Ellipse, reach_px: float) -> None:
+    def __init__(
+        self, images: Sequence[npt.NDArray[np.float32]], circle: Ellipse, reach_px: float
+    ) -> None:
         self._circle, self._reach = circle, min(reach_px, 0.3 * circle.radius_px)
         wide = 2.2 * self._reach + 3
         count = int(np.clip(np.pi * circle.radius_px, *_RAYS))
         self._angles = np.arange(count) * (2 * np.pi / count)
         self._first = -np.floor(wide / _OFFSET_STEP_PX) * _OFFSET_STEP_PX
         offsets = np.arange(self._first, -self._first + 0.1, _OFFSET_STEP_PX)
+        seen = np.mean([self._ridges(image, offsets) for image in images], axis=0)
+        self._edges = np.minimum(seen / _OF_IMAGES, 1.0)
+
+    def _ridges(self, image: npt.NDArray[np.float32], offsets: Array) -> npt.NDArray[np.bool_]:
+        """Return where an image has an edge, ``(angles, offsets)``."""
+        circle = self._circle
         centre = np.array(circle.centre_px)
-        far = circle.radius_px + wide + 4
+        far = circle.radius_px + offsets[-1] + 4
         low = np.maximum((centre - far).astype(int), 0)
         high = np.minimum((centre + far).astype(int) + 2, image.shape[::-1])
-        self._edges = np.zeros((count, len(offsets)))
         if np.any(high - low < 8):
-            return
+            return np.zeros((len(self._angles), len(offsets)), bool)
         crop = np.log(image[low[1] : high[1], low[0] : high[0]])
         smooth = cv2.GaussianBlur(crop, (0, 0), 0.8)
         gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
@@ -64,7 +75,7 @@ class EdgesAround:
         ridge = np.zeros_like(strong)
         middle = across[:, 1:-1]
         ridge[:, 1:-1] = (middle >= across[:, :-2]) & (middle > across[:, 2:])
-        self._edges = (ridge & strong & inside.all(axis=-1)).astype(np.float64)
+        return np.asarray(ridge & strong & inside.all(axis=-1))
 
     def support(self, outline: Ellipse) -> float:
         """Return the share of the circumference where an edge is close to an outline."""

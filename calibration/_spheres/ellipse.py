@@ -25,6 +25,7 @@ _TRIALS = 100
 _SAMPLE = 8
 # Neighbouring points agree alike: so many decide between trials.
 _JUDGES = 400
+_CONVERGED_PX = 1e-5
 _NO_ELLIPSE = "the outline points do not fit an ellipse: check the outline of the sphere"
 
 
@@ -60,6 +61,13 @@ class Ellipse:
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         matrix: Array = turn @ np.diag(self.semi_axes_px) @ turn.T
         return matrix
+
+    def moved(self, change: Array) -> Ellipse:
+        """Return the ellipse with changed centre x, centre y and radius, in pixels."""
+        (x, y), (a, b) = self.centre_px, self.semi_axes_px
+        scale = 1 + float(change[2]) / self.radius_px
+        centre = (x + float(change[0]), y + float(change[1]))
+        return Ellipse(centre, (a * scale, b * scale), self.angle_deg)
 
     def unit(self, pixels: npt.ArrayLike) -> Array:
         """Return pixels ``(..., 2)`` in the frame in which the ellipse is the unit circle."""
@@ -110,8 +118,10 @@ def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse,
     weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
     for _ in range(ROUNDS):
         check_enough(weights, 3, "a circle")
-        circle = _plain_circle(points_px, weights)
+        last, circle = circle, _plain_circle(points_px, weights)
         weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
+        if _moved_px(last, circle) < _CONVERGED_PX:
+            break
     return circle, weights
 
 
@@ -149,6 +159,12 @@ def fit_ellipse(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse
         ellipse = _plain_ellipse(points_px, weights / np.maximum(gradient, 1e-12) ** 2)
         weights = tukey_weights(ellipse.distance_px(points_px), FINEST_PX)
     return ellipse, weights
+
+
+def _moved_px(a: Ellipse, b: Ellipse) -> float:
+    """Return the largest change of the centre and of the radius."""
+    change = [*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px]
+    return float(np.abs(change).max())
 
 
 def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Ellipse:

@@ -14,6 +14,7 @@ from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
+from calibration._spheres.joint_search import joint_near
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import Mirror, find_mirror
 from calibration._spheres.outline import (
@@ -37,6 +38,9 @@ _CANDIDATES = 120
 _SECTORS = 72
 _LEAST_COVERAGE = 0.35
 _HORIZON, _CONCENTRIC = 0.73, 0.15
+_REACH_PX, _REACH_SHARE = 3.0, 0.03
+# One picture may show an edge as far from the outline that less of all images supports.
+_WIDER_SHARE, _DECIDED = 0.1, 0.5
 
 
 def find_spheres(
@@ -102,7 +106,11 @@ def find_spheres(
         known = [*excluded, *spheres]
         for sphere in _by_edges(values, undecided, radii_px, known):
             around = _ball_around(plane, sphere, undecided)
-            spheres.append(sphere if around is None else outlined_mirror(values, plane, around))
+            spheres.append(
+                _in_all_images(values, sphere)
+                if around is None
+                else outlined_mirror(values, plane, around)
+            )
     return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
 
 
@@ -163,6 +171,24 @@ def _by_edges(
     return spheres
 
 
+def _in_all_images(values: Images, sphere: SphereImage) -> SphereImage:
+    """Return a sphere with the outline that the edges of most images support."""
+    radius = sphere.outline.radius_px
+    joint = joint_near(values, sphere.outline, max(_REACH_PX, _REACH_SHARE * radius))
+    if joint is None or joint.support < _DECIDED:
+        wider = joint_near(values, sphere.outline, max(_REACH_PX, _WIDER_SHARE * radius))
+        if joint is None or (wider is not None and wider.support > joint.support):
+            joint = wider
+    if joint is None:
+        return sphere
+    highlights = find_highlights(values, joint.outline)
+    if np.count_nonzero(highlights.found) < np.count_nonzero(sphere.highlights.found):
+        return sphere
+    return SphereImage(
+        joint.outline, joint.points_px, joint.coverage, highlights, joint.covariance_px2
+    )
+
+
 def _rivals(outline: Ellipse, spheres: Sequence[SphereImage]) -> list[SphereImage]:
     """Return the spheres that overlap an outline."""
     return [sphere for sphere in spheres if overlap(outline, sphere.outline)]
@@ -192,10 +218,10 @@ def _has_highlights(values: Images, circle: Ellipse) -> bool:
 def _refined(pictures: OutlineImages, circle: Ellipse) -> tuple[Ellipse, Array, float] | None:
     """Refine a circle; return outline, its points and coverage, None if too little is visible.
 
-    The refinement moves the outline by 3 px or 3 % of the radius.
+    The refinement moves the outline by up to 3 px or 3 % of the radius.
     """
+    reach = max(_REACH_PX, _REACH_SHARE * circle.radius_px)
     try:
-        reach = max(3.0, 0.03 * circle.radius_px)
         outline, points, coverage = refine_sharpest(pictures, circle, reach)
     except EstimateError:
         return None

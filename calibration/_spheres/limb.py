@@ -13,8 +13,10 @@ REACH_PX = 2.5
 STEP_PX = 0.25
 # Trial blurs: of a sharp lens and a small pixel, up to one that is clearly out of focus.
 _BLURS_PX = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.15, 1.4)
+# Neighbouring profiles are alike: so many show the blur.
+_ENOUGH = 200
 _LONGEST_SHIFT_PX = 1.0
-_SHIFT_STEP_PX = 0.05
+SHIFT_STEP_PX = 0.05
 
 
 def profile_offsets() -> Array:
@@ -47,7 +49,7 @@ def edge_offsets(profiles: Array, blur_px: float) -> Array:
     Array
         ``(M,)`` offset of the edge in pixels, positive outwards; within 1 px.
     """
-    return _offsets(_costs(profiles, blur_px))
+    return _offsets(edge_costs(profiles, blur_px))
 
 
 def estimate_blur(profiles: Array) -> float:
@@ -63,12 +65,13 @@ def estimate_blur(profiles: Array) -> float:
     float
         0.35 to 1.4 px; it includes the size of a pixel.
     """
+    profiles = profiles[:: max(len(profiles) // _ENOUGH, 1)]
     power = np.maximum(profiles.var(axis=1), 1e-300)
-    misfits = [np.median(_costs(profiles, blur).min(axis=1) / power) for blur in _BLURS_PX]
+    misfits = [np.median(edge_costs(profiles, blur).min(axis=1) / power) for blur in _BLURS_PX]
     return _BLURS_PX[int(np.argmin(misfits))]
 
 
-def _costs(profiles: Array, blur_px: float) -> Array:
+def edge_costs(profiles: Array, blur_px: float) -> Array:
     """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
     # The model contains constants, which are removed first for accuracy.
     varying = profiles - profiles.mean(axis=1, keepdims=True)
@@ -79,19 +82,20 @@ def _costs(profiles: Array, blur_px: float) -> Array:
 
 def _offsets(costs: Array) -> Array:
     """Return the shift ``(M,)`` with the least cost in ``(M, shifts)``, interpolated."""
-    shifts = _shifts()
+    shifts = trial_shifts()
     best = np.clip(np.argmin(costs, axis=1), 1, len(shifts) - 2)
     row = np.arange(len(costs))
     before, least, after = costs[row, best - 1], costs[row, best], costs[row, best + 1]
     curve = before - 2 * least + after
     part = np.where(curve > 0, 0.5 * (before - after) / np.maximum(curve, 1e-300), 0.0)
-    offsets: Array = shifts[best] + _SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
+    offsets: Array = shifts[best] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
     return offsets
 
 
-def _shifts() -> Array:
-    count = round(_LONGEST_SHIFT_PX / _SHIFT_STEP_PX)
-    shifts: Array = np.arange(-count, count + 1, dtype=np.float64) * _SHIFT_STEP_PX
+def trial_shifts() -> Array:
+    """Return the trial positions of the edge in pixels, those of `edge_costs`."""
+    count = round(_LONGEST_SHIFT_PX / SHIFT_STEP_PX)
+    shifts: Array = np.arange(-count, count + 1, dtype=np.float64) * SHIFT_STEP_PX
     return shifts
 
 
@@ -102,7 +106,7 @@ def _bases(blur_px: float) -> Array:
     fine_step = 0.05
     fine = np.arange(-REACH_PX - 3, REACH_PX + 3 + fine_step / 2, fine_step)
     bases = []
-    for shift in _shifts():
+    for shift in trial_shifts():
         depth = shift - fine
         inside = np.clip(depth / fine_step + 0.5, 0.0, 1.0)  # share of each step
         limb = np.sqrt(np.maximum(depth, 0.0))

@@ -54,8 +54,7 @@ def sphere_in_mask(
         Outline of the mask, as for `SphereImage`.
     """
     highlights = find_highlights(values, outline)
-    seen = _seen_near(values, pictures, plane, outline)
-    mirrors = seen is not None and seen.covariance_px2 is not None
+    seen, mirrors = _seen_near(values, pictures, plane, outline)
     painted = not mirrors and is_painted(values, outline, highlights)
     given = SphereImage(outline, points_px, coverage, highlights, painted=painted)
     if seen is None:
@@ -85,8 +84,11 @@ def _seen_near(
     pictures: OutlineImages,
     plane: MirroredPlane,
     outline: Ellipse,
-) -> SphereImage | None:
-    """Return the sphere that the images show near an outline, without doubt, or None."""
+) -> tuple[SphereImage | None, bool]:
+    """Return the sphere that the images show near an outline, without doubt, or None.
+
+    The second result is whether it mirrors the plane.
+    """
     radius = outline.radius_px
     reach = max(_REACH_PX, _REACH_SHARE * radius)
     mirror = mirror_near(plane, Ellipse(outline.centre_px, (radius, radius)), reach)
@@ -96,11 +98,13 @@ def _seen_near(
         try:
             near = outline_near(pictures, outline, reach)
         except EstimateError:
-            return None
-        if near.covariance_px2 is not None:
-            return None
+            return None, False
+        if not near.is_sharp:
+            return None, False
         highlights = find_highlights(values, near.outline)
-        seen = SphereImage(near.outline, near.points_px, near.coverage, highlights)
+        seen = SphereImage(
+            near.outline, near.points_px, near.coverage, highlights, near.covariance_px2
+        )
     off = np.hypot(*np.subtract(seen.outline.centre_px, outline.centre_px))
     far = max(float(off), abs(seen.outline.radius_px - radius)) > 1.5 * reach
-    return None if far else seen
+    return None if far else seen, mirror is not None and not far

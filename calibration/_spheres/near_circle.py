@@ -10,6 +10,7 @@ from calibration._errors import EstimateError
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.joint_search import joint_near
 from calibration._spheres.mirrored_border import is_mirrored_border
 from calibration._spheres.outline import (
     SHARP_PX,
@@ -52,14 +53,17 @@ class NearOutline:
         Share 0..1 of the circumference that these points cover.
     covariance_px2
         ``(3, 3)`` covariance of centre x, centre y and radius without systematic errors, which
-        includes the other outlines that the edges support; None if it is sharp and visible over
-        60 % of its length: then the scatter of the points shows how well it is known.
+        includes the other outlines that the edges support; None if the scatter of the points
+        shows how well it is known.
+    is_sharp
+        Whether one picture shows a sharp outline over 60 % of its length, which is beyond doubt.
     """
 
     outline: Ellipse
     points_px: Array
     coverage: float
     covariance_px2: Array | None
+    is_sharp: bool = False
 
     @property
     def sigma_px(self) -> float:
@@ -80,7 +84,8 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     their circumference where an edge faces them, not by the strength of the edges. The best eight
     are refined. One that has n observations less than the best one (8 px of circumference each) is
     exp(-n) times as plausible; the covariance of this mixture adds to that of the best outline, so
-    that it contains the others if the edges do not decide.
+    that it contains the others if the edges do not decide. At last, the edges of all images decide
+    together, see `joint_near`.
 
     Parameters
     ----------
@@ -105,12 +110,12 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     else:
         if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
             _check_inside(pictures, first[0], first[2])
-            return NearOutline(*first, None)
+            return _in_all_images(pictures, NearOutline(*first, None, is_sharp=True), 3.0)
         found.append((0.0, *first))
     trials = [one[1] for one in found]
     found = []
     for picture in (pictures.upper, pictures.median):
-        edges = EdgesAround(picture, circle, _WIDER * reach_px)
+        edges = EdgesAround([picture], circle, _WIDER * reach_px)
         for trial in [*trials, *edges.leaders()]:
             try:
                 refined = refine_outline(picture, trial, 3.0)
@@ -136,8 +141,19 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
             f"length, scatters by {scatter:.1f} px and is known to {best.sigma_px:.1f} px: give "
             "a better circle or a mask, or light the background evenly"
         )
+    best = _in_all_images(pictures, best, reach_px)
     _check_inside(pictures, best.outline, best.coverage)
     return best
+
+
+def _in_all_images(pictures: OutlineImages, near: NearOutline, reach_px: float) -> NearOutline:
+    """Return the outline that the edges of most images support, see `joint_near`."""
+    joint = joint_near(pictures.values, near.outline, reach_px)
+    if joint is None:
+        return near
+    return NearOutline(
+        joint.outline, joint.points_px, joint.coverage, joint.covariance_px2, near.is_sharp
+    )
 
 
 def _is_sharp(outline: Ellipse, points_px: Array, coverage: float) -> bool:
@@ -160,7 +176,7 @@ def _check_inside(pictures: OutlineImages, outline: Ellipse, coverage: float) ->
             "give a circle closer to the outline, or a mask"
         )
     around = Ellipse(outline.centre_px, (_OUTER * radius, _OUTER * radius))
-    edges = EdgesAround(pictures.upper, around, _OUTER_REACH * radius)
+    edges = EdgesAround([pictures.upper], around, _OUTER_REACH * radius)
     for trial in edges.leaders():
         if edges.support(trial) < 0.5 * _OUTER_COVERAGE:
             continue

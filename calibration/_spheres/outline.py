@@ -24,10 +24,11 @@ from calibration._spheres.robust import Array
 _SMALLEST_AREA_PX = 60
 _BAND_ROWS = 64
 _WHITE_STEP = 7
-_ALONG_PX = 4.0
+ALONG_PX = 4.0
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 SHARP_PX = 0.25
 _NEARLY = 0.75
+_MOST_ANGLES = 720
 
 
 def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
@@ -115,21 +116,21 @@ class OutlineImages:
     """
 
     def __init__(self, values: Images) -> None:
-        self._values = values
+        self.values = values
 
     @cached_property
     def upper(self) -> npt.NDArray[np.float32]:
         """The upper mean, see `outline_image`: it shows most of an outline in most recordings."""
-        return outline_image(self._values)
+        return outline_image(self.values)
 
     @cached_property
     def median(self) -> npt.NDArray[np.float32]:
         """The median: of few images, reflections and shadows of the surroundings spoil it least."""
-        white = _white(self._values)
-        median = np.zeros(self._values.shape[1:], np.float32)
+        white = _white(self.values)
+        median = np.zeros(self.values.shape[1:], np.float32)
         for start in range(0, len(median), _BAND_ROWS):
             rows = slice(start, start + _BAND_ROWS)
-            median[rows] = np.median(np.nan_to_num(self._values[:, rows], nan=white), axis=0)
+            median[rows] = np.median(np.nan_to_num(self.values[:, rows], nan=white), axis=0)
         return median + np.float32(max(0.01 * float(median.mean()), 1e-6))
 
 
@@ -208,9 +209,9 @@ def _refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellip
     ellipse = guess
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
-        profiles = _profiles(image, ellipse, angles, profile_offsets())
+        profiles = radial_profiles(image, ellipse, angles, profile_offsets())
         # Smoothing along the outline averages out its position relative to the pixel grid.
-        profiles = gaussian_filter1d(profiles, _ALONG_PX, axis=0, mode="wrap")
+        profiles = gaussian_filter1d(profiles, ALONG_PX, axis=0, mode="wrap")
         if not seen.any():
             raise _no_outline(ellipse)
         blur_px = estimate_blur(profiles[seen])
@@ -240,7 +241,14 @@ def _no_outline(guess: Ellipse) -> EstimateError:
     )
 
 
-def _profiles(
+def edge_angles(outline: Ellipse, most: int = _MOST_ANGLES) -> Array:
+    """Return the angles at which an outline is examined, about one per pixel, or so many."""
+    count = int(np.clip(2 * np.pi * outline.radius_px, 90, most))
+    angles: Array = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
+    return angles
+
+
+def radial_profiles(
     image: npt.NDArray[np.float32], ellipse: Ellipse, angles: Array, offsets: Array
 ) -> Array:
     """Return the image sampled along radii, ``(angles, offsets)``."""
@@ -262,11 +270,11 @@ def _steepest(
     Returns the angles (about one per pixel), the offset of the step from the guess at each angle,
     and whether the step is significant.
     """
-    count = int(np.clip(2 * np.pi * guess.radius_px, 90, 2000))
-    angles = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
+    angles = edge_angles(guess)
+    count = len(angles)
     wide = max(reach_px, 6.0)  # a wider range shows the contrast of pixels without an edge
     offsets = np.arange(-wide, wide + STEP_PX / 2, STEP_PX, dtype=np.float64)
-    profiles = _profiles(image, guess, angles, offsets)
+    profiles = radial_profiles(image, guess, angles, offsets)
     contrast = gaussian_filter1d(np.log(profiles), 0.8 / STEP_PX, axis=1, order=1, mode="nearest")
     contrast = np.abs(contrast)
     best = np.argmax(np.where(np.abs(offsets) <= reach_px, contrast, 0.0), axis=1)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from processing._reconstruction.recorded_images import Images
 from rig import short_repr
 
 Float = npt.NDArray[np.float32]
@@ -47,7 +48,7 @@ class Cells:
     __repr__ = short_repr
 
 
-def cells_of(values: Float, mask: Mask, points_mm: npt.NDArray[np.float64] | None) -> Cells:
+def cells_of(values: Images, mask: Mask, points_mm: npt.NDArray[np.float64] | None) -> Cells:
     """Average a stack over cells, so that about `CELLS` of them cover the object.
 
     A mean over a cell that no shadow edge crosses is linear in the lights as its pixels are, and

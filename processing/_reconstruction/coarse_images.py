@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel
+from processing._reconstruction.recorded_images import Images
+from processing._reconstruction.views import View
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -25,15 +26,16 @@ class CoarseImages:
 
     values: Float
     mask: Mask
-    camera: CameraModel
+    view: View
+    origins: Double
     rays: Double
     factor: int
 
     def points(self, depth: Double) -> Double:
-        return np.asarray(self.camera.centre_mm + depth[..., None] * self.rays, np.float64)
+        return np.asarray(self.origins + depth[..., None] * self.rays, np.float64)
 
 
-def coarse_images(values: Float, mask: Mask, camera: CameraModel) -> CoarseImages:
+def coarse_images(values: Images, mask: Mask, view: View) -> CoarseImages:
     """Average blocks; a block with a missing sample or a pixel outside the mask is left out."""
     factor = max(1, math.isqrt(int(np.count_nonzero(mask)) // _PIXELS))
     while True:
@@ -43,7 +45,7 @@ def coarse_images(values: Float, mask: Mask, camera: CameraModel) -> CoarseImage
         if factor == 1 or np.count_nonzero(inside) * factor**2 > 0.5 * np.count_nonzero(mask):
             break
         factor -= 1
-    small = camera.downscaled(factor) if factor > 1 else camera
+    small = view.downscaled(factor) if factor > 1 else view
     if factor > 1:
         size = (width, height)
         averages = np.zeros((len(values), height, width), np.float32)
@@ -52,5 +54,5 @@ def coarse_images(values: Float, mask: Mask, camera: CameraModel) -> CoarseImage
             # Averages of whole blocks; NaN spreads to its block.
             cv2.resize(part, size, dst=out, interpolation=cv2.INTER_AREA)
     else:
-        averages = values
-    return CoarseImages(averages, inside, small, small.pixel_rays(), factor)
+        averages = values if isinstance(values, np.ndarray) else values.stack().values
+    return CoarseImages(averages, inside, small, *small.rays(), factor)

@@ -12,6 +12,7 @@ from acquisition import CameraModel, Lights
 from calibration import EstimateError, Stack
 from processing._normal_map import NormalMap
 from processing._reconstruction.near_height import NearHeight
+from processing._reconstruction.views import View
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.colours import uncertainty_of_colours
 from processing._uncertainty.normal_uncertainty import (
@@ -41,7 +42,7 @@ def error_bars(
     albedo: Float | None,
     points_mm: npt.NDArray[np.float64] | None,
     near: NearHeight | None,
-    camera: CameraModel | None,
+    view: View | None,
     on_progress: Progress,
 ) -> tuple[PhotometricStereoResult, NormalUncertainty, list[Notice]]:
     """Return the result of photometric stereo at its valid pixels, its error bars, and notices.
@@ -52,7 +53,7 @@ def error_bars(
         What the normals were computed from.
     stereo, albedo
         The normals; the albedo ``(H, W, 3)`` of channels that were solved on their own, else None.
-    near, camera
+    near, view
         Height of the object under near lights.
 
     Raises
@@ -60,9 +61,7 @@ def error_bars(
     EstimateError
         If no pixel is valid.
     """
-    depth_sigma = 0.0
-    if near is not None and math.isfinite(near.mean_height_sigma_mm):
-        depth_sigma = near.mean_height_sigma_mm / float(near.depth[mask].mean())
+    camera, depth_sigma = depth_deviation(near, view, mask)
     if albedo is None:
         found = normal_uncertainty(
             stack.values,
@@ -88,7 +87,23 @@ def error_bars(
             noise=stack.noise,
             on_progress=on_progress,
         )
+    return judged(stereo, found, mask)
+
+
+def judged(
+    stereo: PhotometricStereoResult, found: NormalUncertainty, mask: Mask
+) -> tuple[PhotometricStereoResult, NormalUncertainty, list[Notice]]:
+    """Return normals at the valid pixels, their error bars, and notices."""
     return _valid_part(stereo, found), found, _notices(found, mask)
+
+
+def depth_deviation(
+    near: NearHeight | None, view: View | None, mask: Mask
+) -> tuple[CameraModel | None, float]:
+    """Return a camera, and the relative standard deviation of all depths from it."""
+    if view is None or near is None or not math.isfinite(near.mean_height_sigma_mm):
+        return None, 0.0
+    return view.depth_error(near.mean_height_sigma_mm, float(near.depth[mask].mean()))
 
 
 def _valid_part(
@@ -133,10 +148,10 @@ def _notices(found: NormalUncertainty, mask: Mask) -> list[Notice]:
         notices.append(Notice("normal-sigma-unknown", text, severity="info"))
     elif found.neighbour_correlation > STRUCTURED:
         text = (
-            "the errors of the normals are larger than their standard deviations: neighbouring "
-            f"lights have similar residuals (correlation {found.neighbour_correlation:.2f}; noise "
-            f"has less than {STRUCTURED:g}), so the surface is not matte, or light comes from "
-            "elsewhere"
+            "neighbouring lights have similar residuals (correlation "
+            f"{found.neighbour_correlation:.2f}; noise has less than {STRUCTURED:g}): the surface "
+            "is not matte, or light comes from elsewhere; the standard deviations of the normals "
+            "contain an estimate of these errors, to about a factor of 2"
         )
-        notices.append(Notice("normal-sigma-too-small", text, severity="info"))
+        notices.append(Notice("surface-not-matte", text, severity="info"))
     return notices

@@ -61,7 +61,9 @@ class PredictedCells:
     def __init__(self, cells: Cells, lights: Lights, strengths: Double) -> None:
         self._cells = cells
         values = cells.values / strengths[:, None, None].astype(np.float32)
-        solved = photometric_stereo(values, lights, cells.mask, points_mm=cells.points_mm)
+        solved = photometric_stereo(
+            values, lights, cells.mask, method="cauchy", points_mm=cells.points_mm
+        )
         normals, albedo = solved.normal_map.normals, solved.albedo
         if lights.near and cells.points_mm is not None:
             vectors = lights.vectors_at(cells.points_mm)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights, Source
+from acquisition import Lights
 from processing._reconstruction.near_height import NearHeight, near_height
+from processing._reconstruction.recorded_images import Images
+from processing._reconstruction.views import View
 from processing._stereo.method import Method
 from rig import Progress
 
@@ -17,29 +19,27 @@ from rig import Progress
 class Heights:
     """Where the surface is, from the images."""
 
-    source: Source
+    view: View | None
     mask: npt.NDArray[np.bool_]
-    plane_mm: npt.NDArray[np.float64] | None
     height_mm: float | None
     rests_on_plane: bool
     method: Method
     on_progress: Progress
 
     def of(
-        self, values: npt.NDArray[np.float32], lights: Lights
+        self, values: Images, lights: Lights
     ) -> tuple[NearHeight | None, npt.NDArray[np.float64] | None]:
         """Return the height under near lights and the points; None under distant lights."""
-        camera = self.source.camera
-        if self.plane_mm is None or camera is None:
-            return None, self.plane_mm
+        if self.view is None:
+            return None, None
         near = near_height(
             values,
             lights,
             self.mask,
-            camera,
+            self.view,
             method=self.method,
             height_mm=self.height_mm,
             rests_on_plane=self.rests_on_plane,
             on_step=lambda done, total: self.on_progress("height", done, total),
         )
-        return near, camera.points_at(near.depth)
+        return near, self.view.points_at(near.depth)

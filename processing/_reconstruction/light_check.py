@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.samples import Samples
 from processing._reconstruction.self_calibration import (
     Factors,
@@ -98,7 +99,7 @@ def check_lights(
     samples: Samples,
     residual: float,
     ids: Sequence[str],
-    images: Float,
+    images: Images,
     mask: Mask,
 ) -> LightCheck:
     """Compare the given lights with those that the images show.
@@ -226,7 +227,7 @@ _TURNS: dict[str, tuple[int, int]] = {
 }
 
 
-def _turned(i: int, factors: Factors, samples: Samples, images: Float, mask: Mask) -> str | None:
+def _turned(i: int, factors: Factors, samples: Samples, images: Images, mask: Mask) -> str | None:
     """Return how an image must be turned to fit the others; None if that does not help."""
     image = images[i]
     size = np.array(mask.shape)

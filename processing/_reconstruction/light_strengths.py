@@ -67,18 +67,14 @@ class LightStrengths:
             _scaled(self.lights, again.factors, again.sigmas), factors, again.sigmas, again.warnings
         )
 
-    def divided(
-        self, stack: Stack, gray: npt.NDArray[np.float32]
-    ) -> tuple[Stack, npt.NDArray[np.float32]]:
-        """Return a stack and its gray images under the estimated strengths."""
+    def divided(self, stack: Stack) -> Stack:
+        """Return a stack under the estimated strengths."""
         noise = stack.noise
         if noise is not None:
             noise = replace(noise, intensities=noise.intensities * self.factors[:, None])
-        single = self.factors.astype(np.float32)
+        factors = self.factors.astype(np.float32)
         shape = (-1,) + (1,) * (stack.values.ndim - 1)
-        same = gray is stack.values
-        stack = replace(stack, values=stack.values / single.reshape(shape), noise=noise)
-        return stack, stack.values if same else gray / single[:, None, None]
+        return replace(stack, values=stack.values / factors.reshape(shape), noise=noise)
 
 
 def of_source(strengths: LightStrengths, given: Lights) -> LightStrengths:

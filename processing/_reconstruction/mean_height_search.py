@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 from acquisition import Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages
+from processing._reconstruction.common_shift import CommonShift, common_shift
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
@@ -31,6 +32,10 @@ _LIT = 0.05
 _FEWEST_PIXELS = 20
 _TRIED = 21
 _ACCURACY_MM = 0.01
+# The reflectance that `best` fits would take up what a wrong height does to the samples.
+_METHOD: Method = "cauchy"
+# Shift of all lights in differences of the cost, relative to their distance.
+_SHIFT = 0.013
 
 
 class MeanHeightSearch:
@@ -40,11 +45,9 @@ class MeanHeightSearch:
         self,
         coarse: CoarseImages,
         lights: Lights,
-        distance: float,
         limits: tuple[float, float],
-        method: Method,
     ) -> None:
-        self._method = method
+        self.coarse, self.lights = coarse, lights
         flat = coarse.values.reshape(len(coarse.values), -1)
         pixels = np.flatnonzero(coarse.mask)
         pixels = pixels[_lit(flat[:, pixels]) >= _FEWEST_LIT]
@@ -53,9 +56,8 @@ class MeanHeightSearch:
         measured = np.maximum(np.nan_to_num(self._values[:, 0]), 0)
         self._brightness = np.maximum(measured.mean(axis=0), np.finfo(np.float32).tiny)[:, None]
         self._rays = coarse.rays.reshape(-1, 3)[self._pixels]
-        self._centre = coarse.camera.centre_mm
-        self._lights = lights
-        self._distance = distance
+        self._origins = coarse.origins.reshape(-1, 3)[self._pixels]
+        self._view = coarse.view
         self._limits = limits
         positions = np.asarray(lights.positions_mm)
         self.light_distance_mm = float(np.mean(np.linalg.norm(positions, axis=1)))
@@ -70,15 +72,15 @@ class MeanHeightSearch:
             return depth, math.inf
         shape = depth.reshape(-1)[self._pixels]
         mean = float(shape.mean())
-        relative = shape / mean
-        residuals = self._residuals(relative, self._distance - mean)
+        distance = self._view.distance_mm
+        residuals = self._residuals(shape, distance - mean, self.lights)
         known = residuals[np.isfinite(residuals)]
         if not known.size:
             return depth, math.inf
         self._scale = max(1.4826 * float(np.median(np.abs(known))), 1e-6)
 
         def cost(height: float) -> float:
-            return float(self._costs(relative, height).sum())
+            return float(self._costs(shape, height).sum())
 
         bracket = self._bracket(cost)
         if bracket is None:
@@ -89,7 +91,7 @@ class MeanHeightSearch:
             ).x
         )
         self._found = height
-        return depth * ((self._distance - height) / mean), self._sigma(relative, height)
+        return self._view.moved(depth, mean, distance - height), self._sigma(shape, height)
 
     def _bracket(self, cost: Callable[[float], float]) -> tuple[float, float] | None:
         """Return heights around the best one; None if it is at a limit."""
@@ -102,14 +104,14 @@ class MeanHeightSearch:
             return None
         return float(tried[best - 1]), float(tried[best + 1])
 
-    def _sigma(self, relative: Double, height: float) -> float:
+    def _sigma(self, shape: Double, height: float) -> float:
         """Return the standard deviation of a minimum.
 
         Slopes of the cost scatter between pixels by noise, and between lights also by errors of the
         lights, which are common to all pixels (a sandwich estimate, by clusters; White, 1982).
         """
         step = max(0.002 * self.light_distance_mm, 10 * _ACCURACY_MM)
-        below, here, above = (self._costs(relative, height + shift) for shift in (-step, 0.0, step))
+        below, here, above = (self._costs(shape, height + shift) for shift in (-step, 0.0, step))
         curvature = float(np.sum(above + below - 2 * here)) / step**2
         if not curvature > 0:
             return math.inf
@@ -121,30 +123,46 @@ class MeanHeightSearch:
             variances.append(float(np.sum((of_one - of_one.mean()) ** 2)) / free)
         return math.sqrt(max(variances)) / curvature
 
-    def _costs(self, relative: Double, height: float) -> Double:
+    def under(self, lights: Lights) -> MeanHeightSearch:
+        """Return the same search under other lights, near the height that was found."""
+        other = MeanHeightSearch(self.coarse, lights, self._limits)
+        other._found = self._found
+        return other
+
+    def common_shift(self, depth: Double) -> CommonShift:
+        """Return what a shift of all lights would do, at the surface that was found."""
+        shape = depth.reshape(-1)[self._pixels]
+        height = self._view.distance_mm - float(shape.mean())
+        return common_shift(
+            lambda rise, lights: self._costs(shape, height + rise, lights),
+            self.lights,
+            _SHIFT * self.light_distance_mm,
+        )
+
+    def _costs(self, shape: Double, height: float, lights: Lights | None = None) -> Double:
         """Return the cost of each sample ``(P, N)`` at a mean height, 0 where it is missing."""
-        ratio = self._residuals(relative, height) / self._scale
+        ratio = self._residuals(shape, height, lights or self.lights) / self._scale
         measured = np.isfinite(ratio)
         cost = np.log1p(np.where(measured, ratio, 0.0) ** 2)
         # A pixel counts alike, however many samples it has.
         return np.asarray(cost / np.maximum(measured.sum(axis=1), 1)[:, None], np.float64)
 
-    def _residuals(self, relative: Double, height: float) -> Double:
+    def _residuals(self, shape: Double, height: float, lights: Lights) -> Double:
         """Return residuals ``(P, N)`` relative to the brightness, NaN where a sample is missing.
 
         Residuals relative to the albedo would be smaller at lower heights, as is the irradiance.
         """
-        depth = relative * (self._distance - height)
-        points = (self._centre + depth[:, None] * self._rays)[None]
+        depth = self._view.moved(shape, float(shape.mean()), self._view.distance_mm - height)
+        points = (self._origins + depth[:, None] * self._rays)[None]
         every = np.ones(points.shape[:2], np.bool_)
-        model, frames = LightModel(self._lights, points, every), Frames(self._values)
+        model, frames = LightModel(lights, points, every), Frames(self._values)
         try:
             model.check(every)
         except EstimateError:
             return np.full((len(depth), len(self._values)), np.nan)
         maps = StereoMaps.empty(every.shape)
         # These pixels are no neighbours, so that their differences do not show the noise.
-        solve_maps(frames, model, every, None, self._method, maps, None, no_progress)
+        solve_maps(frames, model, every, None, _METHOD, maps, None, no_progress)
         samples, vectors = model.samples(frames, np.arange(len(depth)))
         normals, albedo = maps.normals[0], maps.albedo[0]
         shading = np.maximum(np.einsum("pc,pcn->pn", normals, vectors), 0)

@@ -12,18 +12,15 @@ Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 
-def blocks_of_sites(values: Float) -> Float:
-    """Return images in which every pixel is the mean of 2 x 2 sites, so one of each block.
+def blocks_of_sites(mosaic: Float) -> Float:
+    """Return an image in which every pixel is the mean of 2 x 2 sites, so one of each block.
 
     Parameters
     ----------
-    values
-        ``(N, H, W)`` mosaics; saturated samples, NaN, count as white.
+    mosaic
+        ``(H, W)``; saturated samples, NaN, count as white.
     """
-    means = np.zeros_like(values)
-    for image, out in zip(values, means, strict=True):
-        cv2.boxFilter(np.nan_to_num(image, nan=1.0), -1, (2, 2), out)
-    return means
+    return np.asarray(cv2.boxFilter(np.nan_to_num(mosaic, nan=1.0), -1, (2, 2)), np.float32)
 
 
 def gray_picture(mosaic: Float, pattern: str) -> Float:

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
-from acquisition import CameraModel, DataError, Lights
+from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing._reconstruction.coarse_images import CoarseImages, coarse_images
+from processing._reconstruction.common_shift import CommonShift, raised
 from processing._reconstruction.mean_height_search import MeanHeightSearch
+from processing._reconstruction.recorded_images import Images
+from processing._reconstruction.views import View
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
-from processing._surface.integration import HeightMap, integrate
 from rig import Notice, short_repr
 
 Float = npt.NDArray[np.float32]
@@ -25,7 +27,7 @@ Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _MOST_STEPS = 10
-# The iteration ends when the surface moves by less, relative to the working distance.
+# The iteration ends when the surface moves by less, relative to the distance of the lights.
 _SETTLED = 1e-5
 # Mean heights that are tried, relative to the mean distance of the lights.
 _RANGE = (-0.5, 0.5)
@@ -34,8 +36,18 @@ _BELOW_LIGHTS = 0.9
 # A mean height with a larger standard deviation, relative to the distance of the lights, is not
 # used.
 _LEAST_KNOWN = 0.02
-# Share of the object that may be below the plane on which it rests.
+# Standard deviations of a common shift of the lights that are reported.
+_DOUBTFUL = 4.0
+# A smaller one, relative to the distance of the lights, is not.
+_SLIGHT = 5e-4
+# Rise of all lights that is tried, relative to their distance, and steps until the surface follows.
+_TRIED_RISE = 0.01
+_RISE_STEPS = 3
+# Share of the object that may be below the plane on which it rests, or behind the lights.
 _LOWEST = 0.005
+# Lights that a normal requires, and pixels at which they are counted.
+_FEWEST_LIGHTS = 3
+_CHECKED = 2500
 
 
 @dataclass(frozen=True)
@@ -61,22 +73,26 @@ class NearHeight:
     Parameters
     ----------
     depth
-        ``(H, W)`` float32 depth of every pixel along the optical axis, mm. Outside the object, that
-        of the nearest pixel inside.
+        ``(H, W)`` float32 depth of every pixel along the optical axis, mm: from the camera, or for
+        parallel rays from the working plane. Outside the object, that of the nearest pixel inside.
     mean_height_mm
         Mean height of the object above the working plane.
     mean_height_sigma_mm
-        Its standard deviation, from the scatter of residuals between pixels and between lights; NaN
-        if it was given, or follows from the plane on which the object rests.
+        Its standard deviation, from the scatter of residuals between pixels and between lights, and
+        from the stated errors of the positions of the lights, as if all lights shared them; NaN if
+        the height was given, or follows from the plane on which the object rests.
+    lowest_mm
+        Height above the working plane that 0.5 % of the object are below.
     steps
         The iteration.
     warnings
-        Whether the images do not determine the height.
+        Whether the images do not determine the height, or contradict it.
     """
 
     depth: Float
     mean_height_mm: float
     mean_height_sigma_mm: float
+    lowest_mm: float
     steps: tuple[HeightStep, ...]
     warnings: tuple[Notice, ...] = ()
 
@@ -84,12 +100,12 @@ class NearHeight:
 
 
 def near_height(
-    values: Float,
+    values: Images,
     lights: Lights,
     mask: Mask,
-    camera: CameraModel,
+    view: View,
     *,
-    method: Method = "cauchy",
+    method: Method = "best",
     height_mm: float | None = None,
     rests_on_plane: bool = False,
     on_step: Callable[[int, int], None] = lambda done, total: None,
@@ -110,8 +126,8 @@ def near_height(
         N lights with positions.
     mask
         ``(H, W)`` bool, the object.
-    camera
-        Camera with a working distance.
+    view
+        How the pixels see the surface.
     method
         Method of `photometric_stereo` for the normals. The law of the noise of the averages is
         estimated from them.
@@ -126,20 +142,20 @@ def near_height(
     ------
     DataError
         If both are given, or the height puts the object behind the lights or the camera.
+    EstimateError
+        If the surface at the stated height is partly behind the lights.
     """
-    distance = camera.working_distance_mm
-    if distance is None:
-        raise DataError("the height under near lights requires a camera with a working distance")
     if height_mm is not None and rests_on_plane:
         raise DataError("an object that rests on the plane has no other height: give one of them")
-    lowest, highest = _limits(lights, distance)
+    lowest, highest = _limits(lights, view)
     if height_mm is not None and not lowest < height_mm < highest:
         raise DataError(
             f"a height of {height_mm:g} mm puts the object behind lights or camera: give a height "
             f"from {lowest:.0f} to {highest:.0f} mm"
         )
-    coarse = coarse_images(values, mask, camera)
-    search = MeanHeightSearch(coarse, lights, distance, (lowest, highest), method)
+    coarse = coarse_images(values, mask, view)
+    search = MeanHeightSearch(coarse, lights, (lowest, highest))
+    distance = view.distance_mm
     depth = np.full(coarse.mask.shape, distance - (height_mm or 0.0))
     sigma = math.nan
     steps: list[HeightStep] = []
@@ -150,52 +166,72 @@ def near_height(
                 depth, sigma = search.moved(depth)
                 if not sigma < _LEAST_KNOWN * search.light_distance_mm:
                     return _not_determined(mask, distance, sigma)
-            surface = _surface(coarse, lights, depth, method)
+            found, inside = _surface(coarse, lights, depth, method)
         except EstimateError:
             return _not_determined(mask, distance - (height_mm or 0.0), math.nan)
-        inside = surface.mask
-        if surface.depth is None:
-            raise AssertionError("a surface in front of a camera has a depth")
-        found = surface.depth[inside].astype(np.float64)
         if height_mm is not None:
-            found *= (distance - height_mm) / found.mean()
+            found = view.moved(found, float(found.mean()), distance - height_mm)
         elif rests_on_plane:
-            found *= distance / np.quantile(found, 1 - _LOWEST)
+            found = view.moved(found, float(np.quantile(found, 1 - _LOWEST)), distance)
         depth = _filled(found, inside)
         height = float(distance - found.mean())
+        if height_mm is not None or rests_on_plane:
+            _check_reach(coarse, lights, depth, height)
         change = float(np.sqrt(np.mean((depth - before)[inside] ** 2)))
         steps.append(HeightStep(height, change))
         on_step(step + 1, _MOST_STEPS)
         # At steep rims the steps may alternate between two surfaces.
-        if change < _SETTLED * distance or (step and change > 0.5 * steps[-2].change_mm):
+        if change < _SETTLED * search.light_distance_mm or (
+            step and change > 0.5 * steps[-2].change_mm
+        ):
             break
+    warnings: tuple[Notice, ...] = ()
+    if math.isfinite(sigma):
+        warnings = _doubts(search.common_shift(depth), search.light_distance_mm)
+        sigma = math.hypot(sigma, _common_sigma(search, depth, method))
     whole = _enlarged(depth, coarse.factor, mask.shape)
-    return NearHeight(whole, steps[-1].mean_height_mm, sigma, tuple(steps))
+    lowest = float(distance - np.quantile(depth[inside], 1 - _LOWEST))
+    return NearHeight(whole, steps[-1].mean_height_mm, sigma, lowest, tuple(steps), warnings)
 
 
-def _limits(lights: Lights, distance: float) -> tuple[float, float]:
+def _limits(lights: Lights, view: View) -> tuple[float, float]:
     """Return the lowest and the highest mean height that is possible."""
     positions = np.asarray(lights.positions_mm)
     away = float(np.mean(np.linalg.norm(positions, axis=1)))
-    highest = min(_RANGE[1] * away, _BELOW_LIGHTS * distance)
+    highest = min(_RANGE[1] * away, _BELOW_LIGHTS * view.highest_mm)
     above = positions[positions[:, 2] > 0, 2]
     if len(above):
         highest = min(highest, _BELOW_LIGHTS * float(above.min()))
     return _RANGE[0] * away, highest
 
 
-def _surface(coarse: CoarseImages, lights: Lights, depth: Double, method: Method) -> HeightMap:
+def _check_reach(coarse: CoarseImages, lights: Lights, depth: Double, height: float) -> None:
+    """Refuse a surface of which a part is behind the lights."""
+    pixels = np.flatnonzero(coarse.mask)
+    some = pixels[:: max(1, len(pixels) // _CHECKED)]
+    vectors = lights.vectors_at(coarse.points(depth).reshape(-1, 3)[some])
+    behind = np.count_nonzero(vectors.any(axis=2), axis=0) < _FEWEST_LIGHTS
+    if np.mean(behind) > _LOWEST:
+        raise EstimateError(
+            f"a mean height of {height:.0f} mm puts {np.mean(behind):.0%} of the object behind the "
+            f"lights: fewer than {_FEWEST_LIGHTS} of them reach it; check the height, and the "
+            "positions and axes of the lights"
+        )
+
+
+def _surface(
+    coarse: CoarseImages, lights: Lights, depth: Double, method: Method
+) -> tuple[Double, Mask]:
     stereo = photometric_stereo(
         coarse.values,
         lights,
         coarse.mask,
         method=method,
         points_mm=coarse.points(depth),
-        camera=coarse.camera,
+        camera=coarse.view.seen_by,
     )
     mean = float(depth[coarse.mask].mean())
-    camera = replace(coarse.camera, working_distance_mm=mean)
-    return integrate(stereo.normal_map, camera=camera)
+    return coarse.view.surface(stereo.normal_map, mean)
 
 
 def _filled(depth: Double, inside: Mask) -> Double:
@@ -219,6 +255,45 @@ def _enlarged(depth: Double, factor: int, shape: tuple[int, ...]) -> Float:
     return np.asarray(whole, np.float32)
 
 
+def _common_sigma(search: MeanHeightSearch, depth: Double, method: Method) -> float:
+    """Return the standard deviation of the mean height if all lights share their stated errors.
+
+    Calibrations do not state which part of their errors is common, for instance that of the
+    distance: this is the upper bound. Lights that are all higher are tried.
+    """
+    errors = search.lights.errors
+    if errors is None or errors.covariances is None:
+        return 0.0
+    known = errors.covariances[np.isfinite(errors.covariances).all(axis=(1, 2)), 2, 2]
+    if not known.any():
+        return 0.0
+    rise = _TRIED_RISE * search.light_distance_mm
+    higher = search.under(raised(search.lights, rise))
+    moved = depth
+    try:
+        for _ in range(_RISE_STEPS):
+            moved, _ = higher.moved(moved)
+            found, inside = _surface(search.coarse, higher.lights, moved, method)
+            moved = _filled(found, inside)
+    except EstimateError:
+        return 0.0
+    change = float(np.mean((moved - depth)[inside]))
+    return abs(change) / rise * float(np.sqrt(known.mean()))
+
+
+def _doubts(shift: CommonShift, light_distance: float) -> tuple[Notice, ...]:
+    """Return a notice if images would agree better under lights that are all higher or lower."""
+    best = shift.best_mm
+    if not abs(best) > max(_DOUBTFUL * shift.sigma_mm, _SLIGHT * light_distance):
+        return ()
+    text = (
+        "the mean height may be wrong by more than its standard deviation: the images would agree "
+        f"better if all lights were {'higher' if best > 0 else 'lower'}, so their positions or "
+        "the distance of the camera are off alike, or the surface is not matte"
+    )
+    return (Notice("height-doubtful", text),)
+
+
 def _not_determined(mask: Mask, depth: float, sigma: float) -> NearHeight:
     """Return a plane, with a notice."""
     text = (
@@ -226,4 +301,4 @@ def _not_determined(mask: Mask, depth: float, sigma: float) -> NearHeight:
         "plane; state the height, or that the object rests on the working plane"
     )
     plane = np.full(mask.shape, depth, np.float32)
-    return NearHeight(plane, 0.0, sigma, (), (Notice("height-not-determined", text),))
+    return NearHeight(plane, 0.0, sigma, 0.0, (), (Notice("height-not-determined", text),))

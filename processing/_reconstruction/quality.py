@@ -10,6 +10,7 @@ import numpy.typing as npt
 from acquisition import DataError, Lights
 from processing._reconstruction.cells import Cells, cells_of
 from processing._reconstruction.light_check import LightCheck, check_lights, duplicates
+from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.samples import Samples, samples_of
 from processing._reconstruction.scheme_check import SchemeCheck, check_scheme, scheme_notices
 from processing._reconstruction.under_lights import Fit, Remedy, fit, remedy
@@ -69,7 +70,7 @@ class ImageQuality:
 
 
 def image_quality(
-    values: npt.NDArray[np.float32],
+    values: Images,
     lights: Lights,
     mask: Mask,
     *,
@@ -210,7 +211,9 @@ def _remedy_warning(change: Remedy, found: Fit, ids: tuple[str, ...]) -> Notice:
 
 
 def _integrability(cells: Cells, lights: Lights) -> Integrability:
-    solved = photometric_stereo(cells.values, lights, cells.mask, points_mm=cells.points_mm)
+    solved = photometric_stereo(
+        cells.values, lights, cells.mask, method="cauchy", points_mm=cells.points_mm
+    )
     return integrability(solved.normal_map.normals, solved.normal_map.mask)
 
 

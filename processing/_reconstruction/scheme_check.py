@@ -52,8 +52,9 @@ _PLATEAU_TYPICAL = 4.0
 _SWAPPED_DEG = 4.0
 _SWAPPED_TYPICAL = 4.0
 _SWAPPED_SIGMAS = 2.0
-# If a larger share disagrees, it is not known which images are right.
-_MOST = 0.4
+# If a larger share and number disagree, it is not known which images are right.
+_MOST = 0.3
+_MOST_IMAGES = 2
 _LISTED = 6
 _MAD_TO_SIGMA = 1.4826
 # This share of normally distributed values is within so many standard deviations.
@@ -147,7 +148,7 @@ def check_scheme(cells: Cells, lights: Lights) -> SchemeCheck:
     for fault in (*of_frames, *of_lights, *_brightness_faults(fit, left)):
         found.setdefault(fault.image, fault)
     disagreeing = tuple(found[i] for i in sorted(found))
-    undecided = len(found) > _MOST * count or _spread(left) > _SCATTER
+    undecided = _too_many(len(found), count) or _spread(left) > _SCATTER
     return SchemeCheck(disagreeing, undecided, True)
 
 
@@ -273,6 +274,10 @@ def _spread(left: Double) -> float:
     return float(np.quantile(np.abs(left), _AGREEING)) / _NORMAL_QUANTILE
 
 
+def _too_many(found: int, count: int) -> bool:
+    return found > max(_MOST_IMAGES, _MOST * count)
+
+
 _CODES: dict[Kind, str] = {
     "swapped": "images-swapped",
     "moved": "light-moved",
@@ -299,7 +304,7 @@ def scheme_notices(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:
         count = f"{len(check.found)} of {len(ids)} images disagree with the others"
         several = f"the brightness of {len(ids)} images scatters, and no half of them agrees"
         text = (
-            f"{count if len(check.found) > _MOST * len(ids) else several}: it is not known which "
+            f"{count if _too_many(len(check.found), len(ids)) else several}: it is not known which "
             "are right; check lights, exposure times and the order of the images"
         )
         return [Notice("images-undecided", text)]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration import StackNoise, check_linear, luma
+from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
@@ -17,6 +18,7 @@ from processing._stereo.pixel_algebra import law_or_alike
 from rig import check_type
 
 Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
 
 _BLOCK = 16384
 # Where the noise is known, smaller residuals may be noise: 1 in 700 samples of a matte surface.
@@ -88,16 +90,32 @@ def specular_residual(
         )
     model = LightModel(lights, points_mm, mask)
     law = None if noise is None else NoiseLaw(noise, (len(lights), *mask.shape))
-    scaled = (stereo.normal_map.normals * stereo.albedo[..., None]).reshape(-1, 3)
-    flat = stack.reshape(len(lights), mask.size, *stack.shape[3:])
+    return excess(stack, model, law, mask, stereo.normal_map.normals, stereo.albedo)
+
+
+def excess(
+    stack: Float,
+    model: LightModel,
+    law: NoiseLaw | None,
+    mask: Mask,
+    normals: Float,
+    albedo: Float,
+) -> Float:
+    """Return `specular_residual` of the pixels of a mask."""
+    lights = len(stack)
+    scaled = (normals * albedo[..., None]).reshape(-1, 3)
+    gray = Frames(stack) if stack.ndim == 3 else None
     residual = np.zeros(mask.size, np.float32)
     pixels = np.flatnonzero(mask)
     for first in range(0, len(pixels), _BLOCK):
         block = pixels[first : first + _BLOCK]
-        seen = flat[:, block] if stack.ndim == 3 else luma(flat[:, block])
-        samples, vectors = np.ascontiguousarray(seen.T), model.vectors(block)
+        if gray is None:
+            seen = luma(stack.reshape(lights, mask.size, -1)[:, block])
+            samples, vectors = np.ascontiguousarray(seen.T), model.vectors(block)
+        else:
+            samples, vectors = model.samples(gray, block)
         of_block, known = law_or_alike(
-            None if law is None else law.of(block, samples, vectors), len(lights)
+            None if law is None else law.of(block, samples, vectors), lights
         )
         residual[block] = _above(samples, vectors, of_block, known, scaled[block])
     return residual.reshape(mask.shape)

@@ -32,8 +32,8 @@ from processing._stereo.reweighted import reweighted
 # Compiled in: processing/_stereo/reflectance_fit.py 08c41a43f3d2
 # Compiled in: processing/_stereo/reweighted.py c42f363f1a88
 
-# With fewer samples the subsets that agree are too small: `cauchy` is used.
-_FEWEST = 12
+# With fewer samples the subsets that agree are too small, and noise decides between them.
+_FEWEST = 16
 
 
 def best(
@@ -41,7 +41,7 @@ def best(
 ) -> tuple[Double, Double]:
     """Solve by least trimmed squares, then fit ``v = max(l . n, 0) (c0 + c1 (h . n)^2)``.
 
-    Pixels whose residuals are noise keep the Lambertian model; those with fewer than 12 samples are
+    Pixels whose residuals are noise keep the Lambertian model; those with fewer than 16 samples are
     solved by `cauchy`.
 
     This is an `Estimator`; see there for the parameters and the result.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
@@ -18,7 +20,7 @@ Mask = npt.NDArray[np.bool_]
 
 # Pairs of neighbours that are compared, and the fewest that show the noise.
 _PAIRS = 3000
-_FEWEST_PAIRS = 300
+_FEWEST_PAIRS = 100
 # Fewest samples of a pair: three explain the change of albedo and normal.
 _FEWEST_LIT = 5
 # Samples above this share of the mean are lit.
@@ -33,6 +35,13 @@ _QUANTILE_TO_SIGMA = 1 / 0.31864
 _LARGEST = 2.0
 # Least standard deviation, relative to the median signal: images without noise have no law.
 _LEAST = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class ImageLaw:
+    """What `law_of_images` has returned for all images, for a part of them."""
+
+    law: Float | None
 
 
 def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,7 +60,7 @@ def photometric_stereo(
     lights: Lights,
     mask: Mask,
     *,
-    method: Method = "cauchy",
+    method: Method = "best",
     points_mm: npt.ArrayLike | None = None,
     noise: StackNoise | None = None,
     camera: CameraModel | None = None,
@@ -85,7 +86,8 @@ def photometric_stereo(
         ``best``: least trimmed squares (Rousseeuw, 1984), then a fit of
         ``max(n . l, 0) (c0 + c1 (n . h)^2)`` to the samples that agree, with the half vector h
         between light and camera (compare Shi et al., 2014). It is the most accurate on
-        glossy and shadowed surfaces. With fewer than 12 samples it is ``cauchy``.
+        glossy and shadowed surfaces, and as accurate as the others on matte ones. With fewer than
+        16 samples it is ``cauchy``.
     points_mm
         ``(H, W, 3)`` surface points in the house frame, for lights with positions: the light
         vectors are those of `Lights.vectors_at`. Ignored for distant lights.
@@ -147,9 +149,20 @@ def photometric_stereo(
         law = law_of_images(frames, model, mask)
     maps = StereoMaps.empty(mask.shape)
     solve_maps(frames, model, mask, law, method, maps, camera, on_progress)
+    return stereo_of(maps, mask, stack)
+
+
+def stereo_of(maps: StereoMaps, mask: Mask, images: Iterable[Float]) -> PhotometricStereoResult:
+    """Return the result that maps contain; ``images`` show why if they contain none.
+
+    Raises
+    ------
+    EstimateError
+        If no pixel has a normal.
+    """
     has_normal = maps.albedo > 0
     if not has_normal.any():
-        raise EstimateError(_why_nothing(stack, mask))
+        raise EstimateError(_why_nothing(maps, mask, images))
     total = int(np.count_nonzero(mask))
     lost = total - int(np.count_nonzero(has_normal))
     text = (
@@ -184,10 +197,9 @@ def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
         raise DataError("the mask is empty: there is no pixel to compute")
 
 
-def _why_nothing(stack: Float, mask: Mask) -> str:
-    finite = np.isfinite(stack).sum(axis=0)[mask]
-    if not (finite >= 3).any():
+def _why_nothing(maps: StereoMaps, mask: Mask, images: Iterable[Float]) -> str:
+    if not (maps.used[mask] >= 3).any():
         return "no pixel of the mask has 3 samples that are not saturated: record shorter exposures"
-    if not np.any(np.nan_to_num(stack[:, mask], posinf=0.0, neginf=0.0)):
+    if not any(np.nan_to_num(image[mask], posinf=0.0, neginf=0.0).any() for image in images):
         return "all images are black inside the mask: check the exposure and the mask"
     return "no pixel of the mask is reached by 3 lights that are not in one plane: check the lights"

@@ -32,10 +32,12 @@ def solve_maps(
     maps: StereoMaps,
     camera: CameraModel | None,
     on_progress: Progress,
+    first_row: int = 0,
 ) -> None:
     """Estimate the pixels of a mask and write their maps, which are 0 before.
 
-    The law of the noise may be one for all pixels, ``(1, 2, N)``.
+    The law of the noise may be one for all pixels, ``(1, 2, N)``. ``first_row`` is the row of the
+    image of the camera at which the frames begin.
     """
     if method == "ls" and law is None:
         # What is left are single pixels.
@@ -47,7 +49,7 @@ def solve_maps(
         block = pixels[first : first + _BLOCK]
         samples, vectors = model.samples(frames, block)
         of_block = law.of(block, samples, vectors) if isinstance(law, NoiseLaw) else law
-        view = None if camera is None else _toward_camera(camera, block, frames.width)
+        view = None if camera is None else _toward_camera(camera, block, frames.width, first_row)
         scaled, rms = ESTIMATORS[method](samples, vectors, of_block, view)
         length = np.sqrt(np.einsum("pc,pc->p", scaled, scaled))
         with np.errstate(over="ignore"):
@@ -61,9 +63,11 @@ def solve_maps(
         on_progress("normals", min(first + _BLOCK, len(pixels)), len(pixels))
 
 
-def _toward_camera(camera: CameraModel, pixels: npt.NDArray[np.intp], width: int) -> Float:
+def _toward_camera(
+    camera: CameraModel, pixels: npt.NDArray[np.intp], width: int, first_row: int
+) -> Float:
     """Return unit vectors ``(P, 3)`` from the surface at some pixels toward the camera."""
     rows, columns = np.divmod(pixels, width)
-    rays = camera.rays(np.stack([columns, rows], axis=1))
+    rays = camera.rays(np.stack([columns, rows + first_row], axis=1))
     toward = -rays / np.sqrt(np.einsum("pc,pc->p", rays, rays))[:, None]
     return np.ascontiguousarray(toward, np.float32)

@@ -33,8 +33,8 @@ def uncertainty_of_colours(
     """Return error bars of the averaged normals of three channels.
 
     The references of the channels are averaged by the reciprocals of their variances. Their noise
-    is independent; errors of lights and height are the same in all of them. The samples are those
-    of the channel with the fewest lit ones. A pixel is valid if it is in any channel.
+    is independent; errors of lights, height and model are the same in all of them. The samples are
+    those of the channel with the fewest lit ones. A pixel is valid if it is in any channel.
 
     Parameters
     ----------
@@ -77,12 +77,14 @@ def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
         np.divide(1, total, out=weight, where=(one.reason == Reason.VALID) & (total > 0))
     sums = weights.sum(axis=0)
     np.divide(weights, sums, out=weights, where=sums > 0)
-    noise, lights, height = (np.zeros(shape, np.float32) for _ in range(3))
+    noise, lights, height, model, kept = (np.zeros(shape, np.float32) for _ in range(5))
     reference = np.zeros_like(normals)
     for weight, one in zip(weights, found, strict=True):
         noise += weight**2 * one.noise
         lights += weight * np.sqrt(one.lights)
         height += weight * np.sqrt(one.height)
+        model += weight * np.sqrt(one.model + np.float32(one.common_model))
+        kept += weight * one.kept
         if one.reference is not None:
             reference += weight[..., None] * one.reference
     cross = np.linalg.norm(np.cross(reference, normals), axis=2)
@@ -97,7 +99,10 @@ def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
         noise,
         lights**2,
         height**2,
+        model**2,
+        0.0,
         np.asarray(angle**2, np.float32),
+        kept,
         None,
         samples,
         reason,

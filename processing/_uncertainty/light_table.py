@@ -135,18 +135,3 @@ def near_variances(
             along = -(x * table[3, i] + y * table[4, i] + z * table[5, i])
             ratio = along / (table[7, i] * math.sqrt(x * x + y * y + z * z))
             variance[i] += table[16, i] * np.float32(shading * math.log(ratio)) ** 2
-
-
-@numba.njit(parallel=True, cache=True, error_model="numpy")
-def light_variances(
-    vectors: Float, solutions: Double, table: Float, near: bool, points: Double, out: Float
-) -> None:
-    """Write the variances ``(P, N)`` of the shading of pixels by the errors of the lights."""
-    for p in numba.prange(len(out)):
-        of_pixel = vectors[p] if len(vectors) > 1 else vectors[0]
-        if near:
-            unused = np.zeros(out.shape[1], np.float32)
-            nowhere = np.zeros(4)
-            near_variances(table, of_pixel, points[p], nowhere, solutions[p], out[p], unused)
-        else:
-            distant_variances(table, of_pixel, solutions[p], out[p])

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, cast
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
 from processing._stereo.frames import Frames
+from processing._stereo.image_noise import ImageLaw, law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.light_table import ERRORS, light_table, light_variances
+from processing._uncertainty.light_table import ERRORS, light_table
+from processing._uncertainty.model_error import agreement, model_errors
 from processing._uncertainty.reference import (
     NOISE,
     REFERENCE,
@@ -23,7 +26,6 @@ from processing._uncertainty.reference import (
     VARIANCES,
     reference_solutions,
 )
-from processing._uncertainty.residual_law import residual_law
 from processing._uncertainty.residual_structure import neighbour_correlation
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Progress, short_repr
@@ -39,10 +41,9 @@ Origin = Literal["sensor", "repeats", "residuals", "unknown"]
 _BLOCK = 16384
 # Pixels whose residuals show the noise, and whether they are noise.
 _SAMPLED = 4000
-# The agreement with the law is averaged over this many pixels across, and drawn toward 1 by a few
-# degrees of freedom.
-_ACROSS = 5
-_PRIOR = 50.0
+# Fewest images and pixels whose differences show that there is no noise.
+_FEWEST_IMAGES = 5
+_FEWEST_PIXELS = 100
 _LEAST_SCALE = 1e-6
 
 
@@ -56,8 +57,13 @@ class PixelVariances:
         ``(H, W)`` variances of the direction of the reference by the noise, the errors of the
         lights, and that of the mean height. Noise and lights are scaled by the agreement of the
         residuals with them.
+    model, common_model
+        ``(H, W)`` variances where the surface is not matte, and the part of them that all pixels
+        have, see `model_errors`.
     difference
         ``(H, W)`` squared angles between the given normals and the reference.
+    kept
+        ``(H, W)`` share 0..1 of the difference that is an error of the given normals.
     reference
         ``(H, W, 3)`` unit normals of the reference; None if they were not requested.
     samples, reason
@@ -71,7 +77,10 @@ class PixelVariances:
     noise: Float
     lights: Float
     height: Float
+    model: Float
+    common_model: float
     difference: Float
+    kept: Float
     reference: Float | None
     samples: Counts
     reason: npt.NDArray[np.uint8]
@@ -93,6 +102,7 @@ def pixel_variances(
     noise: StackNoise | None,
     keep_reference: bool,
     on_progress: Progress,
+    estimated: ImageLaw | None = None,
 ) -> PixelVariances:
     """Solve all pixels of a mask again.
 
@@ -106,6 +116,8 @@ def pixel_variances(
         As in `normal_uncertainty`.
     keep_reference
         Whether to return the normals of the reference.
+    estimated
+        The law of images without a known one, if it was estimated before.
     """
     pixels = np.flatnonzero(mask)
     solver = _Solver(stack, lights, mask, scaled, points_mm, camera, depth_sigma)
@@ -113,14 +125,14 @@ def pixel_variances(
     origin: Origin = "residuals" if noise is None else cast(Origin, noise.origin)
     fitted = None
     if law is None:
-        fitted = solver.fitted_law(pixels)
+        fitted = solver.law_of_images(mask) if estimated is None else estimated.law
         origin = "unknown" if fitted is None else origin
     counts = np.zeros((len(SampleKind), mask.size), np.uint8 if len(stack) < 256 else np.uint16)
     reason = np.zeros(mask.size, np.uint8)
-    parts = np.zeros((6, mask.size), np.float32)
+    parts = np.zeros((9, mask.size), np.float32)
     reference = np.zeros((mask.size, 3), np.float32) if keep_reference else None
-    for first in range(0, len(pixels), _BLOCK):
-        block = pixels[first : first + _BLOCK]
+    done = 0
+    for block in _blocks(pixels, mask.shape[1]):
         samples, vectors = solver.model.samples(Frames(stack), block)
         known = fitted if law is None else law.of(block, samples, vectors)
         _, of_block, results = solver.solve(block, samples, vectors, known)
@@ -131,16 +143,22 @@ def pixel_variances(
         if reference is not None:
             found = results[good, REFERENCE]
             reference[block[good]] = found / np.linalg.norm(found, axis=1, keepdims=True)
-        on_progress("error bars", min(first + _BLOCK, len(pixels)), len(pixels))
-    of_noise, of_lights, height, chi2, free, difference = parts.reshape(6, *mask.shape)
-    factor = _agreement(chi2, free)
+        done += len(block)
+        on_progress("error bars", done, len(pixels))
+    of_noise, of_lights, height, difference, *residuals = parts.reshape(-1, *mask.shape)
+    chi2, free, *_ = residuals
+    factor = agreement(chi2, free)
+    model, common_model, kept = model_errors(of_noise, of_lights, *residuals)
     if noise is not None:
         np.maximum(factor, 1, out=factor)
     return PixelVariances(
         of_noise * factor,
         of_lights * factor,
         height,
+        model,
+        common_model,
         difference,
+        kept,
         None if reference is None else reference.reshape(*mask.shape, 3),
         counts.reshape(-1, *mask.shape),
         reason.reshape(mask.shape),
@@ -164,7 +182,7 @@ def kinds_of(
     pixels = np.flatnonzero(mask)
     samples, vectors = solver.model.samples(Frames(stack), pixels)
     if noise is None:
-        law = solver.fitted_law(pixels)
+        law = solver.law_of_images(mask)
     else:
         law = NoiseLaw(noise, (len(stack), *mask.shape)).of(pixels, samples, vectors)
     whole = np.zeros((len(stack), mask.size), np.uint8)
@@ -186,7 +204,7 @@ class _Solver:
         depth_sigma: float,
     ) -> None:
         self.model = LightModel(lights, points_mm, mask)
-        self._stack = stack
+        self._stack, self._width = stack, mask.shape[1]
         self._near = lights.near
         self._table = light_table(lights)
         self._normals, self._albedo = scaled[0].reshape(-1, 3), scaled[1].reshape(-1)
@@ -226,6 +244,8 @@ class _Solver:
             self._near,
             self._points_of(pixels),
             self._view,
+            pixels,
+            _row_starts(pixels, self._width),
             kinds,
             counts,
             results,
@@ -242,18 +262,32 @@ class _Solver:
         kinds, _, results = self.solve(some, samples, vectors, known)
         return neighbour_correlation(samples, vectors, kinds, results)
 
-    def fitted_law(self, pixels: npt.NDArray[np.intp]) -> Float | None:
-        """Return the law of the noise that the residuals of some pixels show."""
-        some = pixels[:: max(1, len(pixels) // _SAMPLED)]
-        samples, vectors = self.model.samples(Frames(self._stack), some)
-        kinds, _, results = self.solve(some, samples, vectors, None)
-        of_lights = np.zeros(samples.shape, np.float32)
-        if self._errors:
-            solutions = np.nan_to_num(results[:, REFERENCE])
-            light_variances(
-                vectors, solutions, self._table, self._near, self._points_of(some), of_lights
-            )
-        return residual_law(samples, vectors, kinds, results, of_lights)
+    def law_of_images(self, mask: Mask) -> Float | None:
+        """Return the law of the noise that the images show; None if they are too few or small."""
+        law = law_of_images(Frames(self._stack), self.model, mask)
+        return law_of_errors(law, len(self._stack), int(np.count_nonzero(mask)))
+
+
+def law_of_errors(law: Float | None, images: int, pixels: int) -> Float | None:
+    """Return the law that `law_of_images` found; no noise if many pixels showed none."""
+    enough = images >= _FEWEST_IMAGES and pixels >= _FEWEST_PIXELS
+    return np.zeros((1, 2, 1), np.float32) if law is None and enough else law
+
+
+def _row_starts(pixels: npt.NDArray[np.intp], width: int) -> npt.NDArray[np.intp]:
+    """Return where rows of the image begin in a list of pixels, and its length."""
+    inside = np.flatnonzero(np.diff(pixels // width)) + 1
+    return np.concatenate([[0], inside, [len(pixels)]]).astype(np.intp)
+
+
+def _blocks(pixels: npt.NDArray[np.intp], width: int) -> Iterator[npt.NDArray[np.intp]]:
+    """Yield complete rows of pixels, about `_BLOCK` at once."""
+    starts = _row_starts(pixels, width)
+    at = np.unique(np.searchsorted(starts, np.arange(0, len(pixels) + _BLOCK, _BLOCK)))
+    chosen = starts[np.minimum(at, len(starts) - 1)]
+    for first, last in pairwise(chosen):
+        if last > first:
+            yield pixels[first:last]
 
 
 def _reasons(counts: npt.NDArray[np.int64], good: Mask, solved: Mask) -> npt.NDArray[np.uint8]:
@@ -266,13 +300,3 @@ def _reasons(counts: npt.NDArray[np.int64], good: Mask, solved: Mask) -> npt.NDA
     unsolved = np.where(lit + attached + cast + outlier < 3, Reason.SATURATED, Reason.UNSOLVED)
     reason = np.where(solved, reason, unsolved)
     return np.where(good, Reason.VALID, reason).astype(np.uint8)
-
-
-def _agreement(chi2: Float, free: Float) -> Float:
-    """Return the mean square of the normalised residuals around each pixel."""
-    size = (_ACROSS, _ACROSS)
-    total, number = (
-        cv2.boxFilter(part, -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-        for part in (chi2, free)
-    )
-    return np.asarray((total + _PRIOR) / (number + _PRIOR), np.float32)

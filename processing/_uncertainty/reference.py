@@ -11,10 +11,14 @@ import numpy.typing as npt
 from processing._stereo.pixel_algebra import ANY_ORDER, MAX_CONDITION
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 from processing._uncertainty.light_table import distant_variances, near_variances
+from processing._uncertainty.reflectance_left import reflectance_left
+from processing._uncertainty.tangents import squared_angle, tangent_change, tangent_trace
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_uncertainty/light_table.py a372003ed0d8
+# Compiled in: processing/_uncertainty/light_table.py 3895e4e81938
+# Compiled in: processing/_uncertainty/tangents.py 7bf3c0a47826
+# Compiled in: processing/_uncertainty/reflectance_left.py 64c8af9cb796
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -42,9 +46,16 @@ _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
 LIT = 0
 _ATTACHED, _CAST, _SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
 # Columns of the result.
-REFERENCE, NOISE, CHI2, FREE, RESULTS = slice(0, 3), 3, 6, 7, 9
-# Noise, lights, height, CHI2, FREE, squared angle to the given solution.
-VARIANCES = slice(3, 9)
+REFERENCE, NOISE, RESULTS = slice(0, 3), 3, 12
+# Noise, lights, height, squared angle to the given solution, sum of squares of the normalised
+# residuals, their degrees of freedom, what a reflectance leaves of the sum, sum of the products
+# with the residuals of a neighbour, and their degrees of freedom.
+VARIANCES = slice(3, 12)
+# Residuals beyond this many standard deviations of their sum of squares are not noise.
+_NOT_NOISE = 4.0
+# Pixels between neighbours whose residuals are compared: demosaicing makes the noise of closer ones
+# similar.
+_APART = 4
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
@@ -134,45 +145,11 @@ def _light_errors(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _tangent_trace(inverse: Double, m: Double, inner: Double) -> float:
-    """Return ``tr(P A B A P)`` for a symmetric B (6 numbers); A is an inverse."""
-    length = math.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
-    n0, n1, n2 = m[0] / length, m[1] / length, m[2] / length
-    # Rows of A, made tangent: each column loses its part along the normal.
-    total = 0.0
-    rows = (
-        (inverse[0], inverse[1], inverse[2]),
-        (inverse[1], inverse[3], inverse[4]),
-        (inverse[2], inverse[4], inverse[5]),
-    )
-    along0 = n0 * inverse[0] + n1 * inverse[1] + n2 * inverse[2]
-    along1 = n0 * inverse[1] + n1 * inverse[3] + n2 * inverse[4]
-    along2 = n0 * inverse[2] + n1 * inverse[4] + n2 * inverse[5]
-    for i in range(3):
-        n = n0 if i == 0 else (n1 if i == 1 else n2)
-        x, y, z = rows[i][0] - n * along0, rows[i][1] - n * along1, rows[i][2] - n * along2
-        total += inner[0] * x * x + inner[3] * y * y + inner[5] * z * z
-        total += 2 * (inner[1] * x * y + inner[2] * x * z + inner[4] * y * z)
-    return max(total, 0.0)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _change(inverse: Double, m: Double, b0: float, b1: float, b2: float) -> float:
-    """Return the squared tangent part of ``A b``."""
-    x = inverse[0] * b0 + inverse[1] * b1 + inverse[2] * b2
-    y = inverse[1] * b0 + inverse[3] * b1 + inverse[4] * b2
-    z = inverse[2] * b0 + inverse[4] * b1 + inverse[5] * b2
-    along = x * m[0] + y * m[1] + z * m[2]
-    length2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2]
-    return float(max(x * x + y * y + z * z - along * along / length2, 0.0))
-
-
-@numba.njit(cache=True, error_model="numpy")
 def _pixel(
     values: Float, vectors: Float, law: Float, start: Double, least: np.float32,
     table: Float, errors: bool, near: bool, point: Double, view: Double,
     samples: Float, scratch: Float, index: npt.NDArray[np.int64], work: Double, kinds: Kinds,
-    result: Double,
+    residuals: Float, result: Double,
 ) -> bool:  # fmt: skip
     """Solve one pixel, see `reference_solutions`; return whether its lit lights determine it."""
     m, sums, inverse, inner = work[0:3], work[3:12], work[12:18], work[18:24]
@@ -252,39 +229,34 @@ def _pixel(
             b0 += weight[k] * samples[1, k] * samples[7, k]
             b1 += weight[k] * samples[2, k] * samples[7, k]
             b2 += weight[k] * samples[3, k] * samples[7, k]
-        of_height = _change(inverse, m, b0, b1, b2) / length2
+        of_height = tangent_change(inverse, m, b0, b1, b2) / length2
     chi2 = 0.0
     for k in range(count):
-        chi2 += float(distance[k]) ** 2 if weight[k] > zero else 0.0
+        if weight[k] > zero:
+            chi2 += float(distance[k]) ** 2
+            residuals[index[k]] = math.copysign(distance[k], v[k] - shading[k])
     if errors:
         for k in range(count):
             weight[k] *= weight[k] * samples[6, k]
         _normal_equations(count, samples, weight, sums)
         for i in range(6):
             inner[i] = sums[i]
-        of_lights = min(_tangent_trace(inverse, m, inner) / length2, total)
+        of_lights = min(tangent_trace(inverse, m, inner) / length2, total)
     result[0], result[1], result[2] = m[0] * length, m[1] * length, m[2] * length
     result[3], result[4], result[5] = total - of_lights, of_lights, of_height
-    result[6], result[7] = chi2, lit - 3.0
-    result[8] = _angle2(m, start, length2)
+    free, away2 = lit - 3.0, squared_angle(m, start, length2)
+    result[6], result[7], result[8], result[9] = away2, chi2, free, chi2
+    if away2 > total and chi2 > free + _NOT_NOISE * math.sqrt(2 * free):
+        left = reflectance_left(count, samples, kinds, index, start, point, view, near, scratch)
+        result[9] = min(chi2, left * free)
     return True
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _angle2(m: Double, start: Double, length2: float) -> float:
-    """Return the squared angle between two vectors, the first of which has a known length."""
-    x = m[1] * start[2] - m[2] * start[1]
-    y = m[2] * start[0] - m[0] * start[2]
-    z = m[0] * start[1] - m[1] * start[0]
-    along = m[0] * start[0] + m[1] * start[1] + m[2] * start[2]
-    return math.atan2(math.sqrt(x * x + y * y + z * z), along) ** 2
 
 
 @numba.njit(parallel=True, cache=True, error_model="numpy")
 def reference_solutions(
     values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Float,
-    errors: bool, near: bool, points: Double, view: Double,
-    kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
+    errors: bool, near: bool, points: Double, view: Double, places: npt.NDArray[np.intp],
+    rows: npt.NDArray[np.intp], kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
 ) -> None:  # fmt: skip
     """Solve pixels from given solutions, and classify their samples.
 
@@ -303,32 +275,39 @@ def reference_solutions(
     near, points
         Whether lights are near, and the points ``(P, 3)``.
     view
-        Centre of the camera, and the relative standard deviation of the depths.
+        Centre of the camera, 0 if it is far away in direction z, and the relative standard
+        deviation of the depths.
+    places
+        ``(P,)`` flat indices of the pixels in the image, which show neighbours.
+    rows
+        ``(R + 1,)`` where each row of the image begins in the list of pixels, and its length.
     kinds
         ``(P, N)``, receives the values of `SampleKind`.
     counts
         ``(P, 6)``, receives their numbers.
     results
-        ``(P, 9)``, receives the solution, the variances of its direction in rad^2 by noise, lights
-        and height, the sum of squares of the normalised residuals, their degrees of
-        freedom, and the squared angle to the given solution; NaN if the lit lights do not determine
-        the pixel.
+        ``(P, 12)``, receives the solution, and what `VARIANCES` lists, variances and angles in
+        rad^2; NaN if the lit lights do not determine the pixel.
     """
-    pixels, lights = values.shape
-    for block in numba.prange((pixels + 255) // 256):
+    lights = values.shape[1]
+    for row in numba.prange(len(rows) - 1):
         samples = np.zeros((8, lights), np.float32)
         scratch = np.zeros((4, lights), np.float32)
         index = np.zeros(lights, np.int64)
         work = np.zeros(24)
-        for p in range(256 * block, min(256 * (block + 1), pixels)):
+        residuals = np.zeros((_APART + 1, lights), np.float32)
+        first = rows[row]
+        for p in range(first, rows[row + 1]):
             start = starts[p]
             of = p if near else 0
             good = False
+            own = residuals[p % (_APART + 1)]
+            own[:] = 0
             if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
                 good = _pixel(
                     values[p], vectors[p if len(vectors) > 1 else 0],
                     law[p if len(law) > 1 else 0], start, least, table, errors, near, points[of],
-                    view, samples, scratch, index, work, kinds[p], results[p],
+                    view, samples, scratch, index, work, kinds[p], own, results[p],
                 )  # fmt: skip
             else:
                 for i in range(lights):
@@ -338,3 +317,9 @@ def reference_solutions(
                 counts[p, kinds[p, i]] += 1
             if not good:
                 results[p] = np.nan
+                own[:] = 0
+            elif p >= first + _APART and places[p - _APART] == places[p] - _APART:
+                other = residuals[(p + 1) % (_APART + 1)]
+                for i in range(lights):
+                    results[p, 10] += float(own[i]) * float(other[i])
+                results[p, 11] = results[p, 8]

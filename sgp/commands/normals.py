@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sgp._options import Input, SourceOptions
+from sgp._options import Input, Positive, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._spheres import add_sphere_lights
 from sgp._stage_options import MapOptions
-from sgp._stages import compute_normals, open_recording
+from sgp._stages import compute_normals, open_recording, with_scale
 from sgp._write import write_normals_stage
 
 _DEFAULTS = SourceOptions()
@@ -23,6 +23,7 @@ def normals(
     out: Path,
     options: SourceOptions = _DEFAULTS,
     maps: MapOptions = _MAPS,
+    pixel_mm: Positive | None = None,
     force: bool = False,
 ) -> Result:
     """Estimate a normal map from images under known lights.
@@ -44,11 +45,16 @@ def normals(
         Lights, camera, mask and method.
     maps
         Form of the PNG.
+    pixel_mm
+        Size of a pixel on the object in mm, for lights with positions if there is no camera with a
+        working distance. Without a camera, the view is that of a telecentric lens whose axis is in
+        the middle of the image.
     force
         Write into an output folder that already contains files.
     """
     opened = open_recording(source, options)
-    stage = compute_normals(opened.source, options)
+    seen, pixel = with_scale(opened.source, pixel_mm)
+    stage = compute_normals(seen, options, pixel)
     folder = claim_folder(out, "normals.json")
     result = write_normals_stage(folder, stage, maps, command="sgp normals", files=opened.files)
     result.inputs = opened.files

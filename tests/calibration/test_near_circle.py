@@ -58,7 +58,7 @@ def rings(*radii, half=False):
 
 def test_a_sharp_ring_has_no_rival():
     near = outline_near(rings(50.0), Ellipse((82.0, 76.0), (48.0, 48.0)), 5.0)
-    assert near.covariance_px2 is None
+    assert near.is_sharp
     assert near.outline.centre_px == pytest.approx((80, 78), abs=0.1)
     assert near.outline.radius_px == pytest.approx(50, abs=0.4)
 
@@ -76,7 +76,7 @@ def test_a_ring_inside_a_ring_may_be_a_mirrored_horizon():
     pictures = rings(60.0, 44.0)
     with pytest.raises(EstimateError, match=r"may be the horizon .* outline at \(80, 78, 60\) px"):
         outline_near(pictures, Ellipse((80.0, 78.0), (44.0, 44.0)), 4.4)
-    assert outline_near(pictures, Ellipse((80.0, 78.0), (58.0, 58.0)), 5.8).covariance_px2 is None
+    assert outline_near(pictures, Ellipse((80.0, 78.0), (58.0, 58.0)), 5.8).is_sharp
 
 
 @pytest.mark.parametrize(

@@ -259,24 +259,38 @@ def test_a_pixel_is_invalid_for_a_reason():
         assert not found.samples[:, 0, 6].any()
 
 
-def test_gloss_makes_the_predicted_errors_larger_and_is_seen():
-    normals, mask = ball(40)
+@pytest.fixture(scope="module")
+def glossy():
+    """Return lights, normals, mask, and images of a matte and of a glossy ball."""
+    normals, mask = ball(72)
     lights = dome()
     vectors = lights.unit_directions
     half = vectors + np.array([0, 0, 1])
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     shading = 0.5 * np.clip(np.einsum("nc,hwc->nhw", vectors, normals), 0, None)
     lobe = np.clip(np.einsum("nc,hwc->nhw", half, normals), 0, None) ** 20
-    medians = []
-    for images, least, most in ((shading, -0.2, 0.05), (shading * (1 + 0.5 * lobe), 0.1, 1)):
-        values = noisy(images, 94)
-        stereo = photometric_stereo(values, lights, mask, noise=law())
-        for noise in (None, law()):
-            found = normal_uncertainty(values, lights, mask, stereo, noise=noise)
-            assert least < found.neighbour_correlation < most, noise
-        medians.append(np.nanmedian(found.sigma_deg))
-    assert medians[1] > 2 * medians[0]
-    few = normal_uncertainty(values[:7], Lights(vectors[:7]), mask, stereo)
+    return lights, normals, mask, noisy(shading, 94), noisy(shading * (1 + 0.5 * lobe), 94)
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
+def test_errors_by_gloss_are_not_far_below_the_actual_ones(glossy, known):
+    """On this ball they are larger: the lobe hardly turns the normals."""
+    lights, normals, mask, matte, values = glossy
+    noise = law() if known else None
+    for method, most in (("cauchy", 1.6), ("trimmed", 1.6), ("best", 2.2)):
+        stereo = photometric_stereo(values, lights, mask, method=method, noise=noise)
+        found = normal_uncertainty(values, lights, mask, stereo, noise=noise)
+        assert found.neighbour_correlation > 0.1
+        error = angle_deg(stereo.normal_map.normals, normals)[found.valid]
+        every = parts(error, found.sigma_deg[found.valid], 5)
+        assert max(every) < most, (method, every)
+        predicted = found.sigma_deg[found.valid]
+        assert np.hypot.reduce(error) > 0.25 * np.hypot.reduce(predicted), method
+    stereo = photometric_stereo(matte, lights, mask, noise=noise)
+    plain = normal_uncertainty(matte, lights, mask, stereo, noise=noise)
+    assert -0.2 < plain.neighbour_correlation < 0.05
+    assert np.nanmedian(found.sigma_deg) > 4 * np.nanmedian(plain.sigma_deg)
+    few = normal_uncertainty(values[:7], lights.take(range(7)), mask, stereo)
     assert np.isnan(few.neighbour_correlation)
 
 
@@ -299,7 +313,7 @@ def test_rows_are_as_in_the_whole(shadowed):
     found = normal_uncertainty(values[:, rows], lights, mask[rows], part, noise=law())
     np.testing.assert_array_equal(found.samples, whole.samples[:, rows])
     # The agreement with the law is averaged over 5 rows.
-    np.testing.assert_array_equal(found.sigma_deg[2:-2], whole.sigma_deg[12:38])
+    np.testing.assert_allclose(found.sigma_deg[2:-2], whole.sigma_deg[12:38], rtol=1e-4)
 
 
 @pytest.mark.parametrize(

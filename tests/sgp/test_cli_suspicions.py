@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from acquisition import Lights, read_lights, write_lights, write_png
+from acquisition import Lights, read_image, read_lights, write_exr, write_lights, write_png
 from processing import angle_deg, read_normals
 
 
@@ -26,6 +26,22 @@ def test_a_black_image_is_left_out_and_named(sgp, words, recording, tmp_path):
     dead = read_normals(tmp_path / "dead").normal_map
     both = whole.mask & dead.mask
     assert angle_deg(whole.normals[both], dead.normals[both]).mean() < 6
+
+
+def test_a_negative_image_is_left_out_and_named(sgp, words, recording, tmp_path):
+    """Noise below the dark level is no reason to leave an image out, an offset is."""
+    for i in range(8):
+        image = read_image(recording / f"ball.{i}.png").astype(np.float32) / 65535
+        image += np.random.default_rng(i).normal(0, 0.002, image.shape).astype(np.float32)
+        (recording / f"ball.{i}.png").unlink()
+        write_exr(recording / f"ball.{i}.exr", image if i != 3 else image * 0 - np.float32(0.1))
+    answer = sgp(*words, "--method", "ls", "--out", tmp_path / "out", "--json")
+    assert answer.code == 0, answer.err
+    report = json.loads(answer.out)
+    (line,) = [text for text in report["warnings"] if "left out" in text]
+    assert "samples are negative" in line
+    assert line.endswith(": ball.3")
+    assert report["metrics"]["images"] == 7
 
 
 def test_lights_behind_the_object_are_refused(sgp, words, recording, tmp_path):

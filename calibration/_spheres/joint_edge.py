@@ -1,0 +1,249 @@
+"""The edge of a ball in all images together, each of which may be wrong about a part of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter1d
+
+from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
+from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_ellipse
+from calibration._spheres.limb import (
+    REACH_PX,
+    SHIFT_STEP_PX,
+    edge_costs,
+    estimate_blur,
+    profile_offsets,
+    trial_shifts,
+)
+from calibration._spheres.outline import ALONG_PX, edge_angles, radial_profiles
+from calibration._spheres.robust import Array
+
+Flags = npt.NDArray[np.bool_]
+
+# Share of a profile's contrast that the model of the limb does not explain, and the most evidence
+# (misfit in variances) that one image, and all images, give against an edge at one angle.
+_MODEL, _MOST_OF_IMAGE, _MOST_OF_ANGLE = 0.03, 16.0, 25.0
+# An edge is seen at an angle if it explains the images by this much better than another place.
+_LEAST_EVIDENCE = 10.0
+_STRONG_PERCENT, _MOST_OF_STRONG = 70, 3
+# The trial circles of the search: steps in pixels, and at how many angles they are compared.
+_SEARCH = np.arange(-5, 6) * 0.2
+_COMPARED = 240
+# Edges farther than this from the circle do not count, in rounds.
+_WINDOWS_PX = (1.0, 0.8, 0.4, 0.4, 0.4, 0.4)
+_FEWEST, _MOST_ANGLES = 12, 2000
+_PARTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class JointOutline:
+    """An outline from the edges of all images.
+
+    Parameters
+    ----------
+    outline
+        The ellipse.
+    points_px
+        ``(M, 2)`` edge points that belong to it.
+    coverage
+        Share 0..1 of the circumference that these points cover.
+    support
+        Share 0..1 of the circumference where an edge agrees with the outline, by its distance.
+    """
+
+    outline: Ellipse
+    points_px: Array
+    coverage: float
+    support: float
+
+
+def joint_outline(
+    values: Images, guess: Ellipse, rounds: int = 2, most_angles: int = _MOST_ANGLES
+) -> JointOutline:
+    """Fit the outline of a ball to the edges in all images.
+
+    What a ball mirrors, shadows and objects behind it put other edges near its outline. They move
+    or vanish with the light; the outline stays. In each image and at each angle, the model of a
+    blurred limb is compared at each trial place of the edge; the misfit is bounded, so that an
+    image can only abstain. The sum over the images is bounded as well, so that an angle can only
+    abstain. The circle of the least sum over the angles is refined with the edges close to it.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, NaN where saturated.
+    guess
+        The outline, to a pixel.
+    rounds
+        How often edges are searched for around the last outline.
+    most_angles
+        At how many angles, one per pixel of a smaller outline.
+
+    Raises
+    ------
+    EstimateError
+        If fewer than 12 edge points agree with an outline near the guess.
+    """
+    outline = guess
+    for _ in range(rounds):
+        edges = _Edges(values, outline, most_angles)
+        fit = edges.fit(edges.every_image, edges.every_angle)
+        outline = outline.moved(fit.change)
+    near = fit.weights > 0
+    angles, offsets = edges.angles[near], fit.offsets[near]
+    points = edges.around.point(angles, 1 + offsets / edges.around.radius_px)
+    coverage = float(near.mean())
+    if coverage > ELLIPSE_COVERAGE:
+        outline, weights = fit_ellipse(points, outline)
+        points = points[weights > 0]
+        coverage *= float(np.mean(weights > 0))
+    support = float(fit.weights.mean())
+    return JointOutline(outline, points, coverage, support)
+
+
+def part_covariance(values: Images, outline: Ellipse) -> Array:
+    """Return the covariance by which outlines of parts of the data differ from each other.
+
+    The parts are halves of the images, which differ by twice the deviation of one, and all but one
+    quarter of the circumference (jackknife). A part that determines nothing counts as a pixel.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, NaN where saturated.
+    outline
+        The outline of all, from `joint_outline`.
+
+    Returns
+    -------
+    Array
+        ``(3, 3)``, of centre x, centre y and radius.
+    """
+    edges = _Edges(values, outline)
+    whole = edges.part(edges.every_image, edges.every_angle)
+    total = np.zeros((3, 3))
+    halves = _halvings(len(values))
+    for half in halves:
+        apart = edges.part(half, edges.every_angle) - edges.part(~half, edges.every_angle)
+        total += np.outer(apart, apart) / (4 * len(halves))
+    turns = np.floor(edges.angles / (2 * np.pi) * 2 * _PARTS).astype(int)
+    for first in (0, 1):
+        quarter = (turns + first) // 2 % _PARTS
+        parts = [edges.part(edges.every_image, quarter != part) for part in range(_PARTS)]
+        deviations = np.array(parts) - whole
+        total += (1 - 1 / _PARTS) * deviations.T @ deviations / 2
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A circle near the approximate outline: its change, and edges and weights of all angles."""
+
+    change: Array
+    offsets: Array
+    weights: Array
+
+
+class _Edges:
+    """How well each image agrees with an edge at each angle and place near an outline."""
+
+    def __init__(self, values: Images, around: Ellipse, most_angles: int = _MOST_ANGLES) -> None:
+        self.around = around
+        self.angles = edge_angles(around, most_angles)
+        self.every_image = np.ones(len(values), bool)
+        self.every_angle = np.ones(len(self.angles), bool)
+        profiles = np.stack([self._profiles(values[k]) for k in range(len(values))])
+        count, angles, samples = profiles.shape
+        flat = profiles.reshape(-1, samples)
+        power = np.maximum(flat.var(axis=1), 1e-300)
+        strong = np.flatnonzero(power >= np.percentile(power, _STRONG_PERCENT))
+        costs = edge_costs(flat, estimate_blur(flat[strong][::_MOST_OF_STRONG]))
+        least = costs.min(axis=1).reshape(count, angles)
+        free = samples - 5
+        variance = np.median(least, axis=1)[:, None] / free
+        variance = variance + _MODEL**2 * power.reshape(count, angles) + 1e-12
+        variance = np.maximum(variance, least / free)
+        misfit = (costs.reshape(count, angles, -1) - least[..., None]) / variance[..., None]
+        self._misfit = misfit / (1 + misfit / _MOST_OF_IMAGE)
+        x, y = around.point(self.angles).T
+        height, width = values.shape[1:]
+        self._inside = (np.minimum(x, y) > REACH_PX) & (x < width - 1 - REACH_PX)
+        self._inside &= y < height - 1 - REACH_PX
+
+    def _profiles(self, image: npt.NDArray[np.float32]) -> Array:
+        filled = np.nan_to_num(image, nan=1.0)
+        profiles = radial_profiles(filled, self.around, self.angles, profile_offsets())
+        smooth: Array = gaussian_filter1d(profiles, ALONG_PX, axis=0, mode="wrap")
+        return smooth
+
+    def fit(self, images: Flags, angles: Flags) -> _Fit:
+        """Fit a circle to some images and angles."""
+        evidence = self._misfit[images].sum(axis=0)
+        evidence = evidence - evidence.min(axis=1, keepdims=True)
+        offsets, seen = _best_shifts(evidence)
+        seen &= angles & self._inside
+        if np.count_nonzero(seen) < _FEWEST:
+            raise _too_few(self.around)
+        change = self._searched(evidence, angles & self._inside)
+        design = np.column_stack(
+            [np.cos(self.angles), np.sin(self.angles), np.ones(len(self.angles))]
+        )
+        for window in _WINDOWS_PX:
+            distance = (offsets - design @ change) / window
+            weights = np.where(seen, np.clip(1 - distance**2, 0, None) ** 2, 0.0)
+            if np.count_nonzero(weights) < _FEWEST:
+                raise _too_few(self.around)
+            weighted = design * weights[:, None]
+            change = np.linalg.lstsq(weighted.T @ design, weighted.T @ offsets, rcond=None)[0]
+        return _Fit(change, offsets, weights)
+
+    def _searched(self, evidence: Array, use: Flags) -> Array:
+        """Return the change of centre and radius with the least bounded misfit, on a grid."""
+        some = np.flatnonzero(use)[:: max(len(use) // _COMPARED, 1)]
+        grid = np.stack(np.meshgrid(_SEARCH, _SEARCH, _SEARCH), axis=-1).reshape(-1, 3)
+        angles = self.angles[some]
+        edge = grid[:, :1] * np.cos(angles) + grid[:, 1:2] * np.sin(angles) + grid[:, 2:]
+        shifts = evidence.shape[1]
+        place = np.rint(edge / SHIFT_STEP_PX).astype(int) + shifts // 2
+        beyond = (place < 0) | (place >= shifts)
+        bounded = np.minimum(evidence[some], _MOST_OF_ANGLE)
+        misfit = bounded[np.arange(len(some)), np.clip(place, 0, shifts - 1)]
+        misfit = np.where(beyond, _MOST_OF_ANGLE, misfit)
+        best: Array = grid[np.argmin(misfit.mean(axis=1))]
+        return best
+
+    def part(self, images: Flags, angles: Flags) -> Array:
+        """Return the change of centre and radius of a part of the data, a pixel if it has none."""
+        try:
+            return self.fit(images, angles).change
+        except EstimateError:
+            return np.ones(3)
+
+
+def _halvings(count: int) -> list[Flags]:
+    """Return which of some images are in one half, in several ways."""
+    index = np.arange(count)
+    return [(index >> bit) % 2 == 0 for bit in range(3) if count > 1 << bit]
+
+
+def _best_shifts(evidence: Array) -> tuple[Array, Flags]:
+    """Return the best place of the edge at each angle, and where an edge is seen."""
+    shifts = trial_shifts()
+    best = np.argmin(evidence, axis=1)
+    row = np.arange(len(evidence))
+    middle = np.clip(best, 1, len(shifts) - 2)
+    before, least, after = (evidence[row, middle + step] for step in (-1, 0, 1))
+    curve = before - 2 * least + after
+    part = np.where(curve > 0, 0.5 * (before - after) / np.maximum(curve, 1e-300), 0.0)
+    ends = np.minimum(evidence[:, 0], evidence[:, -1])
+    seen = (best == middle) & (ends > _LEAST_EVIDENCE)
+    return shifts[middle] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0), seen
+
+
+def _too_few(around: Ellipse) -> EstimateError:
+    x, y = around.centre_px
+    return EstimateError(f"no edge agrees with an outline at ({x:.0f}, {y:.0f}) px")

@@ -1,0 +1,144 @@
+"""The outline of a ball in all images together, near an outline that one picture shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images
+from calibration._spheres.cone import OUTLINE_SIGMA_PX
+from calibration._spheres.edges_around import EdgesAround
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.joint_edge import JointOutline, joint_outline, part_covariance
+from calibration._spheres.outline import SHARP_PX, scatter_px
+from calibration._spheres.outline_noise import circle_covariance
+from calibration._spheres.robust import Array
+
+_MARGIN_SHARE, _MARGIN_PX = 0.3, 24
+_MOST_IMAGES = 18
+# An outline that edges support this well has no rival. Noise supports up to .25 of large outlines.
+_WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
+_LEADERS, _QUICK_ANGLES = 6, 360
+_SAME_PX, _NEAR_PX = 0.25, 1.0
+# Edges along this length of an outline count as one observation.
+_INDEPENDENT_PX = 16.0
+
+
+@dataclass(frozen=True, eq=False)
+class JointNear(JointOutline):
+    """An outline from the edges of all images, with its covariance.
+
+    Parameters
+    ----------
+    covariance_px2
+        ``(3, 3)``, of centre x, centre y and radius, without systematic errors.
+    """
+
+    covariance_px2: Array
+
+
+def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
+    """Return the outline near a guess that the edges of most images support, or None.
+
+    The guess is refined by `joint_outline`. If less than two thirds of its length are then
+    supported, other circles within the reach are refined as well, and the one with the most
+    support is the outline. The others add to its covariance as far as they are plausible: one that
+    has n observations less (16 px of circumference each) has the weight exp(-n).
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, NaN where saturated.
+    guess
+        The approximate outline.
+    reach_px
+        Largest error of its centre and of its radius.
+    """
+    radius = guess.radius_px
+    far = radius + _MARGIN_SHARE * radius + _MARGIN_PX
+    centre = np.array(guess.centre_px)
+    low = np.maximum((centre - far).astype(int), 0)
+    high = np.minimum((centre + far).astype(int) + 2, values.shape[:0:-1])
+    if np.any(high - low < _MARGIN_PX):
+        return None
+    every = -(-len(values) // _MOST_IMAGES)
+    crop = values[::every, low[1] : high[1], low[0] : high[0]]
+    found = _found(crop, _shifted(guess, -low), reach_px)
+    if not found:
+        return None
+    found.sort(key=lambda one: -one.support)
+    best = found[0] = joint_outline(crop, found[0].outline)
+    if best.support < _LEAST_SUPPORT or scatter_px(best.outline, best.points_px) >= SHARP_PX:
+        return None
+    return JointNear(
+        _shifted(best.outline, low),
+        best.points_px + low,
+        best.coverage,
+        best.support,
+        _covariance(found) + part_covariance(crop, best.outline),
+    )
+
+
+def _found(values: Images, guess: Ellipse, reach_px: float) -> list[JointOutline]:
+    """Return the outlines near a guess."""
+    circle = Ellipse(guess.centre_px, (guess.radius_px, guess.radius_px))
+    found: list[JointOutline] = []
+
+    def refine(trial: Ellipse) -> None:
+        try:
+            joint = joint_outline(values, trial, most_angles=_QUICK_ANGLES)
+        except EstimateError:
+            return
+        if np.abs(_change(circle, joint.outline)).max() <= 1.2 * reach_px:
+            found.append(joint)
+
+    refine(guess)
+    if found and found[0].support > _WITHOUT_DOUBT:
+        return found
+    pictures = [_lifted(values[k]) for k in range(len(values))]
+    leaders = EdgesAround(pictures, circle, reach_px).leaders()
+    for trial in [circle, *leaders[:_LEADERS]]:
+        if all(np.abs(_change(one.outline, trial)).max() > _NEAR_PX for one in found):
+            refine(trial)
+    return found
+
+
+def _covariance(found: list[JointOutline]) -> Array:
+    """Return the covariance of the best of some outlines, which are sorted by support."""
+    best = found[0]
+    covariance = circle_covariance(best.points_px, best.outline)
+    covariance -= np.eye(3) * OUTLINE_SIGMA_PX**2
+    length = 2 * np.pi * best.outline.radius_px / _INDEPENDENT_PX
+    others: list[tuple[float, Array]] = []
+    for one in found:
+        change = _change(best.outline, one.outline)
+        if all(np.abs(change - other).max() > _SAME_PX for _, other in others):
+            others.append((float(np.exp(length * (one.support - best.support))), change))
+    total = sum(weight for weight, _ in others)
+    for weight, change in others:
+        covariance = covariance + weight / total * np.outer(change, change)
+    return covariance
+
+
+def _lifted(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return an image to which a multiple of its noise is added, for its logarithm."""
+    filled = np.nan_to_num(image, nan=1.0)
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    residue = cv2.filter2D(filled, -1, kernel)
+    noise = float(np.percentile(np.abs(residue), 75)) / 6.9
+    offset = max(10 * noise, 0.002 * float(filled.mean()), 1e-4)
+    return np.maximum(filled, 0) + np.float32(offset)
+
+
+def _change(a: Ellipse, b: Ellipse) -> Array:
+    """Return the change from one outline to another in centre x, centre y and radius."""
+    return np.array([*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px])
+
+
+def _shifted(outline: Ellipse, by: npt.NDArray[np.int_]) -> Ellipse:
+    x, y = outline.centre_px
+    return replace(outline, centre_px=(x + float(by[0]), y + float(by[1])))

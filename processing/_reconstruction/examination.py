@@ -1,0 +1,145 @@
+"""Which images, lights and heights are used for the normals, and how well they agree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import Lights, Source
+from calibration import Stack
+from processing._reconstruction.curve_check import curve_warnings
+from processing._reconstruction.heights import Heights
+from processing._reconstruction.light_strengths import (
+    LightStrengths,
+    light_strengths,
+    of_source,
+    with_strengths,
+)
+from processing._reconstruction.lit_images import lit_images, unlit_notices
+from processing._reconstruction.near_height import NearHeight
+from processing._reconstruction.quality import ImageQuality, image_quality
+from processing._reconstruction.recorded_images import RecordedImages, RowSample
+from processing._reconstruction.scheme_check import exclusion
+from rig import Notice
+
+Mask = npt.NDArray[np.bool_]
+
+
+class Examination:
+    """The images of an object while it is decided with what the normals are computed.
+
+    It has the only references to the images, so that replaced ones are released.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    images
+        Its N images in gray.
+    colours
+        The images in colour; None if they are not used.
+    lights
+        The N lights.
+    mask
+        ``(H, W)`` bool, the object.
+    heights
+        Finds the points of the surface.
+    points_mm
+        Points in the working plane; None under distant lights.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        images: RecordedImages,
+        colours: Stack | None,
+        lights: Lights,
+        mask: Mask,
+        heights: Heights,
+        points_mm: npt.NDArray[np.float64] | None,
+    ) -> None:
+        self.source = source
+        self.images = images
+        self.colours = colours
+        self.lights = lights
+        self.points_mm = points_mm
+        self.near: NearHeight | None = None
+        self.strengths: LightStrengths | None = None
+        self.excluded: tuple[str, ...] = ()
+        self.warnings: list[Notice] = []
+        self.mask = mask
+        self._heights = heights
+        self.view = heights.view
+
+    def leave_out_unlit(self) -> None:
+        """Leave out images without light on the object."""
+        lit, ids = lit_images(self.images, self.mask), self.images.ids
+        if len(lit) < len(ids):
+            self.warnings += unlit_notices(self.images, self.mask, ids, lit)
+            self._take(lit)
+
+    def find_surface(self, *, semi_calibrated: bool) -> None:
+        """Find the points of the surface, and the strengths of the lights if they are not known."""
+        strengths = self._divided() if semi_calibrated else None
+        # Before the height, which a wrong curve would bend.
+        sample = self.sample()
+        self.warnings += curve_warnings(
+            self.source, sample.values, self.lights, sample.mask, sample.of(self.points_mm)
+        )
+        del sample
+        self._find_height()
+        if strengths is None:
+            return
+        # Of near lights, strengths and heights depend on each other.
+        if self.near is not None:
+            again = self._divided()
+            self._find_height()
+            strengths = strengths.refined(again)
+        self.lights = strengths.lights
+        given = with_strengths(self.source.lights, self.lights)
+        self.source = replace(self.source, lights=given)
+        self.strengths = strengths if given is None else of_source(strengths, given)
+        self.warnings += self.strengths.warnings
+
+    def check(self, *, exclude_disagreeing: bool) -> ImageQuality:
+        """Test whether images, lights and normals agree; leave out images that do not."""
+        quality = self._quality()
+        if exclude_disagreeing:
+            kept = quality.scheme.agreeing(len(self.lights))
+            self.excluded = tuple(name for i, name in enumerate(self.lights.ids) if i not in kept)
+            self.warnings += exclusion(quality.scheme, self.lights.ids)
+            if self.excluded:
+                self._take(kept)
+                self._find_height()
+                quality = self._quality()
+        if self.near is not None:
+            self.warnings += self.near.warnings
+        self.warnings += quality.warnings
+        return quality
+
+    def sample(self) -> RowSample:
+        """Return some rows of the images."""
+        return self.images.sample(self.mask)
+
+    def _take(self, kept: Sequence[int]) -> None:
+        self.images, self.lights = self.images.take(kept), self.lights.take(list(kept))
+        if self.colours is not None:
+            self.colours = self.colours.take(kept)
+
+    def _divided(self) -> LightStrengths:
+        """Divide the images by the strengths that they show."""
+        gray = self.images.stack()
+        found = light_strengths(gray.values, self.lights, self.mask, points_mm=self.points_mm)
+        self.images = RecordedImages(found.divided(gray))
+        if self.colours is not None:
+            self.colours = found.divided(self.colours)
+        return found
+
+    def _find_height(self) -> None:
+        self.near, self.points_mm = self._heights.of(self.images, self.lights)
+
+    def _quality(self) -> ImageQuality:
+        return image_quality(self.images, self.lights, self.mask, points_mm=self.points_mm)

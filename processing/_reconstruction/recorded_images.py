@@ -1,0 +1,174 @@
+"""The images of a recording: single ones to examine them, bands of rows to solve them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from calibration import BandedStack, Stack, StackNoise
+from rig import Notice
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+# Pixels of a sample, and rows that are next to each other in it. An even number, so that each group
+# of rows of a mosaic begins with the colours of the first row.
+_SAMPLE = 500_000
+_GROUP = 8
+# Bytes of the values of a band.
+_BAND = 128_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class RowSample:
+    """Some rows of all images, as images of their own.
+
+    Parameters
+    ----------
+    rows
+        ``(R,)`` their numbers.
+    values
+        ``(N, R, W)`` linear radiance.
+    mask
+        ``(R, W)`` bool, the object.
+    noise
+        The law of their noise; None if it is unknown.
+    """
+
+    rows: npt.NDArray[np.intp]
+    values: Float
+    mask: Mask
+    noise: StackNoise | None
+
+    def of(self, points_mm: npt.NDArray[np.float64] | None) -> npt.NDArray[np.float64] | None:
+        """Return these rows of the points of all pixels."""
+        return None if points_mm is None else points_mm[self.rows]
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Rows of all images, with the rows around them that a filter needs.
+
+    Parameters
+    ----------
+    rows
+        The rows.
+    around
+        The same and those around them, of which ``stack`` consists.
+    inside
+        Where the rows are in ``stack``.
+    stack
+        The images.
+    """
+
+    rows: slice
+    around: slice
+    inside: slice
+    stack: Stack
+
+
+class RecordedImages:
+    """N images of one channel, in memory or on disk.
+
+    As a sequence they are complete images ``(H, W)``; those on disk are read when they are used.
+    Values are equal for both kinds of stack.
+
+    Parameters
+    ----------
+    stack
+        The images.
+    kept
+        Indices of those in use; default: all.
+    """
+
+    def __init__(self, stack: Stack | BandedStack, kept: Sequence[int] | None = None) -> None:
+        self._stack = stack
+        self._kept = list(range(len(stack.ids)) if kept is None else kept)
+        self.ids = tuple(stack.ids[i] for i in self._kept)
+        shape = stack.values.shape if isinstance(stack, Stack) else stack.shape
+        self.size = (shape[1], shape[2])
+
+    @property
+    def warnings(self) -> tuple[Notice, ...]:
+        """Notices about the images; of those on disk, about what was read so far."""
+        return self._stack.warnings
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def __getitem__(self, index: int) -> Float:
+        at = self._kept[index]
+        stack = self._stack
+        return stack.values[at] if isinstance(stack, Stack) else stack.image(at)
+
+    def __iter__(self) -> Iterator[Float]:
+        return (self[i] for i in range(len(self)))
+
+    def take(self, indices: Sequence[int]) -> RecordedImages:
+        """Return the images with these indices."""
+        return RecordedImages(self._stack, [self._kept[i] for i in indices])
+
+    def stack(self) -> Stack:
+        """Return all images, in memory."""
+        return self._rows(0, self.size[0])
+
+    def _rows(self, first: int, last: int) -> Stack:
+        part = self._stack.rows(first, last)
+        return part if len(self) == len(part.ids) else part.take(self._kept)
+
+    def bands(self, mask: Mask, around: int, rows: int | None = None) -> Iterator[Band]:
+        """Yield the rows with pixels of the mask, in bands of at most ``rows``, 128 MB by default.
+
+        ``around`` is the number of further rows above and below, as far as there are any.
+        """
+        height, width = self.size
+        step = rows or max(1, _BAND // (4 * len(self) * width))
+        inside = np.flatnonzero(mask.any(axis=1))
+        for first in range(int(inside[0]), int(inside[-1]) + 1, step):
+            last = min(first + step, int(inside[-1]) + 1)
+            if mask[first:last].any():
+                above, below = max(first - around, 0), min(last + around, height)
+                part = slice(first - above, last - above)
+                stack = self._rows(above, below)
+                yield Band(slice(first, last), slice(above, below), part, stack)
+
+    def sample(self, mask: Mask) -> RowSample:
+        """Return rows with pixels of the mask: all of a small object, else groups of 8 rows.
+
+        They do not depend on bands.
+        """
+        inside = np.flatnonzero(mask.any(axis=1))
+        first, last = int(inside[0]) // 2 * 2, int(inside[-1]) + 1
+        groups = max(1, _SAMPLE // (_GROUP * self.size[1]))
+        if last - first <= groups * _GROUP:
+            parts = [(first, last)]
+        else:
+            starts = first + np.linspace(0, last - first - _GROUP, groups).astype(int) // 2 * 2
+            parts = [(int(start), int(start) + _GROUP) for start in starts]
+        stacks = [self._rows(*part) for part in parts]
+        rows = np.concatenate([np.arange(*part) for part in parts])
+        values = stacks[0].values
+        if len(stacks) > 1:
+            values = np.concatenate([stack.values for stack in stacks], axis=1)
+        return RowSample(rows, values, mask[rows], _joined([stack.noise for stack in stacks]))
+
+
+# The same images as an array.
+Images = Float | RecordedImages
+
+
+def _joined(laws: Sequence[StackNoise | None]) -> StackNoise | None:
+    """Return the law of rows below each other, each of which begins with an even row."""
+    known = [law for law in laws if law is not None]
+    if not known:
+        return None
+    used = [law.used for law in known if law.used is not None]
+    response = [law.response for law in known if law.response is not None]
+    return replace(
+        known[0],
+        used=np.concatenate(used, axis=1) if used else None,
+        response=np.concatenate(response) if response else None,
+    )

@@ -1,0 +1,164 @@
+"""How the pixels of an image see a surface: rays from a point, or parallel ones."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError, Source
+from processing._normal_map import NormalMap
+from processing._surface.integration import integrate
+
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+# Rays of a camera that is so far away are parallel.
+_FAR_MM = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Perspective:
+    """The view of a camera with a working distance. Depths are measured from its centre."""
+
+    camera: CameraModel
+
+    @property
+    def seen_by(self) -> CameraModel:
+        """The camera, for the direction of view."""
+        return self.camera
+
+    @property
+    def distance_mm(self) -> float:
+        """Depth of the working plane."""
+        return float(self.camera.centre_mm[2])
+
+    @property
+    def highest_mm(self) -> float:
+        """Height that all points are below."""
+        return self.distance_mm
+
+    def rays(self) -> tuple[Double, Double]:
+        """Return origins and directions ``(H, W, 3)``: a point is ``origin + depth * ray``."""
+        rays = self.camera.pixel_rays()
+        return np.broadcast_to(self.camera.centre_mm, rays.shape), rays
+
+    def points_at(self, depth_mm: npt.ArrayLike) -> Double:
+        return self.camera.points_at(depth_mm)
+
+    def downscaled(self, factor: int) -> Perspective:
+        return replace(self, camera=self.camera.downscaled(factor))
+
+    def moved(self, depth: Double, before: float, after: float) -> Double:
+        """Return the surface of the same normals whose depth is ``after`` where it was before."""
+        return np.asarray(depth * (after / before), np.float64)
+
+    def surface(self, normal_map: NormalMap, mean_depth: float) -> tuple[Double, Mask]:
+        """Return the depths ``(P,)`` of a surface, and its pixels."""
+        camera = replace(self.camera, working_distance_mm=mean_depth)
+        found = integrate(normal_map, camera=camera)
+        return mean_depth - found.height[found.mask].astype(np.float64), found.mask
+
+    def depth_error(self, sigma_mm: float, mean_depth: float) -> tuple[CameraModel, float]:
+        """Return a camera, and the relative standard deviation of the depths from it."""
+        return self.camera, sigma_mm / mean_depth
+
+
+@dataclass(frozen=True, eq=False)
+class Parallel:
+    """The view of a telecentric lens: parallel rays along -Z. Depths are minus heights.
+
+    Parameters
+    ----------
+    pixel_mm
+        Distance between neighbouring pixels on the object.
+    size
+        Shape of the image, (height, width).
+    axis_px
+        Position (x, y) of the optical axis, which meets the origin.
+    """
+
+    pixel_mm: float
+    size: tuple[int, int]
+    axis_px: tuple[float, float]
+
+    seen_by = None
+    distance_mm = 0.0
+    highest_mm = math.inf
+
+    def rays(self) -> tuple[Double, Double]:
+        """Return origins and directions ``(H, W, 3)``: a point is ``origin + depth * ray``."""
+        rows, columns = np.indices(self.size)
+        x, y = (columns - self.axis_px[0]), (self.axis_px[1] - rows)
+        origins = np.stack([x * self.pixel_mm, y * self.pixel_mm, np.zeros(self.size)], axis=-1)
+        return origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
+
+    def points_at(self, depth_mm: npt.ArrayLike) -> Double:
+        points, _ = self.rays()
+        points[..., 2] -= np.asarray(depth_mm)
+        return points
+
+    def downscaled(self, factor: int) -> Parallel:
+        height, width = self.size
+        x, y = ((at - (factor - 1) / 2) / factor for at in self.axis_px)
+        return Parallel(self.pixel_mm * factor, (height // factor, width // factor), (x, y))
+
+    def moved(self, depth: Double, before: float, after: float) -> Double:
+        """Return the surface of the same normals whose depth is ``after`` where it was before."""
+        return np.asarray(depth + (after - before), np.float64)
+
+    def surface(self, normal_map: NormalMap, mean_depth: float) -> tuple[Double, Mask]:
+        """Return the depths ``(P,)`` of a surface, and its pixels."""
+        found = integrate(normal_map, pixel_mm=self.pixel_mm)
+        return mean_depth - found.height[found.mask].astype(np.float64), found.mask
+
+    def depth_error(self, sigma_mm: float, mean_depth: float) -> tuple[CameraModel, float]:
+        """Return a camera, and the relative standard deviation of the depths from it."""
+        height, width = self.size
+        return CameraModel(np.eye(3), width, height, _FAR_MM), sigma_mm / _FAR_MM
+
+
+View = Perspective | Parallel
+
+
+def view_of(source: Source, pixel_mm: float | None) -> View:
+    """Return how a source sees points in mm.
+
+    Parameters
+    ----------
+    source
+        The recording. Without a camera, rays are parallel, and the optical axis is in the middle of
+        its complete images.
+    pixel_mm
+        Distance between neighbouring pixels of the source on the object; only if no working
+        distance is known.
+
+    Raises
+    ------
+    DataError
+        If there is neither a working distance nor a size of a pixel, or both.
+    """
+    camera = source.camera
+    if camera is not None and camera.working_distance_mm is not None:
+        if pixel_mm is not None:
+            raise DataError(
+                f"{source.path}: a pixel size of {pixel_mm:g} mm and a camera at "
+                f"{camera.working_distance_mm:g} mm exclude each other: give only one of them"
+            )
+        return Perspective(camera)
+    if pixel_mm is None:
+        missing = "a camera with a" if camera is None else "the camera its"
+        raise DataError(
+            f"{source.path}: lights with positions require points in mm, but there is no scale: "
+            f"give {missing} working distance, or the size of a pixel on the object, or "
+            "treat the lights as distant"
+        )
+    if camera is not None:
+        return Perspective(replace(camera, working_distance_mm=pixel_mm * camera.focal_px))
+    height, width = source.frames[0].shape[:2]
+    reduction = source.reduction
+    x, y, factor = (0, 0, 1) if reduction is None else (reduction.x, reduction.y, reduction.factor)
+    whole = Parallel(pixel_mm / factor, source.size, ((width - 1) / 2 - x, (height - 1) / 2 - y))
+    return replace(whole.downscaled(factor), size=source.size)

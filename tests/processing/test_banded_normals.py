@@ -1,0 +1,64 @@
+"""Images on disk that are solved in bands give the maps of images in memory, bit by bit."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from acquisition import read_source
+from processing import Reconstruction, reconstruct
+from processing._reconstruction import reconstruct as source_to_normals
+from processing._reconstruction import recorded_images
+from tests.processing.test_reconstruct import session  # noqa: F401
+
+
+def arrays(result: Reconstruction) -> dict[str, Any]:
+    """Return all maps of a reconstruction."""
+    found = {
+        "normals": result.stereo.normal_map.normals,
+        "mask": result.mask,
+        "albedo": result.albedo,
+        "specular": result.specular,
+        "preview": result.previews[0],
+    }
+    for part in (result.stereo, result.uncertainty):
+        for field in fields(part):
+            value = getattr(part, field.name)
+            if isinstance(value, np.ndarray):
+                found[f"{type(part).__name__}.{field.name}"] = value
+    return found
+
+
+@pytest.mark.parametrize(
+    ("distant", "law", "rows_of_sample"),
+    [
+        pytest.param(False, True, 10_000, id="near lights, all rows in the sample"),
+        pytest.param(True, False, 4, id="distant lights, unknown noise, some rows in the sample"),
+    ],
+)
+def test_maps_do_not_depend_on_the_bands(
+    session,  # noqa: F811
+    monkeypatch: pytest.MonkeyPatch,
+    distant: bool,
+    law: bool,
+    rows_of_sample: int,
+) -> None:
+    source = read_source(session)
+    if not law:
+        source = replace(source, noise=None, mask=None)
+    rows, columns = source.size
+    of_row = 4 * len(source.light_ids) * columns
+    sample = min(rows, 8 * rows_of_sample) * columns
+    monkeypatch.setattr(recorded_images, "_SAMPLE", sample)
+    whole = reconstruct(source, distant=distant, surface=False)
+    monkeypatch.setattr(source_to_normals, "_IN_MEMORY", 0)
+    for band in (rows, 50, 7):
+        monkeypatch.setattr(recorded_images, "_BAND", band * of_row)
+        banded = reconstruct(source, distant=distant, surface=False)
+        expected = arrays(whole)
+        for name, found in arrays(banded).items():
+            np.testing.assert_array_equal(found, expected[name], err_msg=f"{name}, {band} rows")
+        assert banded.warnings == whole.warnings
