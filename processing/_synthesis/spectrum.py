@@ -22,6 +22,8 @@ _SIGMAS = (0.7, 1.0, 2.0, 4.0, 8.0)
 _REACH = 24
 _LEAST_GAIN, _MOST_GAIN = 0.1, 1.5
 _ROUNDS, _RIDGE = 8, 0.01
+# Power below this share of the largest is not corrected further.
+_LEAST_POWER = 1e-4
 _ROWS = 512
 
 
@@ -83,10 +85,18 @@ def _frequencies(power: Double) -> Double:
     return found
 
 
+def _bands(power: Double) -> npt.NDArray[np.int64]:
+    return np.ceil(_frequencies(power) * 2 * BANDS).astype(np.int64).ravel()
+
+
+def _band_counts(power: Double) -> npt.NDArray[np.int64]:
+    return np.bincount(_bands(power))[1 : BANDS + 1]
+
+
 def _banded(power: Double) -> Double:
-    band = np.ceil(_frequencies(power) * 2 * BANDS).astype(np.int64)
-    sums, counts = np.bincount(band.ravel(), power.ravel()), np.bincount(band.ravel())
-    means: Double = sums[1 : BANDS + 1] / counts[1 : BANDS + 1]
+    """Return the mean of a power in each band."""
+    sums = np.bincount(_bands(power), power.ravel())[1 : BANDS + 1]
+    means: Double = sums / _band_counts(power)
     return means
 
 
@@ -119,16 +129,22 @@ def _weights(has: Double, wanted: Double) -> Float:
     spread = np.square(np.array([0.0, *_SIGMAS]))
     responses = [np.exp(-2 * np.pi**2 * s * np.square(_frequencies(has))) for s in spread]
     response = np.stack([_banded(one) for one in responses], axis=1)
+    # A filter this smooth cannot fit all bands of a narrow spectrum: those with power come first.
+    important = 1 + wanted / wanted.max()
+    wanted = np.maximum(wanted, _LEAST_POWER * wanted.max())
     ridge = _RIDGE * np.eye(len(spread))
     gain, weights = np.ones(BANDS), np.zeros(len(spread))
     for _ in range(_ROUNDS):
         # Errors count relative to the gain; the ridge keeps the filter close to 1.
-        system = np.vstack([response / gain[:, None], ridge])
-        weights = np.linalg.lstsq(system, np.concatenate([np.ones(BANDS), ridge[0]]), rcond=None)[0]
+        system = np.vstack([(important / gain)[:, None] * response, ridge])
+        weights = np.linalg.lstsq(system, np.concatenate([important, ridge[0]]), rcond=None)[0]
         filtered = np.square(np.tensordot(weights, responses, axes=1)) * has
         # The power is not even inside a band: correct what one round leaves.
         gain *= np.sqrt(wanted / np.maximum(_banded(filtered), 1e-30))
         gain = np.clip(gain, _LEAST_GAIN, _MOST_GAIN)
+    # Whatever the filter cannot fit, the sheet is as steep as the exemplar.
+    counts = _band_counts(has)
+    weights = weights * np.sqrt(wanted @ counts / (_banded(filtered) @ counts))
     return weights.astype(np.float32)
 
 

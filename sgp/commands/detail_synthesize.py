@@ -63,7 +63,7 @@ def synthesize(
 
     For example:
 
-        sgp detail synthesize leather.png --size 2048x2048 --tileable --out sheet
+        sgp detail synthesize hide.png --size 2048x2048 --tileable --out sheet
 
     Parameters
     ----------
