@@ -1,18 +1,22 @@
-"""Surface from normals: compare multigrid-preconditioned CG with scipy's solvers.
+"""Surface from normals: compare multigrid-preconditioned CG with other solvers.
 
-Each row is a disc with a hole and a wavy surface with 1 degree of noise on its normals, solved to a
-relative residual of 1e-6 with warm caches, in a process of its own. scipy's solvers get the
-finished matrix, multigrid gets the edges from which it is built; "integrate, whole" is the complete
-call on a normal map. CPU seconds are those of all threads. "bytes/px" is the growth of the peak of
-resident memory per pixel of the bounding box (on Linux). The last two columns are CPU seconds and
-memory relative to multigrid CG.
+Each row is a mask with a wavy surface with 1 degree of noise on its normals, solved to a relative
+residual of 1e-6 with compiled kernels, in a process of its own. The mask is a disc with a hole, the
+whole rectangle, or a ragged region with many holes. scipy's solvers and pyamg (Ruge-Stueben
+multigrid and CG) get the finished matrix, ours gets the edges from which it is built; "integrate,
+whole" is the complete call on a normal map. pyamg is left out unless it is installed (``pip install
+pyamg``). CPU seconds are those of all threads. "bytes/px" is the growth of the peak of resident
+memory per pixel of the bounding box (on Linux). The last two columns are CPU seconds and memory
+relative to multigrid CG.
 """
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from harness import Cost, alone, command_line, measured
@@ -29,29 +33,45 @@ Graph = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.f
 System = tuple[sparse.csc_array, npt.NDArray[np.float64]]
 
 
-def side(pixels: int) -> int:
-    """Return the side of the bounding box of a mask with ``pixels`` pixels."""
-    return round(np.sqrt(pixels / (0.9 * np.pi / 4 - 0.005 * np.pi)))
+Shape = Literal["disc", "rectangle", "ragged"]
 
 
-def normal_map(pixels: int) -> NormalMap:
-    n = side(pixels)
+def mask_of(shape: Shape, pixels: int) -> npt.NDArray[np.bool_]:
+    """Return a square image with about ``pixels`` pixels inside."""
+    share = {"disc": 0.9 * np.pi / 4 - 0.005 * np.pi, "rectangle": 1.0, "ragged": 0.684}[shape]
+    n = round(np.sqrt(pixels / share))
     y, x = np.mgrid[1 : -1 : n * 1j, -1 : 1 : n * 1j].astype(np.float32)
-    mask = (x**2 + y**2 < 0.9) & ((x - 0.2) ** 2 + (y - 0.3) ** 2 > 0.02)
+    if shape == "rectangle":
+        return np.ones((n, n), bool)
+    if shape == "disc":
+        return (x**2 + y**2 < 0.9) & ((x - 0.2) ** 2 + (y - 0.3) ** 2 > 0.02)
+    rng = np.random.default_rng(0)
+    rough = cv2.resize(rng.normal(size=(64, 64)), (n, n), interpolation=cv2.INTER_CUBIC)
+    holes = rng.random((n, n)) < 0.01
+    inside = (x**2 + y**2 < 1) & (rough < 1.2) & ~holes
+    _, labels = cv2.connectedComponents(inside.astype(np.uint8), connectivity=4)
+    largest: npt.NDArray[np.bool_] = labels == np.argmax(np.bincount(labels[inside]))
+    return largest
+
+
+def normal_map(shape: Shape, pixels: int) -> NormalMap:
+    mask = mask_of(shape, pixels)
+    n = len(mask)
+    y, x = np.mgrid[1 : -1 : n * 1j, -1 : 1 : n * 1j].astype(np.float32)
     noise = np.random.default_rng(0).normal(scale=np.radians(1), size=(n, n, 3))
     slopes = [-0.9 * np.cos(3 * x) * np.cos(2 * y), 0.6 * np.sin(3 * x) * np.sin(2 * y)]
     return NormalMap.from_vectors(np.stack([*slopes, np.ones_like(x)], axis=2) + noise, mask)
 
 
-def problem(pixels: int) -> Graph:
-    normals = normal_map(pixels)
+def problem(shape: Shape, pixels: int) -> Graph:
+    normals = normal_map(shape, pixels)
     right, down, step_right, step_down = orthographic_edges(normals.normals, normals.mask)
     return right, down, divergence(right, down, step_right, step_down)
 
 
-def as_matrix(pixels: int) -> System:
+def as_matrix(shape: Shape, pixels: int) -> System:
     """Return the Laplacian on the mask; the first pixel is fixed at 0, so that it is regular."""
-    right, down, b = problem(pixels)
+    right, down, b = problem(shape, pixels)
     linked = right + np.roll(right, 1, 1) + down + np.roll(down, 1, 0) > 0
     number = np.full(right.shape, -1)
     number[linked] = np.arange(linked.sum())
@@ -89,24 +109,35 @@ def jacobi(system: System) -> int:
     return steps[0]
 
 
+def ruge_stueben(system: System) -> int:
+    import pyamg
+
+    matrix, b = system
+    residuals: list[float] = []
+    hierarchy = pyamg.ruge_stuben_solver(sparse.csr_matrix(matrix))
+    hierarchy.solve(b, tol=1e-6, accel="cg", maxiter=200, residuals=residuals)
+    return len(residuals) - 1
+
+
 def whole(normals: NormalMap) -> int:
     return integrate(normals).iterations
 
 
 OURS = "multigrid CG"
 # For each solver: the function that builds its input, and the function that solves it.
-SOLVERS: dict[str, tuple[Callable[[int], Any], Callable[[Any], int]]] = {
+SOLVERS: dict[str, tuple[Callable[[Shape, int], Any], Callable[[Any], int]]] = {
     OURS: (problem, ours),
     "integrate, whole": (normal_map, whole),
+    "pyamg RS + CG": (as_matrix, ruge_stueben),
     "scipy splu": (as_matrix, direct),
     "scipy CG + Jacobi": (as_matrix, jacobi),
 }
 
 
-def measure(name: str, pixels: int) -> tuple[Cost, int]:
+def measure(name: str, shape: Shape, pixels: int) -> tuple[Cost, int]:
     make, solved = SOLVERS[name]
-    system = make(pixels)
-    solved(system)  # compiles, fills caches
+    solved(make(shape, 20_000))  # compiles
+    system = make(shape, pixels)
     return measured(lambda: solved(system))
 
 
@@ -122,21 +153,28 @@ def main() -> None:
     parser.add_argument(
         "--scipy-limit", type=int, default=200_000, help="most pixels for scipy's solvers"
     )
+    parser.add_argument(
+        "--shape", choices=["disc", "rectangle", "ragged"], default="disc", help="shape of the mask"
+    )
     options = parser.parse_args()
+    if importlib.util.find_spec("pyamg") is None:
+        print("pyamg is not installed, and left out: pip install pyamg")
+        del SOLVERS["pyamg RS + CG"]
     print(
         f"{'solver':18} {'pixels':>9} {'CPU s':>8} {'wall s':>8} {'iterations':>10} "
         f"{'bytes/px':>9} {'x CPU':>6} {'x memory':>8}"
     )
     for pixels in options.pixels:
+        area = mask_of(options.shape, pixels).size
         costs: dict[str, Cost] = {}
         for name in SOLVERS:
             if name.startswith("scipy") and pixels > options.scipy_limit:
                 continue
-            cost, iterations = alone(measure, name, pixels)
+            cost, iterations = alone(measure, name, options.shape, pixels)
             costs[name] = cost
             print(
                 f"{name:18} {pixels:9,d} {cost.cpu_s:8.2f} {cost.wall_s:8.2f} {iterations:10d} "
-                f"{cost.peak_bytes / side(pixels) ** 2:9.0f} {cost.cpu_s / costs[OURS].cpu_s:6.1f} "
+                f"{cost.peak_bytes / area:9.0f} {cost.cpu_s / costs[OURS].cpu_s:6.1f} "
                 f"{cost.peak_bytes / costs[OURS].peak_bytes:8.1f}",
                 flush=True,
             )

@@ -140,3 +140,41 @@ class PropertiesMetrics(TypedDict):
     exchange_shape_mae_deg: NotRequired[
         Annotated[list[float], "deg", "with targets: `shape_mae_deg` of the same transfers"]
     ]
+
+
+class SynthesisMetrics(TypedDict):
+    """Figures of a synthesised detail component relative to its exemplar.
+
+    Of sheets larger than 2048 x 2048 pixels, the middle is measured.
+    """
+
+    detail_angle_deg: Annotated[float, "deg", "mean angle between the detail and z"]
+    exemplar_angle_deg: Annotated[float, "deg", "the same of the exemplar"]
+    slope_distance: Annotated[
+        float | None,
+        "1",
+        "Wasserstein distance between the angles to z of sheet and exemplar, relative to the "
+        "standard deviation of the exemplar's; null if all its angles are equal",
+    ]
+    spectrum_distance: Annotated[
+        float | None,
+        "Np",
+        "mean absolute difference of the log power of the slopes of sheet and exemplar over 16 "
+        "radial bands; null if no block of 32 x 32 pixels fits into both",
+    ]
+    exemplar_spectrum_distance: Annotated[
+        float | None, "Np", "the same between two halves of the exemplar"
+    ]
+    repeat_score: Annotated[
+        float | None,
+        "up to 1",
+        "largest normalised autocorrelation of the slopes at lags of at least a patch; null if "
+        "the sheet is too small",
+    ]
+    exemplar_repeat_score: Annotated[float | None, "up to 1", "the same of the exemplar"]
+    cut_step_deg: Annotated[
+        float | None,
+        "deg",
+        "mean angle between neighbouring normals of different patches; null with one patch",
+    ]
+    inside_step_deg: Annotated[float | None, "deg", "the same inside patches"]

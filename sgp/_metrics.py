@@ -14,7 +14,12 @@ from typing import Annotated, Final, Literal, NotRequired
 from typing_extensions import TypedDict
 
 from sgp._comparison_metrics import CheckMetrics
-from sgp._detail_metrics import CombineMetrics, PropertiesMetrics, TransferMetrics
+from sgp._detail_metrics import (
+    CombineMetrics,
+    PropertiesMetrics,
+    SynthesisMetrics,
+    TransferMetrics,
+)
 
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
@@ -220,6 +225,43 @@ class SurfaceMetrics(MeshMetrics):
     ]
     normal_residual_deg: NotRequired[
         Annotated[float, "deg", "mean angle between the given normals and those of the surface"]
+    ]
+    curl_deg: NotRequired[
+        Annotated[
+            float,
+            "deg",
+            "robust standard deviation of the curl of the normals, which is that of the normals if "
+            "their errors are independent",
+        ]
+    ]
+    curl_excess: NotRequired[
+        Annotated[
+            float, "1", "the same relative to the standard deviations of the normals: 1 for noise"
+        ]
+    ]
+    height_sigma: NotRequired[
+        Annotated[
+            float,
+            "`unit`",
+            "`--height-sigma`: median standard deviation of the heights, relative to the mean of "
+            "their part or to the prior",
+        ]
+    ]
+    difference_distances_px: NotRequired[
+        Annotated[list[int], "px", "`--height-sigma`: distances in rows and columns"]
+    ]
+    difference_sigma: NotRequired[
+        Annotated[
+            list[float],
+            "`unit`",
+            "standard deviations of differences in height at these distances",
+        ]
+    ]
+    prior_heights: NotRequired[
+        Annotated[int, "", "`--prior`: pixels of the surface whose height is known"]
+    ]
+    prior_rms: NotRequired[
+        Annotated[float, "`unit`", "rms difference between the surface and these heights"]
     ]
     jumps: NotRequired[
         Annotated[int, "", "`--discontinuity`: pairs of neighbours between which the surface jumps"]
@@ -568,6 +610,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail combine": (CombineMetrics,),
     "sgp detail transfer": (TransferMetrics,),
     "sgp detail properties": (PropertiesMetrics,),
+    "sgp detail synthesize": (SynthesisMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),

@@ -87,6 +87,7 @@ class _Normals:
     errors: list[Panel]
     metrics: NormalsMetrics
     depth_mm: npt.NDArray[np.float32] | None
+    sigma_deg: npt.NDArray[np.float32]
 
 
 def process(
@@ -177,6 +178,7 @@ def _normals(
         errors=_error(stage.error, crop),
         metrics=normals_metrics(stage),
         depth_mm=None if stage.near_height is None else stage.near_height.depth,
+        sigma_deg=stage.uncertainty.sigma_deg,
     )
 
 
@@ -208,6 +210,9 @@ def _surface(
             camera=source.camera,
             pixel_mm=pixel_mm,
             depth_mm=seen.depth_mm,
+            sigma_deg=seen.sigma_deg,
+            weighted=False,
+            height_errors=options.height_sigma and bool(np.isfinite(seen.sigma_deg).any()),
             discontinuity=options.discontinuity,
             k=options.sharpness(),
             on_progress=progress,
@@ -215,7 +220,12 @@ def _surface(
     write(
         "surface",
         lambda folder: write_surface(
-            folder, surface, seen.normal_map, options, colours=seen.colours
+            folder,
+            surface,
+            seen.normal_map,
+            options,
+            colours=seen.colours,
+            sigma_deg=seen.sigma_deg,
         ),
     )
     shaded = "surface, lit from the upper left"

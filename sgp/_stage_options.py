@@ -83,6 +83,10 @@ class SurfaceOptions:
     discontinuity
         Look for jumps in depth, where one part of the object hides another, and do not smooth
         across them; meshes are cut there. discontinuity.png and parts.png show what was found.
+    height_sigma
+        Also write height_sigma.exr, the standard deviation of each height, from simulated errors of
+        the normals, and report that of differences in height; about 6 CPU seconds per million
+        pixels. Requires standard deviations of the normals.
     k
         With --discontinuity: how small the jumps are that count; steps of 1 / sqrt(k) pixels begin
         to be jumps; default: 4.
@@ -98,6 +102,7 @@ class SurfaceOptions:
     base: Positive | None = None
     discontinuity: bool = False
     k: Positive | None = None
+    height_sigma: bool = False
 
     def sharpness(self) -> float:
         """Return the k of jumps."""

@@ -18,6 +18,7 @@ from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
 from sgp._uncertainty import add_uncertainty, sigma_lines
+from sgp._write_doubts import add_height_sigma, height_sigma_lines, write_curl
 from sgp._write_jumps import write_jumps
 from sgp._write_meshes import write_meshes
 
@@ -191,16 +192,28 @@ def write_surface(
     options: SurfaceOptions = _SURFACE,
     *,
     colours: npt.NDArray[np.uint8] | None = None,
+    sigma_deg: npt.NDArray[np.float32] | None = None,
 ) -> Result:
-    """Write height as .exr and .png, depth.exr if there is a depth, residual, mask and meshes.
+    """Write height as .exr and .png, depth.exr if there is a depth, doubts, mask and meshes.
 
-    ``colours`` are sRGB samples for the meshes.
+    ``colours`` are sRGB samples for the meshes, ``sigma_deg`` deviations of the normals.
     """
     result = Result(warnings=[*height_map.warnings, *_scale_notice(height_map)])
+    curl = processing.normal_curl(normal_map, camera=height_map.camera, sigma_deg=sigma_deg)
+    result.warnings += processing.curl_notices(curl, height_map)
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
     residual = processing.normal_residual(height_map, normal_map)
     result.outputs["normal_residual_deg"] = folder / "normal_residual_deg.exr"
-    values = {"height": height_map.height, "normal_residual_deg": residual}
+    result.outputs["curl_deg"] = folder / "curl_deg.exr"
+    values = {
+        "height": height_map.height,
+        "normal_residual_deg": residual,
+        "curl_deg": curl.curl_deg,
+    }
+    errors = height_map.uncertainty
+    if errors is not None:
+        result.outputs["height_sigma"] = folder / "height_sigma.exr"
+        values["height_sigma"] = errors.sigma
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
         values["depth"] = height_map.depth
@@ -208,18 +221,24 @@ def write_surface(
         acquisition.write_exr(result.outputs[name], values[name])
     acquisition.write_mask(result.outputs["mask"], height_map.mask)
     _write_height_picture(folder / "height.png", height_map, result)
+    result.outputs["curl_png"] = write_curl(folder, curl)
     if height_map.jumps is not None:
         result.outputs |= write_jumps(folder, height_map.jumps)
     meshes, figures, notices = write_meshes(folder, height_map, normal_map, options, colours)
     result.outputs |= meshes
     result.warnings += notices
     metrics = surface_metrics(height_map)
+    if np.isfinite(curl.spread_deg):
+        metrics["curl_deg"] = curl.spread_deg
+    if np.isfinite(curl.excess):
+        metrics["curl_excess"] = curl.excess
     if np.isfinite(residual).any():
         metrics["normal_residual_deg"] = float(np.nanmean(residual, dtype=np.float64))
     result.metrics = {**metrics, **figures}
     result.summary = [
         f"height range {metrics['height_range']:.4g} {metrics['unit']}, "
         f"{metrics['vertices']} vertices",
+        *height_sigma_lines(height_map),
         *_residual_line(metrics),
         *_jumps_line(metrics),
     ]
@@ -236,7 +255,8 @@ def _residual_line(metrics: SurfaceMetrics) -> list[str]:
     if "normal_residual_deg" not in metrics:
         return []
     angle = metrics["normal_residual_deg"]
-    return [f"normals of the surface differ from the given ones by {angle:.2f} deg (mean)"]
+    curl = f", their curl is {metrics['curl_deg']:.2f} deg" if "curl_deg" in metrics else ""
+    return [f"normals of the surface differ from the given ones by {angle:.2f} deg (mean){curl}"]
 
 
 def _jumps_line(metrics: SurfaceMetrics) -> list[str]:
@@ -281,6 +301,7 @@ def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
         "disagreement_deg": height_map.disagreement_deg,
         "curl": None if np.isnan(height_map.curl) else height_map.curl,
     }
+    add_height_sigma(metrics, height_map)
     jumps = height_map.jumps
     if jumps is not None:
         metrics["jumps"] = jumps.count

@@ -90,7 +90,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "detail": (
         page(
-            "Split normal maps into shape and detail; combine, transfer and measure them.",
+            "Split normal maps into shape and detail; combine, transfer and synthesise them.",
             "sgp detail separate out/normals --out parts",
             "sgp detail transfer leather.png out/normals --out leathery",
         ),
@@ -98,6 +98,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "detail": ("separate", "combine"),
             "detail_transfer": ("transfer",),
             "detail_properties": ("properties",),
+            "detail_synthesize": ("synthesize",),
         },
     ),
     "bench": (

@@ -13,7 +13,7 @@ from calibration import EstimateError
 from processing._curvature.plane_fit import Planes, fit_planes, reach
 from processing._curvature.positions import surface_steps
 from processing._normal_map import NormalMap, check_normal_map
-from processing._surface.integration import surface_scale
+from processing._surface.scale import surface_scale
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

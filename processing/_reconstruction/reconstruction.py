@@ -13,7 +13,7 @@ from processing._reconstruction.light_strengths import LightStrengths
 from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._surface.integration import HeightMap
+from processing._surface.height_map import HeightMap
 from processing._uncertainty.normal_uncertainty import NormalUncertainty
 from rig import Notice
 

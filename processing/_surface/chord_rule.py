@@ -15,6 +15,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import CameraModel
+
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -143,3 +145,34 @@ def facing_cosines(normals: Float, rays: Double) -> Float:
     """
     cosines: Float = -np.einsum("rck,rck->rc", normals, rays).astype(np.float32)
     return cosines
+
+
+class ChordRule:
+    """The chord rule in a window of an image, with or without a camera.
+
+    Parameters
+    ----------
+    window
+        Rows and columns of the image.
+    camera
+        A perspective camera; None for an orthographic view.
+    """
+
+    def __init__(self, window: tuple[slice, slice], camera: CameraModel | None) -> None:
+        # Pixels for a step of 1.
+        self.step_px = 1.0 if camera is None else camera.focal_px
+        self._rays: Double | None = None
+        if camera is not None:
+            y, x = np.mgrid[window]
+            self._rays = camera.rays(np.stack([x, y], axis=-1))
+
+    def edges(self, normals: Float, mask: Mask) -> tuple[Float, Float, Double, Double]:
+        """Return weights and steps of the edges to the right and down, in a border of one pixel."""
+        if self._rays is None:
+            return orthographic_edges(normals, mask)
+        return perspective_edges(normals, mask, self._rays)
+
+    def facing(self, normals: Float, mask: Mask) -> Float:
+        """Return the cosines between normals and lines of sight in a border, 0 outside the mask."""
+        cosines = normals[..., 2] if self._rays is None else facing_cosines(normals, self._rays)
+        return np.pad(np.where(mask, cosines, np.float32(0)), 1)

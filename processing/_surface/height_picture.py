@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from processing._surface.integration import HeightMap
+from processing._surface.height_map import HeightMap
 from rig import check_type, short_repr
 
 _TOP = 65535

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._surface.integration import HeightMap
+from processing._surface.height_map import HeightMap
 from rig import check_type, short_repr
 
 Float = npt.NDArray[np.float32]

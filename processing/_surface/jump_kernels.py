@@ -16,6 +16,9 @@ Double = npt.NDArray[np.float64]
 
 # Beyond this exponent, a share is 0 or 1 in float32.
 _LARGEST_EXPONENT = 50.0
+# Least factor of each of the two gates of an edge. It holds parts that only doubtful edges connect
+# where the last surface had them; without it, noise moves them further in every round.
+_LEAST = 0.03
 
 
 @numba.njit(cache=True)
@@ -66,9 +69,16 @@ def shares(
 
 @numba.njit(parallel=True, cache=True)
 def gated_weights(
-    edges: Float, facing: Float, share: Float, vertical: int, least: float, out: Float
+    edges: Float,
+    facing: Float,
+    share: Float,
+    evenness: Float,
+    residual: Float,
+    vertical: int,
+    width: float,
+    out: Float,
 ) -> None:
-    """Write the weights of edges that both of their pixels trust.
+    """Write the weights of edges: those that both of their pixels trust and that fit the surface.
 
     Parameters
     ----------
@@ -78,10 +88,14 @@ def gated_weights(
         ``(H+2, W+2)`` float32 cosine between normal and line of sight.
     share
         ``(H+2, W+2)`` float32 share 0..1 of the right (lower) neighbour of each pixel.
+    evenness
+        ``(H+2, W+2)`` float32 weight 0..1 of each edge from the turn of the normals across it.
+    residual
+        ``(H+2, W+2)`` float32 residuals of the edges, see `residuals`.
     vertical
         1 for edges that point down, 0 for edges to the right.
-    least
-        Weight of an edge across a certain jump, relative to an edge without one.
+    width
+        Residual at which the weight is a quarter (Geman and McClure, 1987).
     out
         ``(H+2, W+2)`` float32 weights.
     """
@@ -94,8 +108,40 @@ def gated_weights(
                 continue
             d = c + 1 - vertical
             one, other = share[r, c], 1 - share[q, d]
-            gate = least + (1 - least) * 2 * min(one, other)
-            out[r, c] = gate * (one * facing[r, c] ** 2 + other * facing[q, d] ** 2)
+            gate = _LEAST + (1 - _LEAST) * 2 * min(one, other)
+            fit = max((1 + (residual[r, c] / width) ** 2) ** -2, _LEAST)
+            facing2 = one * facing[r, c] ** 2 + other * facing[q, d] ** 2
+            out[r, c] = gate * fit * evenness[r, c] * facing2
+
+
+@numba.njit(parallel=True, cache=True)
+def residuals(
+    u: Double, edges: Float, steps: Double, vertical: int, scale: float, out: Float
+) -> None:
+    """Write by how much the surface differs from the step of each edge, 0 without an edge.
+
+    The differences are in pixels and in units of their deviation: they are multiplied by the root
+    of the weight of the chord rule.
+    """
+    rows, columns = edges.shape
+    for r in numba.prange(1, rows - 1):
+        q = r + vertical
+        for c in range(1, columns - 1):
+            off = u[q, c + 1 - vertical] - u[r, c] - steps[r, c]
+            out[r, c] = scale * off * math.sqrt(edges[r, c])
+
+
+@numba.njit(parallel=True, cache=True)
+def misfit(residual: Float, width: float) -> Double:
+    """Return, for each row, the sum of r^2 / (r^2 + width^2): about the number of jumps."""
+    sums = np.zeros(len(residual), np.float64)
+    for r in numba.prange(len(residual)):
+        total = 0.0
+        for c in range(residual.shape[1]):
+            square = float(residual[r, c]) ** 2
+            total += square / (square + width * width)
+        sums[r] = total
+    return sums
 
 
 @numba.njit(parallel=True, cache=True)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from acquisition import DataError
 from processing._normal_map import NormalMap
 from processing._surface.face_kernels import faces_of
-from processing._surface.integration import HeightMap
+from processing._surface.height_map import HeightMap
 from processing._surface.simplification import pixels_of, sampled, simplified
 from rig import check_type, short_repr
 

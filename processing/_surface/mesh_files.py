@@ -15,7 +15,7 @@ import numpy.typing as npt
 from acquisition import DataError, write_durably, write_pieces, write_png
 from processing._normal_map import NormalMap
 from processing._surface.glb import glb
-from processing._surface.integration import HeightMap
+from processing._surface.height_map import HeightMap
 from processing._surface.mesh import Mesh, height_mesh
 from rig import check_type
 

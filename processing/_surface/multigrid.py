@@ -2,8 +2,9 @@
 
 The solver is matrix-free: a level consists of two arrays of edge weights. A pixel of a coarse level
 aggregates 2 x 2 pixels (plain aggregation). The edge weights are summed and halved, which
-compensates for the stiffness of piecewise constant corrections (Braess, 1995). The cycle uses
-float32 and red-black Gauss-Seidel smoothing, the conjugate gradients use float64.
+compensates for the stiffness of piecewise constant corrections (Braess, 1995). Weights of pixels,
+which hold them at given values, are summed without halving. The cycle uses float32 and red-black
+Gauss-Seidel smoothing, the conjugate gradients use float64.
 """
 
 from __future__ import annotations
@@ -62,15 +63,17 @@ def solve(
     down: Float,
     b: Double,
     *,
+    anchors: Float | None = None,
+    levels: Levels | None = None,
     tolerance: float = 1e-6,
     max_iterations: int = 500,
     on_progress: Progress = no_progress,
 ) -> Solution:
-    """Solve L u = b for the graph Laplacian L of a weighted pixel grid.
+    """Solve (L + A) u = b for the graph Laplacian L of a weighted pixel grid.
 
-    L is singular: its null space consists of the constants on each connected part. L is not
-    regularised. b must sum to 0 over each part; then every residual does, too. The caller chooses
-    the constants.
+    Without anchors, L is singular: its null space consists of the constants on each connected part.
+    L is not regularised. b must sum to 0 over each part; then every residual does, too. The caller
+    chooses the constants. Anchors A determine the constants of their parts.
 
     Parameters
     ----------
@@ -79,6 +82,11 @@ def solve(
         `processing._surface.grid_graph`.
     b
         ``(H+2, W+2)`` right-hand side, 0 on pixels without edges.
+    anchors
+        ``(H+2, W+2)`` float32 diagonal of A: weights of pixels, 0 or more, and 0 on pixels without
+        edges; default: none.
+    levels
+        The `coarsened` weights, if several systems have the same ones.
     tolerance
         Relative residual at which the iteration stops; values below 1e-14 mean 1e-14.
     max_iterations
@@ -97,7 +105,7 @@ def solve(
         return Solution(u, 0, 0.0, converged=True)
     # The cycle uses float32: scale the right-hand side to its range.
     scale = float(np.abs(b).max())
-    levels = _coarsen(right, down)
+    levels = coarsened(right, down, anchors) if levels is None else levels
     residual = b / scale
     target = max(tolerance, _ROUNDING) * norm_b / scale
     direction, product = np.zeros_like(b), np.zeros_like(b)
@@ -110,6 +118,8 @@ def solve(
         gamma, previous = float(kernels.dot(residual, correction).sum()), gamma
         kernels.add_scaled(direction, correction, gamma / previous if iteration else 0.0)
         curvature = float(apply_laplacian(right, down, direction, product).sum())
+        if anchors is not None:
+            curvature += float(kernels.add_anchors(anchors, direction, product).sum())
         if not curvature > 0:  # the residual consists of rounding errors
             break
         norm_r = math.sqrt(kernels.step(u, residual, direction, product, gamma / curvature).sum())
@@ -118,8 +128,10 @@ def solve(
         percent = max(percent, round(100 * (1 - left / digits)))
         on_progress("integrating", percent, 100)
         if iteration == _PATIENCE and norm_r > target and is_thin(right, down):
-            u = solve_thin(right, down, b)
+            u = solve_thin(right, down, b, anchors)
             apply_laplacian(right, down, u, product)
+            if anchors is not None:
+                kernels.add_anchors(anchors, u, product)
             left_over = float(np.linalg.norm(b - product)) / norm_b
             on_progress("integrating", 100, 100)
             return Solution(u, iteration, left_over, converged=left_over <= tolerance)
@@ -129,10 +141,11 @@ def solve(
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """One grid: edge weights, inverse diagonal, and buffers for unknowns and right-hand side."""
+    """One grid: weights, inverse diagonal, and buffers for unknowns and right-hand side."""
 
     right: Float
     down: Float
+    anchors: Float | None
     inverse: Float
     x: Float
     b: Float
@@ -141,8 +154,12 @@ class _Level:
     dense: Float | None
 
 
-def _coarsen(right: Float, down: Float) -> list[_Level]:
-    levels: list[_Level] = []
+Levels = list[_Level]
+
+
+def coarsened(right: Float, down: Float, anchors: Float | None = None) -> Levels:
+    """Return the levels of the multigrid for weights, as for `solve`."""
+    levels: Levels = []
     while True:
         inner = (right.shape[0] - 2) * (right.shape[1] - 2)
         last = inner <= _COARSEST_PIXELS
@@ -150,16 +167,19 @@ def _coarsen(right: Float, down: Float) -> list[_Level]:
             _Level(
                 right,
                 down,
-                _inverse_diagonal(right, down),
+                anchors,
+                _inverse_diagonal(right, down, anchors),
                 np.zeros_like(right),
                 np.zeros_like(right),
                 inner < _SERIAL_PIXELS,
-                _pseudo_inverse(right, down) if last else None,
+                _pseudo_inverse(right, down, anchors) if last else None,
             )
         )
         if last:
             return levels
         right, down = kernels.aggregate(right, down)
+        if anchors is not None:
+            anchors = _sums_of_blocks(anchors, right.shape)
 
 
 def _cycle(levels: list[_Level], residual: Double) -> Float:
@@ -175,6 +195,8 @@ def _cycle(levels: list[_Level], residual: Double) -> Float:
         for colour in (0, 1) * _SWEEPS:
             smooth(fine.right, fine.down, fine.inverse, fine.b, fine.x, colour)
         restrict(fine.right, fine.down, fine.b, fine.x, coarse.b)
+        if fine.anchors is not None:
+            coarse.b[...] -= _sums_of_blocks(fine.anchors * fine.x, coarse.b.shape)
     last = levels[-1]
     if last.dense is not None:
         inner = last.b[1:-1, 1:-1]
@@ -192,7 +214,17 @@ def _cycle(levels: list[_Level], residual: Double) -> Float:
     return levels[0].x
 
 
-def _pseudo_inverse(right: Float, down: Float) -> Float:
+def _sums_of_blocks(values: Float, shape: tuple[int, ...]) -> Float:
+    """Return the sums over the 2 x 2 pixels of each coarse pixel, with an empty border."""
+    rows, columns = shape[0] - 2, shape[1] - 2
+    # An odd last row or column is paired with the empty border.
+    inner = values[1 : 1 + 2 * rows, 1 : 1 + 2 * columns]
+    sums = np.zeros(shape, np.float32)
+    sums[1:-1, 1:-1] = inner[::2, ::2] + inner[1::2, ::2] + inner[::2, 1::2] + inner[1::2, 1::2]
+    return sums
+
+
+def _pseudo_inverse(right: Float, down: Float, anchors: Float | None) -> Float:
     rows, columns = right.shape[0] - 2, right.shape[1] - 2
     node = np.arange(rows * columns).reshape(rows, columns)
     matrix = np.zeros((rows * columns, rows * columns))
@@ -203,6 +235,8 @@ def _pseudo_inverse(right: Float, down: Float) -> Float:
         matrix[a, b] -= weight
         matrix[b, a] -= weight
     diagonal = -matrix.sum(axis=1)
+    if anchors is not None:
+        diagonal += anchors[1:-1, 1:-1].ravel()
     np.fill_diagonal(matrix, diagonal)
     inverse = np.linalg.pinv(matrix, rcond=1e-10, hermitian=True)
     # Pixels without edges remain exactly 0.
@@ -210,8 +244,10 @@ def _pseudo_inverse(right: Float, down: Float) -> Float:
     return np.asarray(inverse, np.float32)
 
 
-def _inverse_diagonal(right: Float, down: Float) -> Float:
+def _inverse_diagonal(right: Float, down: Float, anchors: Float | None) -> Float:
     diagonal = right + down
+    if anchors is not None:
+        diagonal += anchors
     diagonal[:, 1:] += right[:, :-1]
     diagonal[1:] += down[:-1]
     inverse: Float = np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)

@@ -145,6 +145,20 @@ def dot(a: Double, b: Float) -> Double:
 
 
 @numba.njit(parallel=True, cache=True)
+def add_anchors(anchors: Float, u: Double, product: Double) -> Double:
+    """Add anchors * u to the product, and return u . (anchors * u) of each row."""
+    sums = np.zeros(len(u), np.float64)
+    for r in numba.prange(len(u)):
+        total = 0.0
+        for c in range(u.shape[1]):
+            value = anchors[r, c] * u[r, c]
+            product[r, c] += value
+            total += u[r, c] * value
+        sums[r] = total
+    return sums
+
+
+@numba.njit(parallel=True, cache=True)
 def add_scaled(direction: Double, correction: Float, factor: float) -> None:
     """Replace the direction by the correction plus `factor` times the direction."""
     for r in numba.prange(len(direction)):

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap
-from processing._surface.integration import HeightMap
+from processing._surface.height_map import HeightMap
 from rig import check_type
 
 Float = npt.NDArray[np.float32]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from acquisition import DataError
-from processing._surface.integration import HeightMap
+from processing._surface.height_map import HeightMap
 from processing._surface.rim import rim
 
 Float = npt.NDArray[np.float32]

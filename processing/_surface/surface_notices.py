@@ -10,9 +10,12 @@ from processing._surface.multigrid import Solution
 from rig import Notice
 
 Labels = npt.NDArray[np.int32]
+Mask = npt.NDArray[np.bool_]
 
 
-def doubts_of_parts(parts: Labels, isolated: int, jumps: Jumps | None) -> list[Notice]:
+def doubts_of_parts(
+    parts: Labels, isolated: int, jumps: Jumps | None, known: Mask | None = None
+) -> list[Notice]:
     """Return notices about heights that are not known.
 
     Parameters
@@ -23,13 +26,17 @@ def doubts_of_parts(parts: Labels, isolated: int, jumps: Jumps | None) -> list[N
         Number of pixels of the mask without a height.
     jumps
         Where the surface jumps, if that is known.
+    known
+        ``(H, W)`` bool, pixels whose heights are known from elsewhere.
     """
     warnings = []
     count = int(parts.max()) + 1
-    if count > 1:
+    held = 0 if known is None else len(np.unique(parts[known & (parts >= 0)]))
+    if count > 1 and held < count:
+        which = "each part" if not held else f"{count - held} of them, without a prior,"
         text = (
             f"the surface consists of {count} parts that are not connected: the mean height of "
-            "each part is arbitrary, so their heights relative to each other are not known"
+            f"{which} is arbitrary, so their heights relative to each other are not known"
         )
         warnings.append(Notice("surface-in-parts", text))
     if isolated:
@@ -40,7 +47,7 @@ def doubts_of_parts(parts: Labels, isolated: int, jumps: Jumps | None) -> list[N
         )
         text = one if isolated == 1 else many
         warnings.append(Notice("pixels-without-height", text))
-    guessed, share = (0, 0.0) if jumps is None else _guessed(jumps.pieces, parts)
+    guessed, share = (0, 0.0) if jumps is None else _guessed(jumps.pieces, parts, known)
     if guessed:
         which = "1 piece hangs" if guessed == 1 else f"{guessed} pieces hang"
         text = (
@@ -68,9 +75,18 @@ def doubts_of_solution(solution: Solution) -> list[Notice]:
     return [Notice("solver-not-converged", text)]
 
 
-def _guessed(pieces: Labels, parts: Labels) -> tuple[int, float]:
-    """Return the number of pieces that are not the largest of their part, and their share."""
+def _guessed(pieces: Labels, parts: Labels, known: Mask | None) -> tuple[int, float]:
+    """Return the number of pieces whose height is a guess, and their share.
+
+    In each part, the pieces with a known height are no guesses, or else the largest one.
+    """
     inside = pieces >= 0
-    _, first, sizes = np.unique(pieces[inside], return_index=True, return_counts=True)
-    _, largest = np.unique(parts[inside][first], return_index=True)
-    return len(sizes) - len(largest), 1 - float(sizes[largest].sum() / sizes.sum())
+    numbers, first, sizes = np.unique(pieces[inside], return_index=True, return_counts=True)
+    part_of = parts[inside][first]
+    sure = np.zeros(len(numbers), bool)
+    if known is not None:
+        sure[np.isin(numbers, pieces[known & inside])] = True
+    bare = ~np.isin(part_of, part_of[sure])
+    _, largest = np.unique(part_of[bare], return_index=True)
+    sure[np.flatnonzero(bare)[largest]] = True
+    return int(np.count_nonzero(~sure)), 1 - float(sizes[sure].sum() / sizes.sum())

@@ -29,30 +29,36 @@ def is_thin(right: Float, down: Float) -> bool:
     return bool(np.count_nonzero(middle) < _WIDE * np.count_nonzero((right > 0) | (down > 0)))
 
 
-def solve_thin(right: Float, down: Float, b: Double) -> Double:
-    """Solve L u = b for the graph Laplacian L by sparse elimination.
+def solve_thin(right: Float, down: Float, b: Double, anchors: Float | None = None) -> Double:
+    """Solve (L + A) u = b for the graph Laplacian L and anchors A by sparse elimination.
 
     Parameters
     ----------
     right, down
         ``(H+2, W+2)`` edge weights.
     b
-        ``(H+2, W+2)`` right-hand side with the sum 0 over each part.
+        ``(H+2, W+2)`` right-hand side, with the sum 0 over each part without anchors.
+    anchors
+        ``(H+2, W+2)`` weights of pixels, the diagonal of A; default: none.
 
     Returns
     -------
     Double
-        ``(H+2, W+2)`` solution, 0 at the first pixel of each part and at pixels without edges.
+        ``(H+2, W+2)`` solution, 0 at the first pixel of each part without anchors and at pixels
+        without edges.
     """
     labels, _ = label_parts(right, down)
     free = labels.ravel() >= 0
-    _, first = np.unique(labels, return_index=True)
+    numbers, first = np.unique(labels, return_index=True)
+    diagonal = np.zeros(right.size)
+    if anchors is not None:
+        diagonal += anchors.ravel()
+        first = first[~np.isin(numbers, labels[anchors > 0])]
     free[first] = False
     count = int(np.count_nonzero(free))
     number = np.full(right.size, -1, np.int32)
     number[free] = np.arange(count, dtype=np.int32)
     i, j, w = [], [], []
-    diagonal = np.zeros(right.size)
     for weights, offset in ((right, 1), (down, right.shape[1])):
         here = np.flatnonzero(weights)
         weight = weights.ravel()[here].astype(np.float64)

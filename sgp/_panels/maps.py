@@ -119,6 +119,16 @@ def shaded_panel(
     )
     normals = np.stack([-right, down, np.ones_like(part)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    return _lit(title, normals, crop)
+
+
+def lit_panel(title: str, normal_map: processing.NormalMap, crop: Crop | None = None) -> Panel:
+    """Show a normal map lit from the upper left, as `shaded_panel` shows a height map."""
+    crop = crop or Crop.around(normal_map.mask)
+    return _lit(title, crop.picture(normal_map.normals, normal_map.mask), crop)
+
+
+def _lit(title: str, normals: npt.NDArray[np.floating[Any]], crop: Crop) -> Panel:
     shade = np.clip(normals @ np.array([-0.5, 0.5, 0.7071]), 0, 1)
     shown = np.where(np.isfinite(shade), 0.1 + 0.9 * shade, 1.0)
     return _picture(title, shown, crop, cmap="gray", vmin=0, vmax=1)

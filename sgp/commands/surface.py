@@ -13,7 +13,8 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages
-from sgp._options import Input, OptionalInput, Pixels
+from sgp._exit import UsageError
+from sgp._options import Input, Millimetres, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stage_options import SurfaceOptions
@@ -30,6 +31,10 @@ def surface(
     mask: OptionalInput = None,
     albedo: OptionalInput = None,
     camera: OptionalInput = None,
+    sigma: OptionalInput = None,
+    prior: OptionalInput = None,
+    prior_sigma: Positive | None = None,
+    height_mm: Millimetres | None = None,
     options: SurfaceOptions = _SURFACE,
     green: Literal["up", "down"] = "up",
     max_pixels: Pixels = rig.MAX_PIXELS,
@@ -40,6 +45,8 @@ def surface(
     For example:
 
         sgp surface out/normals --camera camera.json --out surface
+        sgp surface normals --sigma normal_sigma_deg.exr --height-sigma --out s
+        sgp surface out/normals --prior points.csv --pixel-mm 0.05 --out surface
 
     Parameters
     ----------
@@ -47,14 +54,29 @@ def surface(
         Image of normals, or folder with normals.* and mask.png.
     out
         Folder for height.exr, height.png, depth.exr (with a camera), normal_residual_deg.exr (angle
-        between the given normals and those of the surface), mask.png, surface.ply and
-        surface.json; discontinuity.png and parts.png with --discontinuity.
+        between the given normals and those of the surface), curl_deg.exr and curl.png (where
+        normals contradict each other), mask.png, surface.ply and surface.json; discontinuity.png
+        and parts.png with --discontinuity, height_sigma.exr with --height-sigma.
     mask
         Mask image of the pixels to integrate; default: all pixels with a normal.
     albedo
         Image of colours for the mesh: albedo.exr, or a picture; default: none.
     camera
         File of a perspective camera; default: orthographic projection.
+    sigma
+        Standard deviations of the normals in degrees (normal_sigma_deg.exr of sgp normals and sgp
+        run), so that noisy regions count less; default: all normals are equally certain.
+    prior
+        Known heights in the unit of the surface, with a camera above the working plane: a table
+        (.csv) with columns x_px,y_px,height_mm and optionally sigma_mm, or a map (.exr, .npy,
+        .tif) of floats, NaN where unknown, of the size of the normals or coarser.
+    prior_sigma
+        Standard deviation of each known height in mm, or in pixels if the scale is not known; a
+        small one fixes heights, or bends a surface whose normals have errors in common;
+        default: the size of a pixel.
+    height_mm
+        Mean height of the surface above the working plane of the camera, as sgp normals reports it
+        under near lights; default: 0.
     options
         Scale and formats of the mesh.
     green
@@ -65,36 +87,100 @@ def surface(
         Write into an output folder that already contains files.
     """
     sharpness = options.sharpness()
+    if prior_sigma is not None and prior is None:
+        raise UsageError("--prior-sigma is for known heights: give --prior too")
+    if options.height_sigma and sigma is None:
+        raise UsageError("--height-sigma needs deviations of the normals: give --sigma too")
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
     normal_map = read.normal_map
     if mask is not None:
         inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
+    sigma_deg = None if sigma is None else _deviations(sigma, normal_map, max_pixels)
+    unit, pixel_size = processing.surface_scale(model, options.pixel_mm)
+    known = None
+    if prior is not None:
+        known = processing.read_prior(
+            prior,
+            normal_map.size,
+            unit=unit,
+            sigma=pixel_size if prior_sigma is None else prior_sigma,
+            max_pixels=max_pixels,
+        )
+    depth_mm = None if height_mm is None else _depth(height_mm, model, normal_map)
     with Stages() as progress:
         height_map = processing.integrate(
             normal_map,
             camera=model,
             pixel_mm=options.pixel_mm,
+            depth_mm=depth_mm,
+            sigma_deg=sigma_deg,
+            prior=known,
+            height_errors=options.height_sigma,
             discontinuity=options.discontinuity,
             k=sharpness,
             on_progress=progress,
         )
     colours = None if albedo is None else _colours(albedo, normal_map, max_pixels)
     claimed = claim_folder(out, "surface.json")
-    result = write_surface(claimed, height_map, normal_map, options, colours=colours)
-    result.warnings = [*read.warnings, *(_with_remedy(doubt, green) for doubt in result.warnings)]
-    given = [path for path in (mask, albedo, camera) if path is not None]
+    result = write_surface(
+        claimed, height_map, normal_map, options, colours=colours, sigma_deg=sigma_deg
+    )
+    result.warnings = [
+        *read.warnings,
+        *(_with_remedy(doubt, green, options) for doubt in result.warnings),
+    ]
+    given = [path for path in (mask, albedo, camera, sigma, prior) if path is not None]
     result.inputs = [*read.files, *given]
     return result
 
 
-def _with_remedy(notice: rig.Notice, green: Literal["up", "down"]) -> rig.Notice:
-    """Name the option that turns green round, if normals are mirrored."""
+def _with_remedy(
+    notice: rig.Notice, green: Literal["up", "down"], options: SurfaceOptions
+) -> rig.Notice:
+    """Name the option that turns green round, or keeps jumps in depth, if it may help."""
+    if notice.code == "surface-differs" and not options.discontinuity:
+        return replace(notice, text=f"{notice.text}; --discontinuity keeps jumps")
     if notice.code != "normals-mirrored":
         return notice
     other = "down" if green == "up" else "up"
     return replace(notice, text=f"{notice.text}; if green is the other way round, --green {other}")
+
+
+def _deviations(
+    path: Path, normal_map: processing.NormalMap, max_pixels: int
+) -> npt.NDArray[np.float32]:
+    """Read standard deviations of normals."""
+    image = acquisition.read_image(path, max_pixels=max_pixels)
+    rows, columns = normal_map.size
+    if image.shape != (rows, columns) or not np.issubdtype(image.dtype, np.floating):
+        raise acquisition.DataError(
+            f"{path}: {image.dtype} values of shape {image.shape}: give a map of floats of "
+            f"{columns} x {rows} pixels, the standard deviations of these normals in degrees"
+        )
+    inside = image[normal_map.mask]
+    if not (inside > 0).any() or (inside < 0).any() or np.isinf(inside).any():
+        raise acquisition.DataError(
+            f"{path}: inside the mask, standard deviations are negative, infinite, or not known at "
+            "any pixel: leave the file out, or replace it"
+        )
+    return image.astype(np.float32)
+
+
+def _depth(
+    height_mm: float, camera: acquisition.CameraModel | None, normal_map: processing.NormalMap
+) -> npt.NDArray[np.float32]:
+    """Return a map of the depth at a height above the working plane."""
+    distance = None if camera is None else camera.working_distance_mm
+    if distance is None:
+        raise UsageError("--height-mm needs a camera with a working distance: give --camera")
+    if height_mm >= distance:
+        raise UsageError(
+            f"--height-mm {height_mm:g} is behind the camera, which is {distance:g} mm above the "
+            "working plane"
+        )
+    return np.full(normal_map.size, distance - height_mm, np.float32)
 
 
 def _colours(

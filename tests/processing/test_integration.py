@@ -11,7 +11,8 @@ import pytest
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing._normal_map import NormalMap
-from processing._surface.integration import HeightMap, integrate
+from processing._surface.height_map import HeightMap
+from processing._surface.integration import integrate
 
 Double = npt.NDArray[np.float64]
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")

@@ -16,7 +16,8 @@ from acquisition import CameraModel, DataError, StorageError
 from processing import height_mesh, write_mesh
 from processing._normal_map import NormalMap
 from processing._surface.face_kernels import faces_of
-from processing._surface.integration import HeightMap, integrate
+from processing._surface.height_map import HeightMap
+from processing._surface.integration import integrate
 
 FORMATS = ("ply", "obj", "stl", "glb")
 

@@ -15,8 +15,9 @@ from processing._detail.separation import separate
 from processing._metrics import ssim
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals
+from processing._surface.height_map import HeightMap
 from processing._surface.height_profile import height_profile
-from processing._surface.integration import HeightMap, integrate
+from processing._surface.integration import integrate
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")

@@ -1,0 +1,162 @@
+"""Weights of edges and surface, computed in turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from processing._surface import jump_kernels as kernels
+from processing._surface.anchors import Anchors
+from processing._surface.grid_graph import apply_laplacian, divergence
+from processing._surface.multigrid import solve
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Edges = tuple[Float, Float, Double, Double]
+Pair = tuple[Float, Float]
+
+_ROUNDS = 15
+# Rounds in which the turn of the normals counts, if it does.
+_UNEVEN_ROUNDS = 10
+# The residual gate is as wide as this quantile of the residuals at first, becomes narrower by this
+# factor in each round, and ends at this multiple of their deviation.
+_LARGE = 0.99
+_NARROWER = 0.7
+_DEVIATIONS = 8.0
+_LEAST_DEVIATION_PX = 0.02
+_SAMPLES = 100_000
+# The surface stands still when it moves by less, on average over all pixels, in pixels.
+_STILL_PX = 0.01
+# Of one round: later rounds change the weights anyway.
+TOLERANCE = 0.01
+_ITERATIONS = 12
+# From the median of absolute values to a standard deviation.
+_MEDIAN_TO_SIGMA = 1.4826
+
+
+@dataclass(frozen=True, eq=False)
+class Alternated:
+    """A surface after the rounds from one start.
+
+    Parameters
+    ----------
+    u
+        ``(H+2, W+2)`` the surface.
+    weights
+        ``(H+2, W+2)`` the last weights of the edges to the right and down.
+    rounds, iterations
+        Number of rounds, and of iterations of the linear solver in all of them.
+    relative_residual
+        Of the linear solver in the last round.
+    last_change
+        By how much the last round moved the surface in itself, in pixels: the median.
+    width
+        Last width of the residual gate, in pixels.
+    """
+
+    u: Double
+    weights: Pair
+    rounds: int
+    iterations: int
+    relative_residual: float
+    last_change: float
+    width: float
+
+
+@dataclass(frozen=True, eq=False)
+class Alternation:
+    """The rounds for one map of normals; parameters are those of `solve_with_jumps`."""
+
+    edges: Edges
+    facing: Float
+    k: float
+    scale: float
+    factors: Pair | None
+    held: Anchors | None
+    start: Double | None
+
+    def solved(self, even: tuple[Pair, Pair]) -> Alternated:
+        """Compute surface and weights in turn; ``even``: factors of the first and last rounds."""
+        right, down, *steps = self.edges
+        edges, held = (right, down), self.held
+        u = np.zeros(edges[0].shape) if self.start is None else self.start.copy()
+        product = np.zeros_like(u)
+        weights = np.zeros_like(edges[0]), np.zeros_like(edges[1])
+        shares = np.full_like(edges[0], 0.5), np.full_like(edges[1], 0.5)
+        residuals = np.zeros_like(edges[0]), np.zeros_like(edges[1])
+        inside = self.facing != 0
+        pixels = max(int(np.count_nonzero(inside)), 1)
+        iterations, begin, width, final = 0, np.inf, np.inf, 0.0
+        for rounds in range(1, _ROUNDS + 1):
+            if rounds > 1:
+                shares = kernels.shares(u, right, down, self.facing, self.k, self.scale)
+                self._residuals(u, residuals)
+                usual, largest = self._spread(residuals)
+                begin = largest if rounds == 2 else begin
+                final = _DEVIATIONS * max(usual, _LEAST_DEVIATION_PX)
+                width = max(final, begin * _NARROWER ** (rounds - 2))
+            for axis in (0, 1):
+                kernels.gated_weights(
+                    edges[axis],
+                    self.facing,
+                    shares[axis],
+                    even[rounds > _UNEVEN_ROUNDS][axis],
+                    residuals[axis],
+                    axis,
+                    width,
+                    weights[axis],
+                )
+                if self.factors is not None:
+                    weights[axis][...] *= self.factors[axis]
+            b = divergence(*weights, *steps)
+            apply_laplacian(*weights, u, product)
+            if held is not None:
+                b += held.load
+                held.add(u, product)
+            change = solve(
+                *weights,
+                b - product,
+                anchors=None if held is None else held.weights,
+                tolerance=TOLERANCE,
+                max_iterations=_ITERATIONS,
+            )
+            u += change.u
+            iterations += change.iterations
+            moved = self.scale * float(np.abs(change.u).sum()) / pixels
+            if moved < _STILL_PX and width <= final and rounds > _UNEVEN_ROUNDS:
+                break
+        apply_laplacian(*weights, u, product)
+        if held is not None:
+            held.add(u, product)
+        norm = float(np.linalg.norm(b))
+        relative = float(np.linalg.norm(b - product)) / norm if norm else 0.0
+        moves = change.u[inside]
+        within = np.abs(moves - np.median(moves)) if moves.size else np.zeros(1)
+        last = self.scale * float(np.median(within))
+        return Alternated(u, weights, rounds, iterations, relative, last, width)
+
+    def misfit(self, u: Double, width: float) -> float:
+        """Return about how many edges differ from a surface by more than ``width`` pixels."""
+        residuals = np.zeros_like(self.edges[0]), np.zeros_like(self.edges[1])
+        self._residuals(u, residuals)
+        return sum(float(kernels.misfit(residual, width).sum()) for residual in residuals)
+
+    def _residuals(self, u: Double, out: Pair) -> None:
+        right, down, to_right, to_down = self.edges
+        kernels.residuals(u, right, to_right, 0, self.scale, out[0])
+        kernels.residuals(u, down, to_down, 1, self.scale, out[1])
+
+    def _spread(self, residuals: Pair) -> tuple[float, float]:
+        """Return standard deviation, from the median, and a large quantile of the residuals."""
+        sparse = max(1, int((self.edges[0].size / _SAMPLES) ** 0.5))
+        some = [
+            np.abs(residual[axis::sparse, ::sparse][edge[axis::sparse, ::sparse] > 0])
+            for axis, (residual, edge) in enumerate(zip(residuals, self.edges[:2], strict=True))
+        ]
+        values = np.concatenate(some)
+        if not values.size:
+            return 0.0, np.inf
+        median, large = np.quantile(values, [0.5, _LARGE])
+        return _MEDIAN_TO_SIGMA * float(median), float(large)

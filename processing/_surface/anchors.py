@@ -1,0 +1,226 @@
+"""Surfaces that are held at known heights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from processing._surface.grid_graph import apply_laplacian
+from processing._surface.multigrid import Solution, solve
+from processing._surface.multigrid_kernels import add_anchors
+from processing._surface.prior import HeightPrior
+from processing._surface.scale import Scale
+from rig import Notice, Progress, no_progress, pluralize
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Labels = npt.NDArray[np.int32]
+Mask = npt.NDArray[np.bool_]
+
+# Heights that are known in fewer pixels do not show in which unit they are.
+_FEWEST = 10
+# A unit is doubtful if heights and surface are alike, but their ranges differ by this factor.
+_ALIKE = 0.8
+_OTHER_UNIT = 2.0
+# Largest weight of a pixel relative to that of a typical edge: the height is then fixed.
+_FIXED = 1e5
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """Known heights in the unit of the solver.
+
+    Parameters
+    ----------
+    weights
+        ``(H+2, W+2)`` float32, relative to those of edges; 0 where the height is not known.
+    target
+        ``(H+2, W+2)`` heights in the unit of the steps, 0 where they are not known.
+    """
+
+    weights: Float
+    target: Double
+
+    @property
+    def load(self) -> Double:
+        """What they add to the right-hand side."""
+        return self.weights * self.target
+
+    def add(self, u: Double, product: Double) -> None:
+        """Add what they add to the product of the Laplacian and ``u``."""
+        add_anchors(self.weights, u, product)
+
+
+def anchors(
+    prior: HeightPrior,
+    labels: Labels,
+    window: tuple[slice, slice],
+    variance: float,
+    scale: Scale,
+) -> Anchors:
+    """Convert a prior to the unit of the solver.
+
+    Parameters
+    ----------
+    prior
+        The known heights.
+    labels
+        ``(h+2, w+2)`` parts of the window, -1 for a pixel without edges.
+    window
+        Where the window is.
+    variance
+        Variance of the step along a typical edge, in px^2.
+    scale
+        Scale of the surface.
+
+    Raises
+    ------
+    DataError
+        If no known height is on the surface, or one is behind the camera.
+    """
+    size = labels.shape
+    height, sigma = np.full(size, np.nan), np.full(size, np.nan)
+    height[1:-1, 1:-1] = prior.height[window]
+    sigma[1:-1, 1:-1] = prior.sigma[window]
+    known = np.isfinite(height) & (labels >= 0)
+    if not known.any():
+        raise DataError(
+            f"none of the {prior.count} known heights is inside the mask: check positions, mask "
+            "and crop"
+        )
+    weights, target = np.zeros(size, np.float32), np.zeros(size)
+    spread = sigma[known] / scale.pixel_size
+    if scale.distance is None:
+        target[known] = height[known] / scale.pixel_size
+    else:
+        depth = scale.distance - height[known]
+        if not depth.min() > 0:
+            raise DataError(
+                f"a known height of {height[known].max():.4g} is behind the camera, which is "
+                f"{scale.distance:.4g} above the working plane: check its unit"
+            )
+        target[known] = np.log(depth)
+        spread *= scale.distance / depth
+    weights[known] = np.minimum(variance / np.square(spread), _FIXED)
+    return Anchors(weights, target)
+
+
+def solve_anchored(
+    right: Float,
+    down: Float,
+    b: Double,
+    labels: Labels,
+    held: Anchors,
+    *,
+    tolerance: float = 1e-6,
+    max_iterations: int = 500,
+    on_progress: Progress = no_progress,
+) -> tuple[Solution, Double]:
+    """Solve L u = b with and without anchors.
+
+    The surface without anchors is moved to them, part by part; the change that remains is small and
+    smooth, and its residual is not dominated by fixed heights.
+
+    Parameters
+    ----------
+    right, down, b, tolerance, max_iterations, on_progress
+        As for `processing._surface.multigrid.solve`, without anchors.
+    labels
+        ``(H+2, W+2)`` part of each pixel, -1 for a pixel without edges.
+    held
+        The known heights.
+
+    Returns
+    -------
+    Solution
+        The solution with anchors.
+    free
+        ``(H+2, W+2)`` solution without them, moved to their mean in each part that has any.
+    """
+    first = solve(
+        right, down, b, tolerance=tolerance, max_iterations=max_iterations, on_progress=on_progress
+    )
+    inside = labels >= 0
+    members, weights = labels[inside], held.weights[inside].astype(np.float64)
+    sums = np.bincount(members, weights * (held.target - first.u)[inside])
+    totals = np.bincount(members, weights)
+    free = first.u.copy()
+    free[inside] += np.divide(sums, totals, out=np.zeros_like(sums), where=totals > 0)[members]
+    product = np.zeros_like(b)
+    load = b + held.load
+
+    def residual(u: Double) -> Double:
+        apply_laplacian(right, down, u, product)
+        held.add(u, product)
+        return np.asarray(load - product, np.float64)
+
+    u = free.copy()
+    fixed = held.weights > 0
+    diagonal = right + down + held.weights
+    diagonal[:, 1:] += right[:, :-1]
+    diagonal[1:] += down[:-1]
+    u[fixed] += residual(u)[fixed] / diagonal[fixed]
+    left = residual(u)
+    change = solve(
+        right,
+        down,
+        left,
+        anchors=held.weights,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+    )
+    return (
+        Solution(
+            u + change.u,
+            first.iterations + change.iterations,
+            max(first.relative_residual, change.relative_residual),
+            converged=first.converged and change.converged,
+        ),
+        free,
+    )
+
+
+def doubts_of_prior(prior: HeightPrior, mask: Mask, held: Anchors, free: Double) -> list[Notice]:
+    """Return notices about known heights that do not belong to the surface.
+
+    Parameters
+    ----------
+    prior, held
+        The known heights.
+    mask
+        ``(H, W)`` bool, the surface.
+    free
+        ``(H+2, W+2)`` solution without them.
+    """
+    notices = []
+    known = prior.known
+    outside = int(np.count_nonzero(known & ~mask))
+    if outside:
+        text = (
+            f"{pluralize(outside, 'height')} of the prior, of {prior.count}, "
+            f"{'is' if outside == 1 else 'are'} outside the mask and not used"
+        )
+        notices.append(Notice("prior-outside", text, "", "info"))
+    used = held.weights > 0
+    wanted, found = held.target[used], free[used]
+    ranges = wanted.std(), found.std()
+    if len(wanted) < _FEWEST or min(ranges) == 0:
+        return notices
+    alike = float(np.corrcoef(wanted, found)[0, 1])
+    factor = float(ranges[0] / ranges[1])
+    if alike < -_ALIKE:
+        text = (
+            "the heights of the prior fall where the normals rise: heights grow toward the camera; "
+            "are these depths?"
+        )
+        notices.append(Notice("prior-doubtful", text))
+    elif alike > _ALIKE and not 1 / _OTHER_UNIT < factor < _OTHER_UNIT:
+        text = (
+            f"the differences in height of the prior are {factor:.3g} times those of the normals: "
+            "check the units of the prior and the size of a pixel"
+        )
+        notices.append(Notice("prior-doubtful", text))
+    return notices

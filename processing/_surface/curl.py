@@ -1,0 +1,162 @@
+"""Curl of a normal map: where its normals are not those of one surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, DataError
+from processing._normal_map import NormalMap, check_normal_map
+from processing._surface.chord_rule import ChordRule
+from processing._surface.height_map import HeightMap
+from rig import Notice, short_repr
+
+Float = npt.NDArray[np.float32]
+
+# Standard deviation of a normal distribution over its median absolute value.
+_NORMAL = 1.4826
+# The deviations do not explain the curl if it is larger by this factor, and larger than this angle.
+# On simulated scenes it is up to 3.4 times larger, since the lens blurs fine relief.
+_MOST_EXCESS = 5.0
+_LEAST_DEG = 1.0
+# The curl does not explain the difference between surface and normals if it is smaller by this
+# factor, and the difference is larger than this angle.
+_MOST_UNEXPLAINED = 3.0
+_LEAST_UNEXPLAINED_DEG = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class NormalCurl:
+    """By how much normals contradict the existence of a surface, at each pixel.
+
+    Parameters
+    ----------
+    curl_deg
+        ``(H, W)`` float32 curl in degrees, at the corner of a pixel and its neighbours to the right
+        and below; NaN where one of the four has no normal or faces away. Independent errors of the
+        normals of 1 degree give a curl with a standard deviation of 1 degree.
+    spread_deg
+        Standard deviation of the curl from its median absolute value, so that jumps in depth and
+        outlines do not count; NaN without any curl.
+    excess
+        The same of the curl relative to the standard deviations of the normals: about 1 if they
+        explain it. NaN if they are not known.
+    """
+
+    curl_deg: Float
+    spread_deg: float
+    excess: float
+
+    __repr__ = short_repr
+
+
+def normal_curl(
+    normal_map: NormalMap, *, camera: CameraModel | None = None, sigma_deg: Float | None = None
+) -> NormalCurl:
+    """Return the curl of the slopes that normals imply.
+
+    The steps of the chord rule around four neighbouring pixels add up to 0 on every surface. Their
+    sum in pixels is converted to the angle by which one of the normals has to turn to remove it.
+    The sign is that of dq/dx - dp/dy of the slopes p = dz/dx and q = dz/dy.
+
+    Parameters
+    ----------
+    normal_map
+        The normals.
+    camera
+        A perspective camera of the same image size; without a camera the view is orthographic.
+    sigma_deg
+        ``(H, W)`` standard deviations of the normals in degrees, as for `integrate`.
+
+    Raises
+    ------
+    DataError
+        If camera or deviations have another size.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, normal_curl
+    >>> noise = np.radians(1) / np.sqrt(2) * np.random.default_rng(1).normal(size=(60, 80, 3))
+    >>> found = normal_curl(NormalMap.from_vectors(noise + [0.3, 0.2, 0.9]))
+    >>> f"{found.spread_deg:.1f}"
+    '1.0'
+    """
+    check_normal_map("normal_map", normal_map)
+    size = normal_map.size
+    if camera is not None and camera.size != size:
+        raise DataError(f"a camera of {camera.size} does not fit normals of {size}")
+    if sigma_deg is not None and sigma_deg.shape != size:
+        raise DataError(f"deviations of {sigma_deg.shape} do not fit normals of {size}")
+    normals, mask = normal_map.normals, normal_map.mask
+    chords = ChordRule((slice(0, size[0]), slice(0, size[1])), camera)
+    right, down, step_right, step_down = chords.edges(normals, mask)
+    here, after, below = np.s_[1:-2, 1:-2], np.s_[1:-2, 2:-1], np.s_[2:-1, 1:-2]
+    inside = (right[here] > 0) & (right[below] > 0) & (down[here] > 0) & (down[after] > 0)
+    # A logarithm of depths falls where the height rises.
+    scale = chords.step_px if camera is None else -chords.step_px
+    closure = scale * (step_right[below] + step_down[here] - step_right[here] - step_down[after])
+    del right, down, step_right, step_down
+    facing = chords.facing(normals, mask)[1:-1, 1:-1]
+    square = np.square(_mean_of_four(facing))
+    # Of errors of one variance s^2 in each tangent direction, the variance of the sum is
+    # s^2 (1 + c^2) / c^4 with the cosine c.
+    angle = np.degrees(closure * square * np.sqrt(2 / (1 + square)))
+    curl = np.full(size, np.nan, np.float32)
+    curl[:-1, :-1] = np.where(inside, angle, np.nan)
+    excess = np.nan
+    if sigma_deg is not None:
+        expected = np.sqrt(_mean_of_four(np.square(sigma_deg)))
+        known = inside & (expected > 0)
+        if known.any():
+            excess = _NORMAL * float(np.median(np.abs(angle[known]) / expected[known]))
+    spread = _NORMAL * float(np.median(np.abs(angle[inside]))) if inside.any() else np.nan
+    return NormalCurl(curl, spread, float(excess))
+
+
+def _mean_of_four(values: Float) -> Float:
+    mean: Float = values[:-1, :-1] + values[:-1, 1:] + values[1:, :-1] + values[1:, 1:]
+    return mean * np.float32(0.25)
+
+
+def curl_notices(curl: NormalCurl, height_map: HeightMap) -> list[Notice]:
+    """Return notices that distinguish normals that contradict each other from a bad integration.
+
+    ``curl-not-explained`` if the curl exceeds the standard deviations of the normals nearly
+    everywhere: the normals have other errors. ``surface-differs`` if normals and surface differ
+    where the curl is small: few places, such as jumps in depth, or a prior bend the surface.
+
+    Parameters
+    ----------
+    curl
+        The curl of the normals.
+    height_map
+        The surface that was integrated from them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, curl_notices, integrate, normal_curl
+    >>> slope = NormalMap.from_vectors(np.full((30, 30, 3), [-1.0, 0.0, 1.0]))
+    >>> curl_notices(normal_curl(slope), integrate(slope))
+    []
+    """
+    notices = []
+    if curl.excess > _MOST_EXCESS and curl.spread_deg > _LEAST_DEG:
+        text = (
+            f"the curl of the normals ({curl.spread_deg:.1f} degrees) is {curl.excess:.1f} times "
+            "as large as their standard deviations explain: the normals have other errors than "
+            "noise, so those of the heights are larger than predicted"
+        )
+        notices.append(Notice("curl-not-explained", text))
+    angle = height_map.disagreement_deg
+    if angle > max(_LEAST_UNEXPLAINED_DEG, _MOST_UNEXPLAINED * curl.spread_deg):
+        text = (
+            f"the normals of the surface differ from the given ones by {angle:.1f} degrees "
+            "(median), but the given ones hardly contradict each other (curl "
+            f"{curl.spread_deg:.1f} degrees): jumps in depth at a few places, or a prior, bend it"
+        )
+        notices.append(Notice("surface-differs", text))
+    return notices

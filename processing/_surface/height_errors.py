@@ -1,0 +1,176 @@
+"""Standard deviations of heights, by simulated errors of the normals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from processing._surface.anchors import Anchors
+from processing._surface.chord_rule import ChordRule
+from processing._surface.grid_graph import divergence
+from processing._surface.multigrid import coarsened, solve
+from rig import Progress, short_repr
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Labels = npt.NDArray[np.int32]
+Mask = npt.NDArray[np.bool_]
+
+# Simulated surfaces: a deviation of this many has an error of 1 / sqrt(2 * 24) = 14 %.
+_SAMPLES = 24
+_SEED = 20
+# The errors themselves need not be known more accurately than this.
+_TOLERANCE = 1e-3
+_DISTANCES: Final = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
+# Pairs of pixels at each distance: fewer say little, more cost time.
+_FEWEST_PAIRS = 100
+_MOST_PAIRS = 50_000
+
+
+@dataclass(frozen=True, eq=False)
+class HeightUncertainty:
+    """How sure the heights of a surface are.
+
+    Parameters
+    ----------
+    sigma
+        ``(H, W)`` float32 standard deviation of each height in the unit of the surface, relative to
+        the mean height of its part, or to the prior of its part; NaN outside the mask.
+    distances_px
+        Distances in pixels along rows and columns, increasing.
+    difference_sigma
+        Standard deviation, in the unit of the surface, of the difference in height of two pixels of
+        the same part at each of these distances: root mean square over the surface.
+    """
+
+    sigma: Float
+    distances_px: tuple[int, ...]
+    difference_sigma: tuple[float, ...]
+
+    __repr__ = short_repr
+
+    def placed(self, window: tuple[slice, slice], size: tuple[int, int]) -> HeightUncertainty:
+        """Return the same in an image of which this is a window."""
+        sigma = np.full(size, np.nan, np.float32)
+        sigma[window] = self.sigma
+        return replace(self, sigma=sigma)
+
+
+def simulate_errors(
+    normals: Float,
+    mask: Mask,
+    rule: ChordRule,
+    steps: tuple[Double, Double],
+    weights: tuple[Float, Float],
+    labels: Labels,
+    *,
+    factor: Float | float,
+    relative: Float,
+    variance: float,
+    held: Anchors | None,
+    on_progress: Progress,
+) -> HeightUncertainty:
+    """Integrate perturbed normals with the weights of the surface.
+
+    Each sample turns every normal by an independent angle of its deviation and integrates the
+    change of the steps. Two edges that share a normal share its error.
+
+    Parameters
+    ----------
+    normals, mask
+        ``(H, W, 3)`` and ``(H, W)``, the normals.
+    rule
+        The chord rule.
+    steps, weights
+        ``(H+2, W+2)`` arrays of the surface.
+    labels
+        ``(H+2, W+2)`` its parts, -1 outside.
+    factor
+        Change of the height, in the unit of the surface, for a change of the solution of 1: a
+        number, or ``(H, W)``.
+    relative, variance
+        ``(H, W)`` variances of the normals relative to ``variance``, in rad^2.
+    held
+        Known heights, which have errors of their own.
+    on_progress
+        Receives the stage ``errors of heights``, one step per sample.
+    """
+    inside = labels[1:-1, 1:-1] >= 0
+    members = labels[1:-1, 1:-1][inside]
+    sigma = np.sqrt(variance * relative)[..., None]
+    count = int(members.max()) + 1
+    scales = np.broadcast_to(factor, mask.shape)[inside].astype(np.float64)
+    totals = np.bincount(members, scales)
+    free = np.ones(count)
+    held_weights = None
+    if held is not None:
+        held_weights = held.weights
+        free[labels[held.weights > 0]] = 0
+        # Of a prior, in the unit of the load of the right-hand side.
+        loads = np.sqrt(held.weights * (variance / rule.step_px**2))
+    squares = np.zeros(members.shape)
+    pairs = _Pairs(labels[1:-1, 1:-1])
+    error = np.full(mask.shape, np.nan)
+    levels = coarsened(*weights, held_weights)
+    for sample in range(_SAMPLES):
+        rng = np.random.default_rng([_SEED, sample])
+        moved = normals + sigma * rng.standard_normal(normals.shape, np.float32)
+        moved /= np.linalg.norm(moved, axis=2, keepdims=True)
+        right, down, moved_right, moved_down = rule.edges(moved.astype(np.float32), mask)
+        # A perturbed normal may face away.
+        change_right = np.where(right > 0, moved_right - steps[0], 0)
+        change_down = np.where(down > 0, moved_down - steps[1], 0)
+        b = divergence(*weights, change_right, change_down)
+        if held is not None:
+            b += loads * rng.standard_normal(b.shape)
+        u = solve(*weights, b, anchors=held_weights, levels=levels, tolerance=_TOLERANCE).u
+        found = scales * u[1:-1, 1:-1][inside]
+        # The mean of each part without a prior is fixed.
+        means = free * np.bincount(members, found) / totals
+        found -= scales * means[members]
+        squares += np.square(found)
+        error[inside] = found
+        pairs.add(error)
+        on_progress("errors of heights", sample + 1, _SAMPLES)
+    deviation = np.full(mask.shape, np.nan, np.float32)
+    deviation[inside] = np.sqrt(squares / _SAMPLES)
+    return HeightUncertainty(deviation, *pairs.deviations())
+
+
+class _Pairs:
+    """Pairs of pixels of the same part in a row or column, at several distances."""
+
+    def __init__(self, parts: Labels) -> None:
+        self._pairs: list[tuple[int, npt.NDArray[np.intp], npt.NDArray[np.intp]]] = []
+        number = np.arange(parts.size).reshape(parts.shape)
+        for distance in _DISTANCES:
+            near, far = [], []
+            for here, there in (
+                (np.s_[:, :-distance], np.s_[:, distance:]),
+                (np.s_[:-distance], np.s_[distance:]),
+            ):
+                same = (parts[here] == parts[there]) & (parts[here] >= 0)
+                near.append(number[here][same])
+                far.append(number[there][same])
+            first, second = np.concatenate(near), np.concatenate(far)
+            if len(first) < _FEWEST_PAIRS:
+                break
+            every = 1 + len(first) // _MOST_PAIRS
+            self._pairs.append((distance, first[::every], second[::every]))
+        self._squares = np.zeros(len(self._pairs))
+        self._samples = 0
+
+    def add(self, error: Double) -> None:
+        """Add the errors of one sample."""
+        flat = error.ravel()
+        self._samples += 1
+        for i, (_, first, second) in enumerate(self._pairs):
+            self._squares[i] += np.mean(np.square(flat[second] - flat[first]))
+
+    def deviations(self) -> tuple[tuple[int, ...], tuple[float, ...]]:
+        """Return the distances and the deviations of the differences."""
+        found = np.sqrt(self._squares / max(self._samples, 1))
+        return tuple(pair[0] for pair in self._pairs), tuple(map(float, found))

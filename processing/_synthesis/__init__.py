@@ -1,0 +1,1 @@
+"""Synthesis of detail components from exemplars, and its quality figures."""

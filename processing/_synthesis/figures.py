@@ -1,0 +1,192 @@
+"""Quality figures of a synthesised detail component: how far it is from its exemplar."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.stats import wasserstein_distance
+
+from acquisition import DataError
+from processing._normal_map import NormalMap, check_normal_map
+from processing._synthesis.spectrum import band_power, block_side
+
+# Of larger maps, the middle part of this many rows and columns is measured.
+_MOST = 2048
+# Lags at which fewer pixel pairs of the mask overlap than this share are not judged.
+_LEAST_PAIRS = 0.25
+_QUANTILES = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class TextureFigures:
+    """Figures of a detail component relative to its exemplar, each computed when first used.
+
+    Of components larger than 2048 x 2048 pixels, the middle is measured.
+
+    Parameters
+    ----------
+    detail
+        The synthesised detail component.
+    exemplar
+        The detail component it was made from.
+    patch
+        Side of the patches in pixels, the smallest lag of the repeat scores.
+    """
+
+    detail: NormalMap
+    exemplar: NormalMap
+    patch: int
+
+    def __repr__(self) -> str:
+        return f"TextureFigures({self.detail!r}, {self.exemplar!r}, patch={self.patch})"
+
+    @cached_property
+    def detail_angle_deg(self) -> float:
+        """Mean angle between the detail and z."""
+        return _mean_angle_deg(self.detail)
+
+    @cached_property
+    def exemplar_angle_deg(self) -> float:
+        """The same of the exemplar."""
+        return _mean_angle_deg(self.exemplar)
+
+    @cached_property
+    def slope_distance(self) -> float:
+        """Distance of the slopes of both, relative to the spread of the exemplar's.
+
+        The Wasserstein distance between the distributions of the angle to z, divided by the
+        standard deviation of the exemplar's.
+        """
+        a, b = (_angles_deg(part) for part in (self.detail, self.exemplar))
+        spread = float(b.std(dtype=np.float64))
+        levels = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+        distance = wasserstein_distance(np.quantile(a, levels), np.quantile(b, levels))
+        return float(distance) / spread if spread else math.nan
+
+    @cached_property
+    def spectrum_distance(self) -> float:
+        """Mean difference of the log power of both in radial bands of frequency, in nepers."""
+        return _spectrum_distance(self.detail, self.exemplar)
+
+    @cached_property
+    def exemplar_spectrum_distance(self) -> float:
+        """The same between two halves of the exemplar, cut along its longer side."""
+        return _spectrum_distance(*_halves(self.exemplar))
+
+    @cached_property
+    def repeat_score(self) -> float:
+        """Largest normalised autocorrelation at lags of at least a patch; 1 for a repeat."""
+        return _repeat_score(self.detail, self.patch)
+
+    @cached_property
+    def exemplar_repeat_score(self) -> float:
+        """The same of the exemplar; NaN if it is too small for such lags."""
+        return _repeat_score(self.exemplar, self.patch)
+
+
+def texture_figures(detail: NormalMap, exemplar: NormalMap, *, patch: int = 48) -> TextureFigures:
+    """Compare a synthesised detail component with its exemplar.
+
+    Parameters
+    ----------
+    detail
+        Synthesised detail component.
+    exemplar
+        Detail component it was made from; the size may differ.
+    patch
+        Side of the patches in pixels: repeats at smaller distances are the texture's own.
+
+    Returns
+    -------
+    TextureFigures
+        Mean detail angles in degrees, distances of slopes and spectra, repeat scores.
+
+    Raises
+    ------
+    DataError
+        If the patch is not at least 1 pixel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, texture_figures
+    >>> noise = np.random.default_rng(0).normal(scale=0.2, size=(128, 128, 3))
+    >>> rough = NormalMap.from_vectors(noise + [0, 0, 1])
+    >>> tiled = NormalMap(np.tile(rough.normals, (2, 2, 1)), np.tile(rough.mask, (2, 2)))
+    >>> figures = texture_figures(tiled, rough, patch=32)
+    >>> round(figures.repeat_score, 2), figures.exemplar_repeat_score < 0.2
+    (1.0, True)
+    """
+    check_normal_map("detail", detail)
+    check_normal_map("exemplar", exemplar)
+    if patch < 1:
+        raise DataError(f"a patch of {patch} pixels is too small: use at least 1")
+    return TextureFigures(_middle(detail), _middle(exemplar), patch)
+
+
+def _middle(part: NormalMap) -> NormalMap:
+    height, width = part.size
+    if max(height, width) <= _MOST:
+        return part
+    y, x = max(0, height - _MOST) // 2, max(0, width - _MOST) // 2
+    window = slice(y, y + _MOST), slice(x, x + _MOST)
+    return NormalMap(part.normals[window], part.mask[window])
+
+
+def _angles_deg(part: NormalMap) -> npt.NDArray[np.float32]:
+    known = part.normals[part.mask]
+    return np.degrees(np.arctan2(np.hypot(known[:, 0], known[:, 1]), known[:, 2]))
+
+
+def _mean_angle_deg(part: NormalMap) -> float:
+    return float(np.mean(_angles_deg(part), dtype=np.float64))
+
+
+def _halves(part: NormalMap) -> tuple[NormalMap, NormalMap]:
+    """Return the two halves of the bounding box of a mask, cut across its longer side."""
+    rows, columns = (np.flatnonzero(part.mask.any(axis=axis)) for axis in (1, 0))
+    axis = 0 if np.ptp(rows) >= np.ptp(columns) else 1
+    # Both halves have the same number of pixels with a normal.
+    total = np.cumsum(part.mask.sum(axis=1 - axis))
+    middle = max(int(np.searchsorted(total, total[-1] / 2)), 1)
+    normals = np.split(part.normals, [middle], axis=axis)
+    masks = np.split(part.mask, [middle], axis=axis)
+    return NormalMap(normals[0], masks[0]), NormalMap(normals[1], masks[1])
+
+
+def _spectrum_distance(a: NormalMap, b: NormalMap) -> float:
+    block = block_side(a.mask, b.mask)
+    if not block:
+        return math.nan
+    powers = [np.maximum(band_power(part, block), 1e-30) for part in (a, b)]
+    return float(np.mean(np.abs(np.log(powers[0] / powers[1]))))
+
+
+def _repeat_score(part: NormalMap, least: int) -> float:
+    """Return the largest correlation of a detail with itself, shifted by at least a patch."""
+    height, width = part.size
+    shape = [next_fast_len(2 * side, real=True) for side in (height, width)]
+    inside = part.mask.astype(np.float32)
+    slopes = part.normals[..., :2] - part.normals[part.mask][:, :2].mean(axis=0)
+    slopes *= inside[..., None]
+    spectra = [rfft2(values, shape) for values in (inside, *np.moveaxis(slopes, 2, 0))]
+    energy = rfft2(np.square(slopes).sum(axis=2), shape)
+    power = np.square(np.abs(spectra[1])) + np.square(np.abs(spectra[2]))
+    product = irfft2(power, shape)
+    pairs = irfft2(np.square(np.abs(spectra[0])), shape)
+    # The energy of the pixels that overlap at a lag, of the map and of its shifted copy.
+    first = irfft2(energy * np.conj(spectra[0]), shape)
+    second = irfft2(np.conj(energy) * spectra[0], shape)
+    down = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
+    across = np.minimum(np.arange(shape[1]), shape[1] - np.arange(shape[1]))
+    far = np.maximum(down[:, None], across[None, :]) >= least
+    judged = far & (pairs > _LEAST_PAIRS * inside.sum())
+    if not judged.any():
+        return math.nan
+    both = np.sqrt(np.maximum(first[judged], 1e-12) * np.maximum(second[judged], 1e-12))
+    return float(np.max(product[judged] / both))

@@ -1,0 +1,63 @@
+"""Write how sure a surface is: deviations of heights, and the curl of its normals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+import acquisition
+import processing
+from sgp._metrics import SurfaceMetrics
+
+# The picture of the curl is saturated at this many robust standard deviations.
+_SATURATED = 4
+# Distances in the printed line.
+_PRINTED = (1, 10, 100)
+
+
+def write_curl(folder: Path, curl: processing.NormalCurl) -> Path:
+    """Write curl.png: white without curl, red positive, blue negative, black outside."""
+    limit = max(_SATURATED * np.nan_to_num(curl.spread_deg), 0.1)
+    share = np.clip(np.nan_to_num(curl.curl_deg) / limit, -1, 1)
+    faded = 255 * (1 - np.abs(share))
+    colour = np.stack(
+        [np.where(share > 0, 255, faded), faded, np.where(share < 0, 255, faded)], axis=2
+    )
+    colour[np.isnan(curl.curl_deg)] = 0
+    path = folder / "curl.png"
+    text = f"curl of the normals, red positive, blue negative, saturated at {limit:.3g} degrees"
+    acquisition.write_png(path, np.rint(colour).astype(np.uint8), srgb=True, description=text)
+    return path
+
+
+def add_height_sigma(metrics: SurfaceMetrics, height_map: processing.HeightMap) -> None:
+    """Add the deviations of heights to the figures, if they are known."""
+    errors = height_map.uncertainty
+    if errors is not None:
+        metrics["height_sigma"] = _median(errors.sigma)
+        metrics["difference_distances_px"] = list(errors.distances_px)
+        metrics["difference_sigma"] = list(errors.difference_sigma)
+
+
+def height_sigma_lines(height_map: processing.HeightMap) -> list[str]:
+    """Return a line about the deviations of heights, if they are known."""
+    errors = height_map.uncertainty
+    if errors is None:
+        return []
+    unit, table = (
+        height_map.unit,
+        dict(zip(errors.distances_px, errors.difference_sigma, strict=True)),
+    )
+    shown = [distance for distance in _PRINTED if distance in table]
+    text = f"standard deviation of heights {_median(errors.sigma):.2g} {unit} (median)"
+    if shown:
+        distances = ", ".join(map(str, shown))
+        values = ", ".join(f"{table[distance]:.2g}" for distance in shown)
+        text += f"; of differences over {distances} px: {values} {unit}"
+    return [text]
+
+
+def _median(values: npt.NDArray[np.float32]) -> float:
+    return float(np.nanmedian(values))

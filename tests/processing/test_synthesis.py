@@ -1,0 +1,193 @@
+"""Synthesis of detail: exact properties of the sheet, closed forms of the figures, bad input."""
+
+import numba
+import numpy as np
+import pytest
+
+from acquisition import DataError
+from processing import NormalMap, angle_deg, separate, synthesize, texture_figures
+from simulator import BandNoise, LizardScales
+
+PATCH = 24
+
+
+def sheet_of(body, side, seed_at=(0, 0), pixel_mm=0.5):
+    """Return the detail of a simulated material, seen from above."""
+    y, x = np.mgrid[:side, :side] * pixel_mm
+    _, zx, zy = body.evaluate(x + seed_at[0], -y - seed_at[1])
+    return separate(NormalMap.from_vectors(np.dstack([-zx, -zy, np.ones_like(zx)]))).detail
+
+
+@pytest.fixture(scope="module")
+def noise():
+    return sheet_of(BandNoise(radius_mm=400, rms_mm=0.15, wavelength_mm=5, seed=3), 96)
+
+
+@pytest.fixture(scope="module")
+def made(noise):
+    return synthesize(noise, (200, 230), patch=PATCH, seed=5)
+
+
+def test_a_sheet_keeps_the_character_of_its_exemplar():
+    scales = sheet_of(LizardScales(radius_mm=400, seed=3), 128)
+    made = synthesize(scales, (200, 230), patch=32, seed=5)
+    lengths = np.linalg.norm(made.detail.normals.astype(np.float64), axis=2)
+    np.testing.assert_allclose(lengths, 1, atol=1e-6)
+    assert made.detail.mask.all()
+    figures = texture_figures(made.detail, scales, patch=32)
+    assert figures.detail_angle_deg == pytest.approx(figures.exemplar_angle_deg, rel=0.07)
+    assert figures.slope_distance < 0.1
+    assert figures.spectrum_distance < 0.25
+    assert figures.repeat_score < figures.exemplar_repeat_score + 0.15
+    assert made.steps.ratio < 1.15
+    # Random places without a search give larger steps than any that are accepted here.
+    assert made.steps.across_deg > 0.5 * made.steps.inside_deg
+
+
+def test_a_sheet_depends_on_the_seed_alone(noise, made):
+    before = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        alone = synthesize(noise, (200, 230), patch=PATCH, seed=5)
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(alone.detail.normals, made.detail.normals)
+    np.testing.assert_array_equal(alone.labels, made.labels)
+    other = synthesize(noise, (200, 230), patch=PATCH, seed=6)
+    assert np.mean(angle_deg(other.detail.normals, made.detail.normals)) > 1
+
+
+def test_a_sheet_for_tiling_continues_at_its_other_side(noise):
+    made = synthesize(noise, (130, 150), patch=PATCH, seed=1, tileable=True)
+    normals, plain = made.detail.normals, synthesize(noise, (130, 150), patch=PATCH).detail.normals
+    inside = np.mean(angle_deg(normals[:, 1:], normals[:, :-1]))
+    for axis in (0, 1):
+        first, last = np.take(normals, 0, axis), np.take(normals, -1, axis)
+        assert np.mean(angle_deg(first, last)) < 1.15 * inside
+        # Without wrapping, unrelated columns meet.
+        first, last = np.take(plain, 0, axis), np.take(plain, -1, axis)
+        assert np.mean(angle_deg(first, last)) > 1.5 * inside
+
+
+def slanted(side=64):
+    """Return vectors that all lean to the right and a little up, by angles that differ."""
+    tilt = np.random.default_rng(2).uniform(0.2, 0.4, (side, side))
+    return NormalMap.from_vectors(np.dstack([tilt, 0.5 * tilt, np.ones_like(tilt)]))
+
+
+@pytest.mark.parametrize(
+    ("options", "directions"),
+    [
+        ({}, [(2, 1)]),
+        ({"rotate": True}, [(2, 1), (-1, 2), (-2, -1), (1, -2)]),
+        ({"mirror": True}, [(2, 1), (-2, 1)]),
+        (
+            {"rotate": True, "mirror": True},
+            [(x, y) for a, b in ((2, 1), (1, 2)) for x in (a, -a) for y in (b, -b)],
+        ),
+    ],
+    ids=["as it is", "turned", "mirrored", "both"],
+)
+def test_copies_turn_their_normals(options, directions, monkeypatch):
+    """Every vector that leans along (2, 1) leans along one of the turned directions."""
+    monkeypatch.setattr("processing._synthesis.quilting.match_spectrum", lambda *_, **__: None)
+    made = synthesize(slanted(), (150, 150), patch=12, **options).detail.normals
+    leans = made[..., :2] / np.linalg.norm(made[..., :2], axis=2, keepdims=True)
+    # The cosines of the angles to each direction.
+    near = leans @ (np.array(directions).T / np.sqrt(5)) > 1 - 1e-5
+    assert (near.sum(axis=2) == 1).all()
+
+
+def test_a_turned_copy_is_the_turned_surface():
+    """The copy of a cone's detail has the pixels and normals of the turned cone."""
+    from processing._synthesis.exemplar import prepare_exemplar
+
+    y, x = np.mgrid[4:-5:-1, -6:7].astype(float)
+    cone = NormalMap.from_vectors(np.dstack([x + 0.1, y + 0.2 * x, 5 + 0 * x]))
+    made = prepare_exemplar(cone, 6, rotate=True, mirror=True)
+    # A turn by a quarter moves the vector (a, b) at (x, y) to (-b, a) at (-y, x).
+    quarter = made.vectors[2, :13, :9]
+    np.testing.assert_array_equal(
+        quarter[6, 4], cone.normals[4, 6] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
+    )
+    np.testing.assert_allclose(
+        quarter[0, 4], cone.normals[4, 12] @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=1e-7
+    )
+    np.testing.assert_allclose(made.vectors[1, :9, 0], cone.normals[:, 12] * [-1, 1, 1], atol=1e-7)
+    # Every copy has as many places as the exemplar.
+    assert [int((cells >= 0).sum()) for cells in made.cells] == [(9 - 5) * (13 - 5)] * 8
+
+
+def test_patches_stay_inside_the_mask(noise):
+    mask = np.hypot(*np.mgrid[-48:48, -48:48]) < 40
+    mask[40:44, 40:44] = False
+    holed = NormalMap.from_vectors(np.where(mask[..., None], noise.normals, 0), mask)
+    made = synthesize(holed, (60, 70), patch=16)
+    assert made.detail.mask.all()
+    np.testing.assert_allclose(np.linalg.norm(made.detail.normals, axis=2), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [(1, 1), (3, 200), (17, 16), (64, 65)])
+def test_sheets_of_any_size(noise, size):
+    made = synthesize(noise, size, patch=16)
+    assert made.detail.size == size
+    np.testing.assert_allclose(np.linalg.norm(made.detail.normals, axis=2), 1, atol=1e-6)
+
+
+def test_the_figures_of_known_maps(noise):
+    tiled = NormalMap(np.tile(noise.normals, (3, 3, 1)), np.tile(noise.mask, (3, 3)))
+    figures = texture_figures(tiled, noise, patch=PATCH)
+    assert figures.repeat_score == pytest.approx(1, abs=1e-3)
+    assert figures.exemplar_repeat_score < 0.6
+    assert figures.detail_angle_deg == pytest.approx(figures.exemplar_angle_deg, rel=1e-6)
+    assert figures.slope_distance < 1e-3
+    same = texture_figures(noise, noise)
+    assert same.spectrum_distance == 0
+    # Twice the slopes at small angles: 4 times the power, at every frequency.
+    small = NormalMap.from_vectors(noise.normals * [0.05, 0.05, 1])
+    steep = NormalMap.from_vectors(noise.normals * [0.1, 0.1, 1])
+    figures = texture_figures(steep, small)
+    assert figures.spectrum_distance == pytest.approx(np.log(4), rel=0.02)
+    assert figures.detail_angle_deg == pytest.approx(2 * figures.exemplar_angle_deg, rel=0.01)
+    angles = np.degrees(np.arctan2(np.hypot(*np.moveaxis(small.normals[..., :2], 2, 0)), 1))
+    assert figures.slope_distance == pytest.approx(angles.mean() / angles.std(), rel=0.02)
+
+
+def holes():
+    mask = np.ones((64, 64), bool)
+    mask[::8] = False
+    return NormalMap.from_vectors(np.where(mask[..., None], slanted().normals, 0), mask)
+
+
+@pytest.mark.parametrize(
+    ("exemplar", "size", "options", "message"),
+    [
+        (slanted(20), (50, 50), {"patch": 24}, "20 x 20 pixels, less than a patch of 24 x 24"),
+        (holes(), (50, 50), {"patch": 12}, "no patch of 12 x 12 pixels fits into the mask"),
+        (
+            NormalMap.from_vectors(np.tile([0.0, 0, 1], (64, 64, 1))),
+            (50, 50),
+            {"patch": 12},
+            "the exemplar is flat: its mean detail angle is 0 degrees",
+        ),
+        (slanted(), (0, 50), {}, "50 x 0 pixels has no pixels"),
+        (slanted(), (50, 50), {"patch": 5}, "a patch of 5 x 5 pixels is too small"),
+        (slanted(), (50, 50), {"patch": 12, "overlap": 5}, "overlap by 2 to 4"),
+        (slanted(), (50, 50), {"overlap": 1}, "an overlap of 1 pixels is out of range"),
+        (slanted(), (50, 50), {"seed": -1}, "a seed of -1 is out of range"),
+        (slanted(), (50, 23), {"patch": 12, "tileable": True}, "at least 24 pixels wide"),
+    ],
+)
+def test_bad_input(exemplar, size, options, message):
+    with pytest.raises(DataError, match=message):
+        synthesize(exemplar, size, **options)
+
+
+def test_scales_with_turned_copies_are_refused_by_their_own_figure():
+    """Turned scales do not continue each other: the steps across cuts show it."""
+    scales = sheet_of(LizardScales(radius_mm=400, scale_mm=8), 128)
+    plain, turned = (
+        synthesize(scales, (200, 200), patch=PATCH, rotate=rotate).steps.ratio
+        for rotate in (False, True)
+    )
+    assert plain < turned

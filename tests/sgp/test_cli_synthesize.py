@@ -1,0 +1,84 @@
+"""``sgp detail synthesize``: files, record, figures, and errors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import read_image
+from processing import NormalMap, read_normals, write_normals
+
+
+@pytest.fixture(scope="module")
+def exemplar(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with normals of waves, with a hole at its rim."""
+    folder = tmp_path_factory.mktemp("exemplar") / "waves"
+    y, x = np.mgrid[:80, :90]
+    slopes = 0.3 * np.sin(x / 2.5 + np.sin(y / 4)), 0.3 * np.cos(y / 3)
+    mask = np.ones((80, 90), np.bool_)
+    mask[:10, :10] = False
+    folder.mkdir()
+    write_normals(folder, NormalMap.from_vectors(np.dstack([*slopes, np.ones((80, 90))]), mask))
+    return folder
+
+
+def test_a_sheet_with_its_record(sgp, exemplar: Path, tmp_path: Path) -> None:
+    out = tmp_path / "sheet"
+    options = ("--size", "150x100", "--patch", 20, "--seed", 4, "--tileable", "--rotate")
+    answer = sgp("detail", "synthesize", exemplar, *options, "--out", out, "--json")
+    assert answer.code == 0, answer.err
+    sheet = read_normals(out / "detail.exr").normal_map
+    assert sheet.size == (100, 150)
+    assert sheet.mask.all()
+    assert (read_image(out / "invented.png") == 255).all()
+    record = json.loads((out / "synthesize.json").read_text(encoding="utf-8"))
+    assert record["parameters"]["seed"] == 4
+    assert record["inputs"]
+    metrics = json.loads(answer.out)["metrics"]
+    assert metrics["cut_step_deg"] < 1.5 * metrics["inside_step_deg"]
+    again = sgp("detail", "synthesize", exemplar, *options, "--out", tmp_path / "again")
+    assert again.code == 0
+    same = read_normals(tmp_path / "again" / "detail.exr").normal_map
+    np.testing.assert_array_equal(same.normals, sheet.normals)
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "text"),
+    [
+        pytest.param(["--size", "0x10"], 2, "--size", id="no pixels"),
+        pytest.param(["--size", "wide"], 2, "--size", id="no numbers"),
+        pytest.param(["--size", "99999999x99999999"], 2, "", id="beyond memory"),
+        pytest.param(["--size", "64x64", "--crop", "80,70,40,40"], 2, "--crop", id="crop outside"),
+        pytest.param(["--size", "64x64", "--crop", "0,0,8,8"], 2, "no normal", id="crop of a hole"),
+        pytest.param(["--size", "64x64", "--patch", 5], 4, "too small", id="small patch"),
+        pytest.param(["--size", "64x64", "--patch", 85], 4, "patch", id="patch beyond exemplar"),
+        pytest.param(["--size", "64x64", "--overlap", 40], 4, "overlap", id="overlap"),
+        pytest.param(["--size", "60x64", "--tileable"], 4, "tiling", id="too small for tiling"),
+    ],
+)
+def test_bad_options(sgp, exemplar: Path, tmp_path: Path, options, code: int, text: str) -> None:
+    answer = sgp("detail", "synthesize", exemplar, *options, "--out", tmp_path / "out")
+    assert answer.code == code, answer.err
+    assert text in answer.err
+    assert len(answer.err.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_flat_exemplar_and_one_with_shape(sgp, tmp_path: Path) -> None:
+    flat = tmp_path / "flat"
+    flat.mkdir()
+    write_normals(flat, NormalMap.from_vectors(np.tile([0.0, 0, 1], (64, 64, 1))))
+    answer = sgp("detail", "synthesize", flat, "--size", "64x64", "--out", tmp_path / "out")
+    assert answer.code == 4
+    assert "flat" in answer.err
+    tilted = tmp_path / "tilted"
+    tilted.mkdir()
+    noise = np.random.default_rng(1).normal(scale=0.1, size=(64, 64, 3))
+    write_normals(tilted, NormalMap.from_vectors(noise + np.array([0.5, 0, 1])))
+    options = ("--is-detail", "--size", "64x64", "--patch", 16, "--json")
+    answer = sgp("detail", "synthesize", tilted, *options, "--out", tmp_path / "out")
+    assert answer.code == 0, answer.err
+    assert "exemplar-with-shape" in [one["code"] for one in json.loads(answer.out)["notices"]]
