@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights, Source
-from calibration import Stack
+from calibration import EstimateError, Stack
 from processing._reconstruction.curve_check import curve_warnings
+from processing._reconstruction.height_with_strengths import HeightWithStrengths
 from processing._reconstruction.heights import Heights
 from processing._reconstruction.light_strengths import (
     LightStrengths,
@@ -19,13 +21,20 @@ from processing._reconstruction.light_strengths import (
     with_strengths,
 )
 from processing._reconstruction.lit_images import lit_images, unlit_notices
-from processing._reconstruction.near_height import NearHeight
+from processing._reconstruction.near_height import NearHeight, height_limits
 from processing._reconstruction.quality import ImageQuality, image_quality
 from processing._reconstruction.recorded_images import RecordedImages, RowSample
 from processing._reconstruction.scheme_check import exclusion
+from processing._reconstruction.views import View
 from rig import Notice
 
 Mask = npt.NDArray[np.bool_]
+
+# Most rounds of strengths and height, and the change of the height at which they end.
+_ROUNDS, _STATED_ROUNDS = 5, 2
+_SETTLED_MM = 0.5
+# A larger one in the last round is refused.
+_UNSETTLED_MM = 5.0
 
 
 class Examination:
@@ -90,14 +99,12 @@ class Examination:
             self.source, sample.values, self.lights, sample.mask, sample.of(self.points_mm)
         )
         del sample
-        self._find_height()
+        if strengths is None or self.view is None:
+            self._find_height()
+        else:
+            strengths = self._near_strengths(strengths, self.view)
         if strengths is None:
             return
-        # Of near lights, strengths and heights depend on each other.
-        if self.near is not None:
-            again = self._divided()
-            self._find_height()
-            strengths = strengths.refined(again)
         self.lights = strengths.lights
         given = with_strengths(self.source.lights, self.lights)
         self.source = replace(self.source, lights=given)
@@ -137,6 +144,40 @@ class Examination:
         if self.colours is not None:
             self.colours = found.divided(self.colours)
         return found
+
+    def _near_strengths(self, strengths: LightStrengths, view: View) -> LightStrengths:
+        """Find strengths, mean height and shape in turn: they depend on each other."""
+        heights, found = self._heights, None
+        search = None
+        if not heights.stated:
+            limits = height_limits(self.lights, view)
+            search = HeightWithStrengths(self.images, self.lights, self.mask, view, limits)
+        depth = np.full(self.mask.shape, view.distance_mm - (heights.height_mm or 0.0), np.float32)
+        for _ in range(_STATED_ROUNDS if search is None else _ROUNDS):
+            before = found
+            if search is not None:
+                found = search.best(depth, before)
+                if found is None:
+                    self._find_height()
+                    break
+                shape, mean = depth.astype(np.float64), float(depth[self.mask].mean())
+                depth = view.moved(shape, mean, view.distance_mm - found).astype(np.float32)
+                self._heights = replace(heights, height_mm=found)
+            self.points_mm = view.points_at(depth)
+            strengths = strengths.refined(self._divided())
+            self._find_height()
+            change = math.inf if before is None or found is None else abs(found - before)
+            if self.near is None or change < _SETTLED_MM:
+                break
+            depth = self.near.depth
+        else:
+            if search is not None and change > _UNSETTLED_MM:
+                raise EstimateError(
+                    "the images do not determine the strengths of the lights together with the "
+                    "height of the object: state the height, use an object with more relief, or "
+                    "calibrate the strengths"
+                )
+        return strengths
 
     def _find_height(self) -> None:
         self.near, self.points_mm = self._heights.of(self.images, self.lights)

@@ -26,6 +26,11 @@ class Heights:
     method: Method
     on_progress: Progress
 
+    @property
+    def stated(self) -> bool:
+        """Whether the height does not have to be found."""
+        return self.height_mm is not None or self.rests_on_plane
+
     def of(
         self, values: Images, lights: Lights
     ) -> tuple[NearHeight | None, npt.NDArray[np.float64] | None]:

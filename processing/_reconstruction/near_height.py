@@ -147,7 +147,7 @@ def near_height(
     """
     if height_mm is not None and rests_on_plane:
         raise DataError("an object that rests on the plane has no other height: give one of them")
-    lowest, highest = _limits(lights, view)
+    lowest, highest = height_limits(lights, view)
     if height_mm is not None and not lowest < height_mm < highest:
         raise DataError(
             f"a height of {height_mm:g} mm puts the object behind lights or camera: give a height "
@@ -194,7 +194,7 @@ def near_height(
     return NearHeight(whole, steps[-1].mean_height_mm, sigma, lowest, tuple(steps), warnings)
 
 
-def _limits(lights: Lights, view: View) -> tuple[float, float]:
+def height_limits(lights: Lights, view: View) -> tuple[float, float]:
     """Return the lowest and the highest mean height that is possible."""
     positions = np.asarray(lights.positions_mm)
     away = float(np.mean(np.linalg.norm(positions, axis=1)))

@@ -1,11 +1,12 @@
 """Lights with positions on the command line: views, heights that cannot be, and strengths."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from acquisition import Lights, read_image, write_lights, write_png
+from acquisition import Lights, read_image, read_lights, write_lights, write_png
 from processing import angle_deg, read_normals
 from processing._reconstruction.views import Parallel
 
@@ -19,6 +20,7 @@ RADIUS = 55.0
 HEIGHT = np.sqrt(np.maximum(RADIUS**2 - ACROSS**2 - UP**2, 0))
 HEIGHT += 8.0 - HEIGHT[MASK].min()
 MEAN = HEIGHT[MASK].mean()
+NORMALS = VIEW.points_at(-HEIGHT) - [0, 0, HEIGHT[MASK].max() - RADIUS]
 COUNT = 16
 
 
@@ -52,8 +54,7 @@ def write_images(folder, heights, normals, lights):
 def folder(tmp_path_factory):
     """Return images of the cap, seen by a telecentric lens, with the lights of the panel."""
     place = tmp_path_factory.mktemp("cap")
-    away = VIEW.points_at(-HEIGHT) - [0, 0, HEIGHT[MASK].max() - RADIUS]
-    write_images(place / "images", HEIGHT, away, panel(220.0))
+    write_images(place / "images", HEIGHT, NORMALS, panel(220.0))
     K = [[300.0, 0, 23.5], [0, 300, 21.5], [0, 0, 1]]
     camera = {"format": "sgp-camera", "version": 1, "K": K, "distortion": [0.0] * 5}
     camera |= {"width": SIZE[1], "height": SIZE[0]}
@@ -123,3 +124,20 @@ def test_a_telecentric_lens_needs_the_size_of_a_pixel_only(sgp, folder, tmp_path
     reduced = read_normals(tmp_path / "part").normal_map
     blocks = whole[6:42, 4:46].reshape(18, 2, 21, 2, 3).mean(axis=(1, 3))
     assert angle_deg(reduced.normals, blocks)[reduced.mask].mean() < 0.5
+
+
+def test_strengths_of_near_lights_are_found_with_the_height(sgp, folder, tmp_path, known):
+    given = read_lights(folder / "lights.json")
+    factors = np.random.default_rng(4).uniform(0.7, 1.4, COUNT)
+    wrong = replace(given, intensities=given.intensities / factors[:, None])
+    write_lights(tmp_path / "wrong.json", wrong)
+    found = sgp(
+        "normals", folder / "images", "--lights", tmp_path / "wrong.json", "--pixel-mm", PIXEL_MM,
+        "--semi-calibrated", "--out", tmp_path / "out", "--json",
+    )  # fmt: skip
+    assert found.code == 0, found.err
+    assert json.loads(found.out)["metrics"]["mean_height_mm"] == pytest.approx(MEAN, abs=5)
+    ratio = read_lights(tmp_path / "out" / "lights.json").intensities[:, 0] / given.intensities[:, 0]
+    assert np.std(np.log(ratio)) < 0.03
+    normals = read_normals(tmp_path / "out").normal_map.normals
+    assert angle_deg(normals, NORMALS)[known].mean() < 0.7
