@@ -154,7 +154,8 @@ class NormalsMetrics(QualityMetrics):
             float,
             "mm",
             "standard deviation of this height, from the scatter of residuals between pixels and "
-            "lights and from stated errors of positions; absent if the height was stated",
+            "lights and from stated errors of positions; absent if the height was stated or "
+            "found together with strengths of lights",
         ]
     ]
     lowest_height_mm: NotRequired[
@@ -179,7 +180,8 @@ class NormalsMetrics(QualityMetrics):
         Annotated[
             float,
             "1",
-            "`--semi-calibrated`: median of the relative standard deviations of the strengths",
+            "`--semi-calibrated`: median of the relative standard deviations of the strengths, without "
+            "errors of the height under near lights",
         ]
     ]
 

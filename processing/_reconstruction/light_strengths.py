@@ -48,7 +48,7 @@ class LightStrengths:
         ``(N,)`` estimated relative to given intensities; their geometric mean is 1.
     sigmas
         ``(N,)`` relative standard deviations of the factors, from the scatter between pixels and
-        between parts of the object.
+        between parts of the object. Under near lights they do not contain errors of the points.
     warnings
         Strengths that the images determine only roughly.
     """
