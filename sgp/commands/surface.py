@@ -127,13 +127,24 @@ def surface(
     result = write_surface(
         claimed, height_map, normal_map, options, colours=colours, sigma_deg=sigma_deg
     )
-    result.warnings = [
-        *read.warnings,
-        *(_with_remedy(doubt, green, options) for doubt in result.warnings),
-    ]
+    doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
+    result.warnings = [*read.warnings, *doubts]
+    if known is not None:
+        _add_prior(result, height_map, known)
     given = [path for path in (mask, albedo, camera, sigma, prior) if path is not None]
     result.inputs = [*read.files, *given]
     return result
+
+
+def _add_prior(
+    result: Result, height_map: processing.HeightMap, prior: processing.HeightPrior
+) -> None:
+    """Add the number of known heights on the surface, and how far it is from them."""
+    off = (height_map.height - prior.height)[height_map.mask & prior.known].astype(np.float64)
+    rms = float(np.sqrt(np.mean(off**2)))
+    result.metrics = {**result.metrics, "prior_heights": len(off), "prior_rms": rms}
+    heights = rig.pluralize(len(off), "known height")
+    result.summary.append(f"{rms:.2g} {height_map.unit} rms from {heights}")
 
 
 def _with_remedy(
