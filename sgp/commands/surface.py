@@ -72,8 +72,7 @@ def surface(
         .tif) of floats, NaN where unknown, of the size of the normals or coarser.
     prior_sigma
         Standard deviation of each known height in mm, or in pixels if the scale is not known; a
-        small one fixes heights, or bends a surface whose normals have errors in common;
-        default: the size of a pixel.
+        small one fixes heights; default: the size of a pixel.
     height_mm
         Mean height of the surface above the working plane of the camera, as sgp normals reports it
         under near lights; default: 0.
