@@ -12,9 +12,9 @@ from scipy.ndimage import map_coordinates
 from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
+from calibration._spheres.confirmed import confirmed, in_all_images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.joint_search import joint_near
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import Mirror, find_mirror
 from calibration._spheres.outline import (
@@ -39,8 +39,6 @@ _SECTORS = 72
 _LEAST_COVERAGE = 0.35
 _HORIZON, _CONCENTRIC = 0.73, 0.15
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
-# One picture may show an edge as far from the outline that less of all images supports.
-_WIDER_SHARE, _DECIDED = 0.1, 0.5
 
 
 def find_spheres(
@@ -54,12 +52,13 @@ def find_spheres(
 
     Bright spots of different lights at one place show where a sphere may be. Of all balls around
     such a place, the one that mirrors the plane around it best is the sphere (`MirroredPlane`);
-    then its outline is refined. If no ball mirrors a plane, because it is missing or black,
-    the round edges of the mean image around that place are examined: one of them is the outline if
-    more than a third of it is visible, it shows a compact highlight under at least half of the
-    lights, the highlight moves with the light, by 1 px and 2 % of the radius, and its middle is not
-    shaded as that of a painted ball is. Of overlapping edges (a sphere mirrors circles inside
-    itself), the largest well-covered one is the outline.
+    then its outline is refined, and confirmed by the edges of all images: where they contradict it,
+    there is no such plane, and their outline is used. If no ball mirrors a plane, because it is
+    missing or black, the round edges of the mean image around that place are examined: one of them
+    is the outline if more than a third of it is visible, it shows a compact highlight under at
+    least half of the lights, the highlight moves with the light, by 1 px and 2 % of the radius, and
+    its middle is not shaded as that of a painted ball is. Of overlapping edges (a sphere mirrors
+    circles inside itself), the largest well-covered one is the outline.
 
     Parameters
     ----------
@@ -88,10 +87,11 @@ def find_spheres(
     """
     reduced = reduced or reduce_stack(values)
     plane = MirroredPlane(values, reduced, camera)
-    spheres: list[SphereImage] = []
     undecided: list[SpotCluster] = []
+    mirroring: list[SphereImage] = []
     for cluster in spot_clusters(reduced):
-        if any(inside(cluster, known.outline) for known in (*excluded, *spheres)):
+        known = [*excluded, *mirroring]
+        if any(inside(cluster, sphere.outline) for sphere in known):
             continue
         mirror = find_mirror(plane, cluster)
         if mirror is None and len(radii_px):
@@ -100,17 +100,22 @@ def find_spheres(
             undecided.append(cluster)
         elif _expected(mirror.outline(plane.camera), radii_px):
             sphere = outlined_mirror(values, plane, mirror)
-            if not any(overlap(sphere.outline, s.outline) for s in (*excluded, *spheres)):
-                spheres.append(sphere)
+            if not _rivals(sphere.outline, known):
+                mirroring.append(sphere)
+    spheres = [
+        one
+        for one in confirmed(values, mirroring)
+        if one is not None and _expected(one.outline, radii_px)
+    ]
     if undecided:
-        known = [*excluded, *spheres]
-        for sphere in _by_edges(values, undecided, radii_px, known):
+        for sphere in _by_edges(values, undecided, radii_px, [*excluded, *mirroring]):
             around = _ball_around(plane, sphere, undecided)
-            spheres.append(
-                _in_all_images(values, sphere)
-                if around is None
-                else outlined_mirror(values, plane, around)
-            )
+            if around is None:
+                one = in_all_images(values, sphere)
+            else:
+                one = confirmed(values, [outlined_mirror(values, plane, around)])[0]
+            if one is not None:
+                spheres.append(one)
     return sorted(spheres, key=lambda sphere: sphere.outline.centre_px)
 
 
@@ -169,24 +174,6 @@ def _by_edges(
         if sphere is not None:
             spheres = [other for other in spheres if other not in rivals] + [sphere]
     return spheres
-
-
-def _in_all_images(values: Images, sphere: SphereImage) -> SphereImage:
-    """Return a sphere with the outline that the edges of most images support."""
-    radius = sphere.outline.radius_px
-    joint = joint_near(values, sphere.outline, max(_REACH_PX, _REACH_SHARE * radius))
-    if joint is None or joint.support < _DECIDED:
-        wider = joint_near(values, sphere.outline, max(_REACH_PX, _WIDER_SHARE * radius))
-        if joint is None or (wider is not None and wider.support > joint.support):
-            joint = wider
-    if joint is None:
-        return sphere
-    highlights = find_highlights(values, joint.outline)
-    if np.count_nonzero(highlights.found) < np.count_nonzero(sphere.highlights.found):
-        return sphere
-    return SphereImage(
-        joint.outline, joint.points_px, joint.coverage, highlights, joint.covariance_px2
-    )
 
 
 def _rivals(outline: Ellipse, spheres: Sequence[SphereImage]) -> list[SphereImage]:

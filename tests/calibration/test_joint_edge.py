@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
+from calibration._spheres.confirmed import confirmed
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_edge import joint_outline, part_covariance
 from calibration._spheres.joint_search import joint_near
+from calibration._spheres.sphere_image import SphereImage
 
 TRUE = np.array([80.0, 78.0, 50.0])
 
@@ -87,6 +90,38 @@ def test_too_few_edges_are_an_error():
     even = np.full((3, 160, 160), 0.3, np.float32)
     with pytest.raises(EstimateError, match=r"no edge agrees with an outline at \(80, 78\) px"):
         joint_outline(even, Ellipse((80.0, 78.0), (50.0, 50.0)))
+
+
+def mirroring(values, change):
+    """Return a sphere whose outline seems to be known to 0.03 px, but is off by a change."""
+    x, y, radius = TRUE + change
+    outline = Ellipse((x, y), (radius, radius))
+    highlights = find_highlights(values, outline)
+    return SphereImage(outline, outline.point(np.arange(6.0)), 1.0, highlights, np.eye(3) * 0.03**2)
+
+
+def test_edges_of_all_images_decide_about_outlines_from_a_plane(values):
+    right, wrong, elsewhere = (
+        mirroring(values, change) for change in ((0, 0, 0.1), (0.3, -1.2, 0.7), (0, 0, -20.0))
+    )
+    assert confirmed(values, [right])[0] is right
+    moved = confirmed(values, [wrong])[0]
+    assert np.abs(change_px(moved.outline)).max() < 0.25
+    assert np.trace(moved.covariance_px2) < 0.7**2
+    # No edge at all where the outline should be.
+    assert confirmed(values, [elsewhere]) == [None]
+    # One confirmed outline shows that there is a plane, which the others mirror, too.
+    assert confirmed(values, [wrong, elsewhere, right]) == [wrong, elsewhere, right]
+
+
+@pytest.mark.slow
+def test_outlines_that_few_edges_support_state_the_difference(values):
+    hidden = values.copy()
+    hidden[:, 60:] = 0.3
+    change = np.array([0.3, -1.2, 0.7])
+    seen = confirmed(hidden, [mirroring(values, change)])[0]
+    assert np.abs(change_px(seen.outline)).max() < 0.25
+    assert np.trace(seen.covariance_px2) > change @ change
 
 
 def lone_ball(seed):

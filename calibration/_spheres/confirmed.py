@@ -1,0 +1,107 @@
+"""Outlines of spheres, confirmed or replaced by the edges of all images."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration._radiance.raw_stack import Images
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.highlights import find_highlights
+from calibration._spheres.joint_search import JointNear, change_of, edges_agree, joint_near
+from calibration._spheres.robust import Array
+from calibration._spheres.sphere_image import SAFE_COVERAGE, SphereImage
+
+_REACH_PX, _REACH_SHARE = 3.0, 0.03
+# One picture may show an edge as far from the outline that less of all images supports.
+_WIDER_SHARE, _DECIDED = 0.1, 0.5
+# Contact shadows and what is mirrored at the limb move the edges of all images by up to 0.2 px.
+# The 99.9 % quantile of chi-square with 3 degrees of freedom.
+_MODEL_PX, _DIFFERENT = 0.15, 16.3
+# Edges that determine the outline less well, as a share of the radius, contradict nothing.
+_WELL_KNOWN = 0.03
+
+
+def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereImage | None]:
+    """Return spheres that seem to mirror the plane, with outlines that the edges confirm.
+
+    The mirror image determines an outline if the sphere rests on a plane that faces the camera.
+    Where there is no such plane, something else is compared, and the outline is wrong. The edges of
+    all images do not depend on the plane. If they confirm the outline of one sphere, or do not
+    determine it well enough to contradict it, the plane is there, and all spheres are returned as
+    they are. Otherwise, each sphere gets the outline of the edges. Where less than half of its
+    length is supported, its covariance contains the difference.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, NaN where saturated.
+    mirroring
+        Spheres with the covariances of their outlines.
+
+    Returns
+    -------
+    list of SphereImage or None
+        None for a sphere around which the edges of all images support no outline.
+    """
+    by_edges: list[SphereImage | None] = []
+    for sphere in mirroring:
+        if edges_agree(values, sphere.outline):
+            return list(mirroring)
+        joint = _joint(values, sphere.outline)
+        if joint is None:
+            by_edges.append(None)
+            continue
+        change = change_of(sphere.outline, joint.outline)
+        if not _contradicts(joint, sphere, change):
+            return list(mirroring)
+        doubt = 0.0 if joint.support >= _DECIDED else 1.0
+        by_edges.append(_with_outline(values, sphere, joint, doubt * np.outer(change, change)))
+    return by_edges
+
+
+def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
+    """Return a sphere with the outline that the edges of most images support.
+
+    If they support none, the sphere is returned as it is, or None if less than 60 % of its outline
+    is visible.
+    """
+    joint = _joint(values, sphere.outline)
+    found = None if joint is None else _with_outline(values, sphere, joint, np.zeros((3, 3)))
+    if found is None and sphere.coverage >= SAFE_COVERAGE:
+        return sphere
+    return found
+
+
+def _joint(values: Images, outline: Ellipse) -> JointNear | None:
+    """Return the outline near another one that the edges of all images support best."""
+    radius = outline.radius_px
+    joint = joint_near(values, outline, max(_REACH_PX, _REACH_SHARE * radius))
+    if joint is None or joint.support < _DECIDED:
+        wider = joint_near(values, outline, max(_REACH_PX, _WIDER_SHARE * radius))
+        if joint is None or (wider is not None and wider.support > joint.support):
+            joint = wider
+    return joint
+
+
+def _contradicts(joint: JointNear, sphere: SphereImage, change: Array) -> bool:
+    """Return whether the edges of all images differ from an outline by more than both errors."""
+    covariance = joint.covariance_px2
+    limit_px = _WELL_KNOWN * sphere.outline.radius_px
+    if np.linalg.eigvalsh(covariance)[-1] > limit_px**2:
+        return False
+    own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
+    both = covariance + own + np.eye(3) * (_MODEL_PX**2 + sphere.systematic_px**2)
+    return bool(change @ np.linalg.solve(both, change) > _DIFFERENT)
+
+
+def _with_outline(
+    values: Images, sphere: SphereImage, joint: JointNear, doubt_px2: Array
+) -> SphereImage | None:
+    """Return a sphere with another outline, None if it shows fewer highlights in it."""
+    highlights = find_highlights(values, joint.outline)
+    if np.count_nonzero(highlights.found) < np.count_nonzero(sphere.highlights.found):
+        return None
+    covariance = joint.covariance_px2 + doubt_px2
+    return SphereImage(joint.outline, joint.points_px, joint.coverage, highlights, covariance)
