@@ -86,8 +86,8 @@ def reconstruct(
     surface
         Also integrate the normals.
     on_progress
-        Callback that receives the progress of the stages ``reading``, ``normals``, ``error bars``
-        and, for images in colour, ``colour``.
+        Callback that receives the progress of the stages ``reading``, ``normals`` and, for images
+        in colour, ``error bars`` and ``colour``.
 
     Returns
     -------

@@ -97,7 +97,9 @@ def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None
     scaled, _ = cauchy(values, of_kept)
     residual = values - np.einsum("pc,pcn->pn", scaled, of_kept)
     variance = law[:, 0] + law[:, 1] * np.where(lit, signal, 0)
-    ratio = np.abs(residual / np.sqrt(free * variance))
+    # In extreme units the law underflows to 0.
+    spread = np.sqrt(free * variance)
+    ratio = np.abs(np.divide(residual, spread, out=np.zeros_like(spread), where=spread > 0))
     largest = _LARGEST * MAD_TO_SIGMA * float(np.median(ratio[lit]))
     return np.asarray(law * min(largest, 1.0) ** 2, np.float32)
 

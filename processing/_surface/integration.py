@@ -130,7 +130,7 @@ def integrate(
     right, down, step_right, step_down = chords.edges(normals, inside)
     labels, count = label_parts(right, down)
     if count == 0:
-        raise _nothing_to_integrate(inside)
+        raise _nothing_to_integrate(inside, normal_map.size)
     sampled = SampledSteps(right, down, step_right, step_down)
     held = None if prior is None else anchors(prior, labels, window, variance, scale)
     weights, factors = (right, down), None
@@ -265,11 +265,11 @@ def _check(
         )
 
 
-def _nothing_to_integrate(inside: Mask) -> EstimateError:
+def _nothing_to_integrate(inside: Mask, size: tuple[int, int]) -> EstimateError:
     if not (inside[1:] & inside[:-1]).any() and not (inside[:, 1:] & inside[:, :-1]).any():
         return EstimateError(
-            "no two pixels of the normal map are neighbours, so there is nothing to integrate: use "
-            "a larger map, or check its mask"
+            f"no two pixels of the normal map of {size[1]} x {size[0]} are neighbours, so there is "
+            "nothing to integrate: use a larger map, or check its mask"
         )
     return EstimateError(
         "no two neighbouring pixels of the normal map face the camera, so there is nothing to "

@@ -226,7 +226,8 @@ def test_steps_are_near_and_in_range(exposure_us: float, low_us: float) -> None:
     stepped = stepped_us(exposure_us, low_us, 2e6)
     assert low_us <= stepped <= 2e6
     if low_us < exposure_us < 2e6:
-        assert stepped == pytest.approx(exposure_us, rel=0.0135)
+        # Half a step is 1.2 %, and three digits add up to .5 %: 135 becomes 137.
+        assert stepped == pytest.approx(exposure_us, rel=0.0171)
     assert stepped_us(stepped, low_us, 2e6) == stepped
 
 

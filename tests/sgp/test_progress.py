@@ -116,7 +116,7 @@ def test_every_stage_of_a_run_is_shown_to_its_end(recording: Path, tmp_path, mon
         write_overview(tmp_path / "a.png", "", [Panel("a", lambda axes: axes.plot([0, 1]))] * 3)
 
     stages = stages_of(monkeypatch, call)
-    expected = ["reading", "normals", "error bars", "writing normals", "writing maps",
+    expected = ["reading", "normals", "writing normals", "writing maps",
                 "hashing the inputs", "detail", "writing shape", "writing detail",
                 "measuring the detail", "integrating", "writing meshes",
                 "drawing"]  # fmt: skip
