@@ -16,9 +16,9 @@ Double = npt.NDArray[np.float64]
 
 # Beyond this exponent, a share is 0 or 1 in float32.
 _LARGEST_EXPONENT = 50.0
-# Least factor of each of the two gates of an edge. It holds parts that only doubtful edges connect
+# Least factor of both gates of an edge together. It holds parts that only doubtful edges connect
 # where the last surface had them; without it, noise moves them further in every round.
-_LEAST = 0.03
+_LEAST = 0.025
 
 
 @numba.njit(cache=True)
@@ -108,10 +108,10 @@ def gated_weights(
                 continue
             d = c + 1 - vertical
             one, other = share[r, c], 1 - share[q, d]
-            gate = _LEAST + (1 - _LEAST) * 2 * min(one, other)
-            fit = max((1 + (residual[r, c] / width) ** 2) ** -2, _LEAST)
+            gate = 2 * min(one, other)
+            fit = (1 + (residual[r, c] / width) ** 2) ** -2
             facing2 = one * facing[r, c] ** 2 + other * facing[q, d] ** 2
-            out[r, c] = gate * fit * evenness[r, c] * facing2
+            out[r, c] = max(gate * fit, _LEAST) * evenness[r, c] * facing2
 
 
 @numba.njit(parallel=True, cache=True)

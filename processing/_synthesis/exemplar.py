@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -15,6 +17,11 @@ Mask = npt.NDArray[np.bool_]
 
 # A smaller mean angle is noise of files: nothing that could be continued.
 _FLAT_DEG = 0.01
+# Classes of steepness of patches.
+_CLASSES = 24
+_EVEN_ROUNDS = 20
+# Rounding errors of the use of a pixel that is in no patch are smaller.
+_UNUSED = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,20 +34,20 @@ class Exemplar:
         ``(copies, h, w, 3)`` float32; copies that are narrower or lower are padded with 0.
     slopes
         ``(copies, h, 2 w)``: n_x and n_y of the same.
-    cells
-        ``(copies, h, w)`` int32: number of the cell of the exemplar around the middle of the
-        patch that starts here, -1 if a patch does not fit into the mask.
+    classes
+        ``(copies, h, w)`` int32: class of steepness of the patch that starts here, -1 if a patch
+        does not fit into the mask.
     starts
         Flat indices of the places where a patch fits.
     shares
-        Share of the places that each cell has.
+        Share of the patches that should be of each class, so that every pixel is used equally.
     mean_energy
         Mean of n_x^2 + n_y^2 over the mask.
     """
 
     vectors: Float
     slopes: Float
-    cells: npt.NDArray[np.int32]
+    classes: npt.NDArray[np.int32]
     starts: npt.NDArray[np.int32]
     shares: npt.NDArray[np.float64]
     mean_energy: float
@@ -60,58 +67,89 @@ def prepare_exemplar(detail: NormalMap, patch: int, *, rotate: bool, mirror: boo
             f"the exemplar has {width} x {height} pixels, less than a patch of {patch} x {patch}: "
             "use a larger exemplar or smaller patches"
         )
-    known = detail.normals[detail.mask]
-    steep = np.hypot(known[:, 0], known[:, 1])
-    angle = float(np.degrees(np.mean(np.arctan2(steep, known[:, 2]), dtype=np.float64)))
-    if angle < _FLAT_DEG:
+    steep = np.hypot(detail.normals[..., 0], detail.normals[..., 1])
+    angle = np.arctan2(steep, detail.normals[..., 2])
+    mean = math.degrees(np.mean(angle[detail.mask], dtype=np.float64))
+    if mean < _FLAT_DEG:
         raise DataError(
-            f"the exemplar is flat: its mean detail angle is {angle:.2g} degrees, so it has no "
+            f"the exemplar is flat: its mean detail angle is {mean:.2g} degrees, so it has no "
             "texture that could be continued"
         )
-    cell = _cells(detail.mask, patch)
-    if cell.max() < 0:
+    places = _places(detail.mask, patch)
+    if not places.any():
         raise DataError(
             f"no patch of {patch} x {patch} pixels fits into the mask of the exemplar: use an "
             "exemplar without holes or smaller patches"
         )
+    classes = _steepness(angle, places, patch)
+    shares = np.bincount(classes[places], _even_use(places, detail.mask, patch)[places])
     copies = [
-        _turned(detail.normals, cell, quarter, flip, patch)
+        _turned(detail.normals, classes, quarter, flip, patch)
         for quarter in range(4 if rotate else 1)
         for flip in ((False, True) if mirror else (False,))
     ]
     side = (max(height, width), max(height, width)) if rotate else (height, width)
     vectors = np.zeros((len(copies), *side, 3), np.float32)
-    cells = np.full((len(copies), *side), -1, np.int32)
+    every = np.full((len(copies), *side), -1, np.int32)
     for i, (normals, numbers) in enumerate(copies):
         vectors[i, : normals.shape[0], : normals.shape[1]] = normals
-        cells[i, : normals.shape[0], : normals.shape[1]] = numbers
-    starts = np.flatnonzero(cells >= 0).astype(np.int32)
-    counts = np.bincount(cells.reshape(-1)[starts])
-    slopes = np.ascontiguousarray(vectors[..., :2]).reshape(*cells.shape[:2], -1)
-    energy = float(np.mean(steep**2, dtype=np.float64))
-    return Exemplar(vectors, slopes, cells, starts, counts / len(starts), energy)
+        every[i, : normals.shape[0], : normals.shape[1]] = numbers
+    starts = np.flatnonzero(every >= 0).astype(np.int32)
+    slopes = np.ascontiguousarray(vectors[..., :2]).reshape(*every.shape[:2], -1)
+    energy = float(np.mean(steep[detail.mask] ** 2, dtype=np.float64))
+    return Exemplar(vectors, slopes, every, starts, shares / shares.sum(), energy)
 
 
-def _cells(mask: Mask, patch: int) -> npt.NDArray[np.int32]:
-    """Return the number of the cell of each place, -1 where a patch leaves the mask."""
+def _places(mask: Mask, patch: int) -> Mask:
+    """Return where a patch that starts there lies inside a mask."""
     height, width = mask.shape
     holes = np.zeros((height + 1, width + 1), np.int64)
     holes[1:, 1:] = np.cumsum(np.cumsum(~mask, axis=0), axis=1)
     inside = holes[patch:, patch:] - holes[:-patch, patch:]
     inside = inside - holes[patch:, :-patch] + holes[:-patch, :-patch] == 0
-    side = max(patch // 2, 1)
-    y, x = np.arange(inside.shape[0]) // side, np.arange(inside.shape[1]) // side
-    numbers = y[:, None] * (x[-1] + 1) + x
-    cell = np.full(mask.shape, -1, np.int32)
-    # Cells without places have no number, so that every number has a share.
-    cell[: inside.shape[0], : inside.shape[1]][inside] = np.unique(
-        numbers[inside], return_inverse=True
-    )[1]
-    return cell
+    places = np.zeros(mask.shape, np.bool_)
+    places[: inside.shape[0], : inside.shape[1]] = inside
+    return places
+
+
+def _steepness(angle: Float, places: Mask, patch: int) -> npt.NDArray[np.int32]:
+    """Return the class of each place by the mean angle of its patch, -1 where no patch fits.
+
+    The classes have equal numbers of places.
+    """
+    means = _patch_means(angle, patch)[places]
+    order = np.argsort(np.argsort(means, kind="stable"), kind="stable")
+    classes = np.full(places.shape, -1, np.int32)
+    # With fewer places than classes, some numbers have no place.
+    classes[places] = np.unique(order * _CLASSES // len(means), return_inverse=True)[1]
+    return classes
+
+
+def _even_use(places: Mask, mask: Mask, patch: int) -> Float:
+    """Return how often to start a patch at each place, so that pixels are used equally often.
+
+    A pixel at a border of the mask is in fewer patches than one inside. The frequencies that make
+    up for it are found by the multiplicative iteration of Richardson and Lucy.
+    """
+    often = places.astype(np.float32)
+    for _ in range(_EVEN_ROUNDS):
+        corner = (patch - 1, patch - 1)
+        use = cv2.boxFilter(
+            often, -1, (patch, patch), anchor=corner, borderType=cv2.BORDER_CONSTANT
+        )
+        missing = np.where(mask & (use > _UNUSED), 1 / np.maximum(use, _UNUSED), 0)
+        often *= _patch_means(missing.astype(np.float32), patch)
+    return often
+
+
+def _patch_means(values: Float, patch: int) -> Float:
+    """Return the mean of the patch that starts at each pixel; pixels outside count as 0."""
+    means = cv2.boxFilter(values, -1, (patch, patch), anchor=(0, 0), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(means, np.float32)
 
 
 def _turned(
-    normals: Float, cell: npt.NDArray[np.int32], quarter: int, flip: bool, patch: int
+    normals: Float, classes: npt.NDArray[np.int32], quarter: int, flip: bool, patch: int
 ) -> tuple[Float, npt.NDArray[np.int32]]:
     """Turn a detail by quarters counter-clockwise, then mirror it left to right.
 
@@ -122,7 +160,8 @@ def _turned(
     for _ in range(quarter):
         x, y = -y, x
     turned = np.rot90(np.stack([x, y, z], axis=-1), quarter)
-    room = np.rot90(cell[: cell.shape[0] - patch + 1, : cell.shape[1] - patch + 1], quarter)
+    room = classes[: classes.shape[0] - patch + 1, : classes.shape[1] - patch + 1]
+    room = np.rot90(room, quarter)
     if flip:
         turned = turned[:, ::-1] * np.array([-1, 1, 1], np.float32)
         room = room[:, ::-1]

@@ -109,7 +109,7 @@ def find_place(
     window: Float,
     slopes: Float,
     starts: Whole,
-    cells: Whole,
+    classes: Whole,
     penalty: Double,
     bands: Bands,
     mean_energy: float,
@@ -126,11 +126,10 @@ def find_place(
         ``(copies, H, 2 W)`` slopes of the exemplar and its turned copies.
     starts
         Flat indices into ``(copies, H, W)`` of the places at which a patch fits.
-    cells
-        ``(copies, H, W)``: number of the cell of the exemplar around a place, -1 where no patch
-        fits.
+    classes
+        ``(copies, H, W)``: class of the patch that starts at a place, -1 where none fits.
     penalty
-        Factor on the costs of the places of each cell.
+        Factor on the costs of the patches of each class.
     bands
         Widths of the parts that are known: left, top, right, bottom.
     mean_energy
@@ -140,7 +139,7 @@ def find_place(
     state
         State of the random numbers.
     """
-    rows, columns = cells.shape[1], cells.shape[2]
+    rows, columns = classes.shape[1], classes.shape[2]
     # The random places are compared on every third row.
     coarse = _ground(window, bands, mean_energy, 1, _COARSE)
     best = np.full(_REFINED, np.inf)
@@ -151,7 +150,7 @@ def find_place(
         copy, place = divmod(start, rows * columns)
         y, x = divmod(place, columns)
         cost = _cost(window, slopes[copy], y, x, bands, coarse, 1, _COARSE)
-        cost *= penalty[cells[copy, y, x]]
+        cost *= penalty[classes[copy, y, x]]
         if cost < best[-1]:
             i = _REFINED - 1
             while i > 0 and best[i - 1] > cost:
@@ -166,17 +165,17 @@ def find_place(
         copy, place = divmod(kept[i], rows * columns)
         y, x = divmod(place, columns)
         least = _cost(window, slopes[copy], y, x, bands, fine, 0, 1)
-        least *= penalty[cells[copy, y, x]]
+        least *= penalty[classes[copy, y, x]]
         for step in _STEPS:
             middle_y, middle_x = y, x
             for dy in (-step, 0, step):
                 for dx in (-step, 0, step):
                     v, u = middle_y + dy, middle_x + dx
                     inside = 0 <= v < rows and 0 <= u < columns
-                    if (dy == 0 and dx == 0) or not inside or cells[copy, v, u] < 0:
+                    if (dy == 0 and dx == 0) or not inside or classes[copy, v, u] < 0:
                         continue
                     cost = _cost(window, slopes[copy], v, u, bands, fine, 0, 1)
-                    cost *= penalty[cells[copy, v, u]]
+                    cost *= penalty[classes[copy, v, u]]
                     if cost < least:
                         least, y, x = cost, v, u
         if least < lowest:

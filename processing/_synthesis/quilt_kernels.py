@@ -10,11 +10,13 @@ import numpy.typing as npt
 
 from processing._synthesis.patch_search import Bands, Double, Float, Whole, find_place, stream
 
-# Compiled in: processing/_synthesis/patch_search.py 514912cc0137
+# Compiled in: processing/_synthesis/patch_search.py 7aab62ab5707
 Bytes = npt.NDArray[np.uint8]
 Cut = npt.NDArray[np.int64]
 
 _FAST = {"contract"}
+# Weight of the step across a cut against the differences on both of its sides.
+_ACROSS = np.float32(4)
 
 
 @numba.njit(cache=True, fastmath=_FAST)
@@ -33,7 +35,7 @@ def _cut(old: Float, new: Float, cut: Cut) -> None:
                 before = old[i, j - 1, k] - new[i, j - 1, k]
                 after = old[i, j, k] - new[i, j, k]
                 across = old[i, j - 1, k] - new[i, j, k]
-                total += before * before + after * after + across * across
+                total += before * before + after * after + _ACROSS * across * across
             # The root makes the cost of a row an angle, so that one strong step does not decide
             # the course of the complete cut.
             cost[i, j] = math.sqrt(total)
@@ -94,13 +96,13 @@ def _place(
     vectors: Float,
     slopes: Float,
     starts: Whole,
-    cells: Whole,
+    classes: Whole,
     penalty: Double,
     mean_energy: float,
     candidates: int,
     seed: int,
 ) -> int:
-    """Place one patch and return the cell of its place; see `place_patches`."""
+    """Place one patch and return the class of its exemplar's patch; see `place_patches`."""
     rows, columns = labels.shape
     top, left = patch[2], patch[3]
     height = size if bands[3] else min(size, rows - top)
@@ -114,7 +116,7 @@ def _place(
             steep[r, 2 * c], steep[r, 2 * c + 1] = window[r, c, 0], window[r, c, 1]
     state = stream(seed, patch[0], patch[1])
     copy, y, x = find_place(
-        steep, slopes, starts, cells, penalty, bands, mean_energy, candidates, state
+        steep, slopes, starts, classes, penalty, bands, mean_energy, candidates, state
     )
     chosen = vectors[copy, y : y + height, x : x + width]
     taken = _taken(window, chosen, bands)
@@ -127,7 +129,7 @@ def _place(
                 labels[q, d] = label
                 for k in range(3):
                     sheet[q, d, k] = chosen[r, c, k]
-    return int(cells[copy, y, x])
+    return int(classes[copy, y, x])
 
 
 @numba.njit(parallel=True, cache=True)
@@ -140,7 +142,7 @@ def place_patches(
     vectors: Float,
     slopes: Float,
     starts: Whole,
-    cells: Whole,
+    classes: Whole,
     penalty: Double,
     mean_energy: float,
     candidates: int,
@@ -163,13 +165,13 @@ def place_patches(
     vectors
         ``(copies, h, w, 3)`` normals of the exemplar and its copies.
     used
-        ``(n,)``, written: cells of the places.
+        ``(n,)``, written: classes of the places.
 
     For the others see `find_place`.
     """
     for i in numba.prange(patches.shape[0]):
         known = (bands[i, 0], bands[i, 1], bands[i, 2], bands[i, 3])
         used[i] = _place(
-            sheet, labels, patches[i], known, size, vectors, slopes, starts, cells, penalty,
+            sheet, labels, patches[i], known, size, vectors, slopes, starts, classes, penalty,
             mean_energy, candidates, seed,
         )  # fmt: skip

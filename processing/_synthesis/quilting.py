@@ -19,9 +19,9 @@ from rig import Progress, no_progress
 
 Whole = npt.NDArray[np.int32]
 
-_CANDIDATES = 2000
-# How strongly a part of the exemplar that was used often is avoided.
-_BALANCE = 0.5
+_CANDIDATES = 2400
+# How strongly a class of patches that was used often is avoided.
+_BALANCE = 1.0
 # A patch that touches another patch that it does not overlap would depend on the order.
 _LEAST_PATCH = 6
 
@@ -75,8 +75,9 @@ def synthesize(
 
     Patches of the exemplar are placed in rows and columns so that they agree where they overlap,
     and are joined along cuts where they differ least (Efros and Freeman, *Image Quilting for
-    Texture Synthesis and Transfer*, 2001). Each part of the exemplar is used about equally often,
-    so that the sheet is as steep as the exemplar. No vector is averaged.
+    Texture Synthesis and Transfer*, 2001). Flat and steep parts of the exemplar are used as often
+    as they occur, so that the sheet is as steep as the exemplar. No vectors are averaged at cuts;
+    one filter removes the power that cuts add to the spectrum.
 
     Parameters
     ----------
@@ -179,10 +180,10 @@ def _fill(
     tileable: bool,
     on_progress: Progress,
 ) -> None:
-    """Place all patches, diagonal by diagonal, and count how often each cell is used."""
+    """Place all patches, diagonal by diagonal, and count how often each class is used."""
     uses, placed, total = np.zeros(len(exemplar.shares)), 0, len(rows) * len(columns)
-    for cells in _diagonals(len(rows), len(columns), tileable):
-        r, c = cells.T
+    for patch_of in _diagonals(len(rows), len(columns), tileable):
+        r, c = patch_of.T
         patches = np.stack([r, c, rows[r], columns[c]], axis=1).astype(np.int32)
         bands = np.zeros_like(patches)
         bands[:, 0] = np.where(c > 0, columns[c - 1] + patch - columns[c], 0)
@@ -194,7 +195,8 @@ def _fill(
         penalty = ((uses + 1) / (placed * exemplar.shares + 1)) ** _BALANCE
         place_patches(
             sheet, labels, patches, bands, patch, exemplar.vectors, exemplar.slopes,
-            exemplar.starts, exemplar.cells, penalty, exemplar.mean_energy, _CANDIDATES, seed, used,
+            exemplar.starts, exemplar.classes, penalty, exemplar.mean_energy, _CANDIDATES, seed,
+            used,
         )  # fmt: skip
         if not placed:  # the first patch waits for the compiler
             on_progress("preparing", 1, 1)

@@ -129,6 +129,10 @@ def _weights(has: Double, wanted: Double) -> Float:
     spread = np.square(np.array([0.0, *_SIGMAS]))
     responses = [np.exp(-2 * np.pi**2 * s * np.square(_frequencies(has))) for s in spread]
     response = np.stack([_banded(one) for one in responses], axis=1)
+    # The sheet stays as steep as it is: equal use of the exemplar decides that, not few blocks.
+    counts = _band_counts(has)
+    total = _banded(has) @ counts
+    wanted = wanted * total / (wanted @ counts)
     # A filter this smooth cannot fit all bands of a narrow spectrum: those with power come first.
     important = 1 + wanted / wanted.max()
     wanted = np.maximum(wanted, _LEAST_POWER * wanted.max())
@@ -142,9 +146,7 @@ def _weights(has: Double, wanted: Double) -> Float:
         # The power is not even inside a band: correct what one round leaves.
         gain *= np.sqrt(wanted / np.maximum(_banded(filtered), 1e-30))
         gain = np.clip(gain, _LEAST_GAIN, _MOST_GAIN)
-    # Whatever the filter cannot fit, the sheet is as steep as the exemplar.
-    counts = _band_counts(has)
-    weights = weights * np.sqrt(wanted @ counts / (_banded(filtered) @ counts))
+    weights = weights * np.sqrt(total / (_banded(filtered) @ counts))
     return weights.astype(np.float32)
 
 

@@ -115,7 +115,7 @@ def test_a_turned_copy_is_the_turned_surface():
     )
     np.testing.assert_allclose(made.vectors[1, :9, 0], cone.normals[:, 12] * [-1, 1, 1], atol=1e-7)
     # Every copy has as many places as the exemplar.
-    assert [int((cells >= 0).sum()) for cells in made.cells] == [(9 - 5) * (13 - 5)] * 8
+    assert [int((one >= 0).sum()) for one in made.classes] == [(9 - 5) * (13 - 5)] * 8
 
 
 def test_patches_stay_inside_the_mask(noise):
