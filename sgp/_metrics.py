@@ -180,8 +180,8 @@ class NormalsMetrics(QualityMetrics):
         Annotated[
             float,
             "1",
-            "`--semi-calibrated`: median of the relative standard deviations of the strengths, without "
-            "errors of the height under near lights",
+            "`--semi-calibrated`: median of the relative standard deviations of the strengths, "
+            "without errors of the height under near lights",
         ]
     ]
 
