@@ -60,7 +60,7 @@ class HeightWithStrengths:
         self._scale = 0.0
 
     def best(self, depth: Float, found: float | None) -> float | None:
-        """Return the best mean height of a surface of known shape; None if there is none.
+        """Return the best mean height of a surface of known shape; None if it is at a limit.
 
         Parameters
         ----------
