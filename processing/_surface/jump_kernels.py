@@ -109,9 +109,9 @@ def gated_weights(
             d = c + 1 - vertical
             one, other = share[r, c], 1 - share[q, d]
             gate = _LEAST + (1 - _LEAST) * 2 * min(one, other)
-            fit = max((1 + (residual[r, c] / width) ** 2) ** -2, _LEAST)
+            fit = (1 + (residual[r, c] / width) ** 2) ** -2
             facing2 = one * facing[r, c] ** 2 + other * facing[q, d] ** 2
-            out[r, c] = gate * fit * evenness[r, c] * facing2
+            out[r, c] = max(gate * fit, _LEAST) * evenness[r, c] * facing2
 
 
 @numba.njit(parallel=True, cache=True)
