@@ -100,9 +100,11 @@ class Alternation:
                 usual, largest = self._spread(residuals)
                 begin = largest if rounds == 2 else begin
                 final = _DEVIATIONS * max(usual, _LEAST_DEVIATION_PX)
-                noise = min(usual / _LEAST_DEVIATION_PX, 1.0)
-                least = _LEAST_WEIGHT * noise**2
                 width = max(final, begin * _NARROWER ** (rounds - 2))
+                # In the first rounds, residuals are those of a surface that is still wrong.
+                late = rounds > _UNEVEN_ROUNDS
+                noise = min(usual / _LEAST_DEVIATION_PX, 1.0) if late else 0.0
+                least = _LEAST_WEIGHT * noise**2
             for axis in (0, 1):
                 kernels.gated_weights(
                     edges[axis],
