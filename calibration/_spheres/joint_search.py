@@ -17,6 +17,7 @@ from calibration._spheres.joint_edge import JointOutline, joint_outline, part_co
 from calibration._spheres.outline import SHARP_PX, scatter_px
 from calibration._spheres.outline_noise import circle_covariance
 from calibration._spheres.robust import Array
+from calibration._spheres.spots import reduced_image
 
 _MARGIN_SHARE, _MARGIN_PX = 0.3, 24
 _MOST_IMAGES = 18
@@ -24,6 +25,9 @@ _MOST_IMAGES = 18
 _WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
 _LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
+# Edges that are more blurred than the model of the limb are seen in smaller images. The same
+# distances from an outline are fewer pixels there, so more edges must agree, by this share.
+_FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4), 60.0, 0.2
 # Edges along this length of an outline count as one observation.
 _INDEPENDENT_PX = 16.0
 
@@ -47,7 +51,9 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
     The guess is refined by `joint_outline`. If less than two thirds of its length are then
     supported, other circles within the reach are refined as well, and the one with the most
     support is the outline. The others add to its covariance as far as they are plausible: one that
-    has n observations less (16 px of circumference each) has the weight exp(-n).
+    has n observations less (16 px of circumference each) has the weight exp(-n). If less than
+    two thirds of a large outline are supported, its edges may be more blurred than the model of the
+    limb; then images of a half to a quarter of the size are tried.
 
     Parameters
     ----------
@@ -62,7 +68,28 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
     if part is None:
         return None
     crop, low = part
-    found = _found(crop, _shifted(guess, -low), reach_px)
+    best: JointNear | None = None
+    for factor in _FACTORS:
+        doubtful = best is None or best.support <= _WITHOUT_DOUBT
+        if factor > 1 and not (doubtful and guess.radius_px >= factor * _SMALLEST_PX):
+            break
+        # The centre of the first pixel of a smaller image is between the first pixels.
+        start: Array = low + np.float64((factor - 1) / 2)
+        small = crop if factor == 1 else _smaller(crop, factor)
+        joint = _near(small, _scaled(_shifted(guess, -start), 1 / factor), reach_px / factor)
+        if joint and (best is None or joint.support > best.support + _MORE_SUPPORT):
+            best = replace(
+                joint,
+                outline=_shifted(_scaled(joint.outline, factor), start),
+                points_px=joint.points_px * factor + start,
+                covariance_px2=joint.covariance_px2 * factor**2,
+            )
+    return best
+
+
+def _near(crop: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
+    """Return the outline near a guess in images of one size, as `joint_near`."""
+    found = _found(crop, guess, reach_px)
     if not found:
         return None
     found.sort(key=lambda one: -one.support)
@@ -73,8 +100,8 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
     if best.support < _LEAST_SUPPORT or scatter_px(best.outline, best.points_px) >= SHARP_PX:
         return None
     return JointNear(
-        _shifted(best.outline, low),
-        best.points_px + low,
+        best.outline,
+        best.points_px,
         best.coverage,
         best.support,
         _covariance(found) + part_covariance(crop, best.outline),
@@ -166,6 +193,18 @@ def change_of(a: Ellipse, b: Ellipse) -> Array:
     return np.array([*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px])
 
 
-def _shifted(outline: Ellipse, by: npt.NDArray[np.int_]) -> Ellipse:
+def _smaller(images: Images, factor: int) -> npt.NDArray[np.float32]:
+    """Return images that average blocks of ``factor x factor`` pixels."""
+    size = images.shape[2] // factor, images.shape[1] // factor
+    filled = (np.nan_to_num(images[k], nan=1.0) for k in range(len(images)))
+    return np.stack([reduced_image(image, size, factor) for image in filled])
+
+
+def _shifted(outline: Ellipse, by: npt.NDArray[np.int_] | Array) -> Ellipse:
     x, y = outline.centre_px
     return replace(outline, centre_px=(x + float(by[0]), y + float(by[1])))
+
+
+def _scaled(outline: Ellipse, by: float) -> Ellipse:
+    (x, y), (a, b) = outline.centre_px, outline.semi_axes_px
+    return replace(outline, centre_px=(x * by, y * by), semi_axes_px=(a * by, b * by))

@@ -197,10 +197,10 @@ def doubts_of_prior(prior: HeightPrior, mask: Mask, held: Anchors, free: Double)
     """
     notices = []
     known = prior.known
-    outside = int(np.count_nonzero(known & ~mask))
+    outside = prior.outside + int(np.count_nonzero(known & ~mask))
     if outside:
         text = (
-            f"{pluralize(outside, 'height')} of the prior, of {prior.count}, "
+            f"{pluralize(outside, 'height')} of the prior, of {prior.count + prior.outside}, "
             f"{'is' if outside == 1 else 'are'} outside the mask and not used"
         )
         notices.append(Notice("prior-outside", text, "", "info"))

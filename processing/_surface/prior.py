@@ -28,6 +28,8 @@ class HeightPrior:
     sigma
         ``(H, W)`` float32 standard deviation of each height, in the same unit. Errors of different
         pixels are independent. NaN where the height is not known.
+    outside
+        Number of heights that were given outside the image.
 
     Raises
     ------
@@ -45,6 +47,7 @@ class HeightPrior:
 
     height: Float
     sigma: Float
+    outside: int = 0
 
     def __post_init__(self) -> None:
         known = self.known
@@ -115,7 +118,11 @@ class HeightPrior:
         with np.errstate(invalid="ignore", divide="ignore"):
             height, spread = sums / weights, weights**-0.5
         spread[weights == 0] = np.nan
-        return cls(height.reshape(size).astype(np.float32), spread.reshape(size).astype(np.float32))
+        return cls(
+            height.reshape(size).astype(np.float32),
+            spread.reshape(size).astype(np.float32),
+            outside=int(np.count_nonzero(~inside)),
+        )
 
     @classmethod
     def from_map(cls, heights: npt.ArrayLike, sigma: float, size: tuple[int, int]) -> HeightPrior:

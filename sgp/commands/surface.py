@@ -72,8 +72,7 @@ def surface(
         .tif) of floats, NaN where unknown, of the size of the normals or coarser.
     prior_sigma
         Standard deviation of each known height in mm, or in pixels if the scale is not known; a
-        small one fixes heights, or bends a surface whose normals have errors in common;
-        default: the size of a pixel.
+        small one fixes heights; default: the size of a pixel.
     height_mm
         Mean height of the surface above the working plane of the camera, as sgp normals reports it
         under near lights; default: 0.
@@ -127,13 +126,24 @@ def surface(
     result = write_surface(
         claimed, height_map, normal_map, options, colours=colours, sigma_deg=sigma_deg
     )
-    result.warnings = [
-        *read.warnings,
-        *(_with_remedy(doubt, green, options) for doubt in result.warnings),
-    ]
+    doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
+    result.warnings = [*read.warnings, *doubts]
+    if known is not None:
+        _add_prior(result, height_map, known)
     given = [path for path in (mask, albedo, camera, sigma, prior) if path is not None]
     result.inputs = [*read.files, *given]
     return result
+
+
+def _add_prior(
+    result: Result, height_map: processing.HeightMap, prior: processing.HeightPrior
+) -> None:
+    """Add the number of known heights on the surface, and how far it is from them."""
+    off = (height_map.height - prior.height)[height_map.mask & prior.known].astype(np.float64)
+    rms = float(np.sqrt(np.mean(off**2)))
+    result.metrics = {**result.metrics, "prior_heights": len(off), "prior_rms": rms}
+    heights = rig.pluralize(len(off), "known height")
+    result.summary.append(f"{rms:.2g} {height_map.unit} rms from {heights}")
 
 
 def _with_remedy(

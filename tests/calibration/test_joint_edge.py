@@ -4,6 +4,7 @@ import importlib.util
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -84,6 +85,27 @@ def test_the_outline_that_most_images_support_is_found(values, guess, reach):
 def test_no_edge_no_outline(values, place):
     x, y, radius = place
     assert joint_near(values, Ellipse((x, y), (radius, radius)), 3.0) is None
+
+
+@pytest.mark.parametrize(
+    "blur_px",
+    [
+        pytest.param(2.0, id="before, no outline was found"),
+        pytest.param(3.0, id="before, 2 px too small with .1 px stated"),
+    ],
+)
+def test_a_large_outline_that_is_blurred_is_found_in_smaller_images(blur_px):
+    """The model of the limb has a blur of at most 1.4 px."""
+    true = np.array([150.3, 147.6, 128.0])
+    rows, columns = np.mgrid[:300, :301]
+    inside = np.clip(true[2] + 0.5 - np.hypot(columns - true[0], rows - true[1]), 0, 1)
+    image = cv2.GaussianBlur((0.3 - 0.25 * inside).astype(np.float32), (0, 0), blur_px)
+    noise = np.random.default_rng(0).normal(size=(3, *image.shape)) * 0.004
+    found = joint_near((image + noise).astype(np.float32), Ellipse((151.5, 146.8), (129, 129)), 4.0)
+    change = np.array([*found.outline.centre_px, found.outline.radius_px]) - true
+    assert np.abs(change).max() < 0.1
+    assert found.support > 0.9
+    assert np.abs(found.outline.distance_px(found.points_px)).max() < 1.5
 
 
 def test_too_few_edges_are_an_error():

@@ -135,10 +135,10 @@ def test_a_prior_joins_parts() -> None:
     mask = normals.mask.copy()
     mask[:, 15] = False
     apart = NormalMap.from_vectors(normals.normals, mask)
-    places, heights = [[3, 3], [25, 9], [15, 3]], [1.0, 5.0, 9.0]
+    places, heights = [[3, 3], [25, 9], [15, 3], [40, 2]], [1.0, 5.0, 9.0, 9.0]
     both = integrate(apart, prior=HeightPrior.from_points(places, heights, 0.01, (20, 31)))
     assert [notice.code for notice in both.warnings] == ["prior-outside"]
-    assert "1 height of the prior, of 3, is outside" in both.warnings[0].text
+    assert "2 heights of the prior, of 4, are outside" in both.warnings[0].text
     np.testing.assert_allclose(both.height[:, :15], 1, atol=1e-4)
     np.testing.assert_allclose(both.height[:, 16:], 5, atol=1e-4)
     one = integrate(apart, prior=HeightPrior.from_points(places[:1], heights[:1], 0.01, (20, 31)))

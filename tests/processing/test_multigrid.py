@@ -230,3 +230,36 @@ def test_a_solver_without_convergence_reports_it() -> None:
     assert not solution.converged
     assert solution.iterations == 2
     assert solution.relative_residual > 1e-6
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(2, 25),
+    st.integers(2, 25),
+    st.floats(-5, 5),
+    st.sampled_from([0.02, 0.3, 1.0]),
+)
+def test_anchors_hold_their_parts(
+    seed: int, rows: int, columns: int, strength: float, share: float
+) -> None:
+    """Weak and fixed heights at few or all pixels, against elimination."""
+    rng = np.random.default_rng(seed)
+    right, down = graph(rng.random((rows, columns)) < 0.9, seed, -2)
+    labels, count = label_parts(right, down)
+    inside = labels >= 0
+    anchors = np.where(inside & (rng.random(labels.shape) < share), 10**strength, 0)
+    # At least one in each part: then the matrix is regular.
+    anchors.ravel()[[np.flatnonzero(labels == part)[0] for part in range(count)]] = 10**strength
+    anchors = anchors.astype(np.float32)
+    target = np.where(anchors > 0, rng.normal(size=labels.shape), 0)
+    b = divergence(right, down, *steps(rng.normal(size=labels.shape))) + anchors * target
+    found = solve(right, down, b, anchors=anchors, tolerance=1e-12)
+    edges = matrix(right, down)
+    diagonal = np.asarray(edges.sum(axis=1)).ravel() + anchors.ravel()
+    system = (sparse.diags_array(diagonal) - edges).toarray()
+    kept = np.flatnonzero(inside)
+    expected = np.zeros(labels.size)
+    expected[kept] = np.linalg.solve(system[np.ix_(kept, kept)], b.ravel()[kept])
+    size = np.abs(expected).max() if len(kept) else 0
+    np.testing.assert_allclose(found.u.ravel(), expected, atol=1e-5 * size)
