@@ -27,6 +27,10 @@ _NARROWER = 0.7
 _DEVIATIONS = 8.0
 _LEAST_DEVIATION_PX = 0.02
 _SAMPLES = 100_000
+# Least factor of the weight of an edge across a certain jump, if the residuals are noise of
+# `_LEAST_DEVIATION_PX` or more. It holds parts that only doubtful edges connect where the last
+# surface had them; otherwise noise moves them further in every round. With less noise, it is less.
+_LEAST_WEIGHT = 0.03
 # The surface stands still when it moves by less, on average over all pixels, in pixels.
 _STILL_PX = 0.01
 # Of one round: later rounds change the weights anyway.
@@ -88,7 +92,7 @@ class Alternation:
         residuals = np.zeros_like(edges[0]), np.zeros_like(edges[1])
         inside = self.facing != 0
         pixels = max(int(np.count_nonzero(inside)), 1)
-        iterations, begin, width, final = 0, np.inf, np.inf, 0.0
+        iterations, begin, width, final, least = 0, np.inf, np.inf, 0.0, 0.0
         for rounds in range(1, _ROUNDS + 1):
             if rounds > 1:
                 shares = kernels.shares(u, right, down, self.facing, self.k, self.scale)
@@ -97,6 +101,10 @@ class Alternation:
                 begin = largest if rounds == 2 else begin
                 final = _DEVIATIONS * max(usual, _LEAST_DEVIATION_PX)
                 width = max(final, begin * _NARROWER ** (rounds - 2))
+                # In the first rounds, residuals are those of a surface that is still wrong.
+                late = rounds > _UNEVEN_ROUNDS
+                noise = min(usual / _LEAST_DEVIATION_PX, 1.0) if late else 0.0
+                least = _LEAST_WEIGHT * noise**2
             for axis in (0, 1):
                 kernels.gated_weights(
                     edges[axis],
@@ -106,6 +114,7 @@ class Alternation:
                     residuals[axis],
                     axis,
                     width,
+                    least,
                     weights[axis],
                 )
                 if self.factors is not None:

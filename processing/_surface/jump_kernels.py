@@ -16,9 +16,8 @@ Double = npt.NDArray[np.float64]
 
 # Beyond this exponent, a share is 0 or 1 in float32.
 _LARGEST_EXPONENT = 50.0
-# Least factor of both gates of an edge together. It holds parts that only doubtful edges connect
-# where the last surface had them; without it, noise moves them further in every round.
-_LEAST = 0.025
+# Least factor of the trust of the two pixels of an edge, and of the gate of its residual.
+_LEAST = 0.03
 
 
 @numba.njit(cache=True)
@@ -76,6 +75,7 @@ def gated_weights(
     residual: Float,
     vertical: int,
     width: float,
+    least: float,
     out: Float,
 ) -> None:
     """Write the weights of edges: those that both of their pixels trust and that fit the surface.
@@ -96,6 +96,8 @@ def gated_weights(
         1 for edges that point down, 0 for edges to the right.
     width
         Residual at which the weight is a quarter (Geman and McClure, 1987).
+    least
+        Least factor of trust and residual together.
     out
         ``(H+2, W+2)`` float32 weights.
     """
@@ -108,10 +110,10 @@ def gated_weights(
                 continue
             d = c + 1 - vertical
             one, other = share[r, c], 1 - share[q, d]
-            gate = 2 * min(one, other)
-            fit = (1 + (residual[r, c] / width) ** 2) ** -2
+            gate = _LEAST + (1 - _LEAST) * 2 * min(one, other)
+            fit = max((1 + (residual[r, c] / width) ** 2) ** -2, _LEAST)
             facing2 = one * facing[r, c] ** 2 + other * facing[q, d] ** 2
-            out[r, c] = max(gate * fit, _LEAST) * evenness[r, c] * facing2
+            out[r, c] = max(gate * fit, least) * evenness[r, c] * facing2
 
 
 @numba.njit(parallel=True, cache=True)
