@@ -37,7 +37,7 @@ _SETTLED_PX = 0.1
 _JUMP_PX = 2.0
 _JUMP_TRUST = 0.3
 # Edges with less trust do not connect pieces. At .6, 14 of 18 balls that hide their contact with
-# the ground are pieces of their own, at .7 17 of them.
+# the ground are pieces of their own, at .7 all of them.
 _PIECE_TRUST = 0.7
 # Smaller pieces, in pixels and relative to all pixels, are crumbs at the jumps.
 _SMALLEST_PIECE = 50
