@@ -12,9 +12,10 @@ contains the time for compiling.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from harness import command_line, measured
@@ -24,7 +25,7 @@ import simulator
 
 SIDE, MARGIN = 256, 22
 PIXEL_MM = 0.3
-MATERIALS = {
+MATERIALS: dict[str, Callable[..., Any]] = {
     "lizard scales": partial(simulator.LizardScales, radius_mm=400, scale_mm=10),
     "textile": partial(simulator.Textile, radius_mm=400, yarn_mm=6),
     "leather": partial(simulator.CrackedLeather, radius_mm=400),
