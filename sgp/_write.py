@@ -214,6 +214,9 @@ def write_surface(
     if errors is not None:
         result.outputs["height_sigma"] = folder / "height_sigma.exr"
         values["height_sigma"] = errors.sigma
+    elif options.height_sigma:
+        text = "heights have no standard deviations, because those of the normals are not known"
+        result.warnings.append(rig.Notice("height-sigma-unknown", text))
     if height_map.depth is not None:
         result.outputs["depth"] = folder / "depth.exr"
         values["depth"] = height_map.depth

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import read_image, write_camera, write_exr, write_mask, write_png
+from acquisition import read_image, write_camera, write_exr, write_lights, write_mask, write_png
 from processing import NormalMap, write_normals
 from simulator import bench_camera
+from tests.sgp.conftest import ball, ring_lights
 
 ROWS, COLUMNS = 40, 52
 
@@ -133,3 +134,20 @@ def test_normals_that_are_doubtful_are_reported(sgp, folder: Path) -> None:
     answer = sgp("surface", "flat.png", "--out", "quantised")
     assert answer.code == 0
     assert "8-bit normals are quantised, an error of about 0.2 degree" in answer.err
+
+
+def test_a_run_without_known_noise_says_that_heights_have_no_deviations(sgp, tmp_path) -> None:
+    """Four images do not show their noise."""
+    (tmp_path / "images").mkdir()
+    lights = ring_lights().take([0, 2, 4, 6])
+    normals, mask = ball()
+    write_lights(tmp_path / "lights.json", lights)
+    write_png(tmp_path / "images" / "mask.png", mask.astype(np.uint8) * np.uint8(255))
+    for index, light in enumerate(lights.unit_directions):
+        samples = 50_000 * np.clip(normals @ light, 0, 1)
+        write_png(tmp_path / "images" / f"b.{index}.png", samples.astype(np.uint16))
+    words = ("run", tmp_path / "images", "--lights", tmp_path / "lights.json", "--height-sigma")
+    answer = sgp(*words, "--out", tmp_path / "out", "--json")
+    assert answer.code == 0, answer.err
+    assert "height-sigma-unknown" in [one["code"] for one in json.loads(answer.out)["notices"]]
+    assert not (tmp_path / "out" / "surface" / "height_sigma.exr").exists()
