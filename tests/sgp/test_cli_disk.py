@@ -87,6 +87,7 @@ def writers(made: Path, disk: Path) -> list[str]:
         f"detail combine {made}/normals {made}/normals --out {disk}/back",
         f"detail transfer {made}/normals {made}/normals --out {disk}/transfer",
         f"detail properties {made}/normals --out {disk}/properties",
+        f"detail synthesize {made}/normals --size 60x60 --patch 12 --out {disk}/sheet",
         f"compare {made}/normals {made}/normals --out {disk}/compare",
         f"project {made}/surface/surface.ply --out {disk}/project",
         f"calibrate intensities {made}/sim {lights} --out {disk}/card.json",

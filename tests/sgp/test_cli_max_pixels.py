@@ -25,6 +25,7 @@ def normals(tmp_path):
         "detail combine n.exr n.exr --out o",
         "detail transfer n.exr n.exr --out o",
         "detail properties n.exr --out o",
+        "detail synthesize n.exr --size 20x20 --patch 6 --out o",
         "normals images --out o",
         "run images --out o",
         "calibrate spheres images --out l.json",

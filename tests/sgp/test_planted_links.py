@@ -73,6 +73,7 @@ REST = """
     detail combine {root}/parts/shape.exr {root}/parts/detail.exr --out {root}/back
     detail transfer {root}/normals {root}/normals --out {root}/transfer
     detail properties {root}/normals --out {root}/properties
+    detail synthesize {root}/normals --size 60x60 --patch 12 --out {root}/sheet
     curvature {root}/normals --out {root}/curvature
     compare {root}/normals {root}/back --out {root}/compare
     project {root}/surface/surface.ply --out {root}/project
