@@ -189,7 +189,7 @@ class NormalsMetrics(QualityMetrics):
             float,
             "1",
             "`--semi-calibrated`: median of the relative standard deviations of the strengths, "
-            "without errors of the height under near lights",
+            "with 1 % for the height if it was found with them",
         ]
     ]
 

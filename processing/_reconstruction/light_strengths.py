@@ -48,7 +48,8 @@ class LightStrengths:
         ``(N,)`` estimated relative to given intensities; their geometric mean is 1.
     sigmas
         ``(N,)`` relative standard deviations of the factors, from the scatter between pixels and
-        between parts of the object. Under near lights they do not contain errors of the points.
+        between parts of the object. Under near lights whose height was found with the strengths,
+        they contain 1 % for the error of this height.
     warnings
         Strengths that the images determine only roughly.
     """
@@ -66,6 +67,12 @@ class LightStrengths:
         return LightStrengths(
             _scaled(self.lights, again.factors, again.sigmas), factors, again.sigmas, again.warnings
         )
+
+    def less_certain(self, sigma: float) -> LightStrengths:
+        """Return the same strengths with another independent relative error."""
+        sigmas = np.hypot(self.sigmas, sigma)
+        lights = _scaled(self.lights, np.ones_like(sigmas), sigmas)
+        return LightStrengths(lights, self.factors, sigmas, self.warnings)
 
     def divided(self, stack: Stack) -> Stack:
         """Return a stack under the estimated strengths."""
