@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from processing._synthesis.patch_search import Bands, Double, Float, Whole, find_place, stream
 
-# Compiled in: processing/_synthesis/patch_search.py 7aab62ab5707
+# Compiled in: processing/_synthesis/patch_search.py f774940a9c88
 Bytes = npt.NDArray[np.uint8]
 Cut = npt.NDArray[np.int64]
 
@@ -60,7 +60,7 @@ def _cut(old: Float, new: Float, cut: Cut) -> None:
 
 
 @numba.njit(cache=True)
-def _taken(window: Float, patch: Float, bands: Bands) -> npt.NDArray[np.bool_]:
+def pixels_taken(window: Float, patch: Float, bands: Bands) -> npt.NDArray[np.bool_]:
     """Return which pixels of a window a patch replaces."""
     height, width = window.shape[0], window.shape[1]
     left, top, right, bottom = bands
@@ -119,7 +119,7 @@ def _place(
         steep, slopes, starts, classes, penalty, bands, mean_energy, candidates, state
     )
     chosen = vectors[copy, y : y + height, x : x + width]
-    taken = _taken(window, chosen, bands)
+    taken = pixels_taken(window, chosen, bands)
     # The numbers of patches that touch differ by at most 1 in row and column.
     label = np.uint8(patch[0] % 16 * 16 + patch[1] % 16)
     for r in range(height):
