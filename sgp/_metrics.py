@@ -24,7 +24,6 @@ from sgp._calibration_metrics import (
 from sgp._comparison_metrics import CheckMetrics
 from sgp._detail_metrics import (
     CombineMetrics,
-    OntoMetrics,
     PropertiesMetrics,
     SynthesisMetrics,
     TransferMetrics,
@@ -422,7 +421,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail combine": (CombineMetrics,),
     "sgp detail transfer": (TransferMetrics,),
     "sgp detail properties": (PropertiesMetrics,),
-    "sgp detail synthesize": (SynthesisMetrics, OntoMetrics),
+    "sgp detail synthesize": (SynthesisMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),

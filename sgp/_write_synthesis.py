@@ -8,7 +8,7 @@ import numpy as np
 
 import processing
 from sgp._console import Stages, shown
-from sgp._detail_metrics import OntoMetrics, SynthesisMetrics
+from sgp._detail_metrics import SynthesisMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_panel
@@ -71,7 +71,7 @@ def measure_transfer(
     normals: processing.NormalMap,
     shape_filter: processing.ShapeFilter,
     result: Result,
-) -> OntoMetrics:
+) -> dict[str, float]:
     """Separate the result again, add to the summary, and return the figures."""
     with Stages() as progress:
         again = processing.separate(normals, shape_filter=shape_filter, on_progress=progress)
@@ -82,13 +82,13 @@ def measure_transfer(
         f"{fidelity.detail_mae_deg:.2f}",
         f"compressed     {made.compressed:.1%} of the pixels: the exemplar is too small for them",
     ][: 2 if made.compressed else 1]
-    return OntoMetrics(
-        shape_mae_deg=fidelity.shape_mae_deg,
-        detail_mae_deg=fidelity.detail_mae_deg,
-        detail_ssim=processing.ssim(*pair, made.detail.mask),
-        detail_ssim_paper=processing.ssim(*pair, protocol="paper"),
-        compressed_share=made.compressed,
-    )
+    return {
+        "shape_mae_deg": fidelity.shape_mae_deg,
+        "detail_mae_deg": fidelity.detail_mae_deg,
+        "detail_ssim": processing.ssim(*pair, made.detail.mask),
+        "detail_ssim_paper": processing.ssim(*pair, protocol="paper"),
+        "compressed_share": made.compressed,
+    }
 
 
 def _text(value: float) -> str:
