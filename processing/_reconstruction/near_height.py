@@ -301,10 +301,11 @@ def _doubts(shift: CommonShift, light_distance: float) -> tuple[Notice, ...]:
 
 
 def _contradiction(search: MeanHeightSearch, depth: Double, method: Method) -> tuple[Notice, ...]:
-    """Return a notice if the images of a matte object contradict the stated height.
+    """Return a notice if the images show that the object is lower than stated.
 
-    The images of a glossy object show heights that are too large: its residuals at the height that
-    they show are alike under neighbouring lights, and it is not judged.
+    A broad highlight makes an object look higher by up to 20 mm, and may leave no residual. So an
+    object that looks higher than stated is not judged, nor one whose residuals are alike under
+    neighbouring lights.
     """
     moved, sigma = search.moved(depth)
     if not sigma < _LEAST_KNOWN * search.light_distance_mm:
@@ -314,12 +315,12 @@ def _contradiction(search: MeanHeightSearch, depth: Double, method: Method) -> t
         return ()
     off = search.mean_height(moved) - search.mean_height(depth)
     sigma = math.hypot(sigma, _common_sigma(search, moved, method))
-    if abs(off) < max(_DOUBTFUL * sigma, _CONTRADICTED * search.light_distance_mm):
+    if -off < max(_DOUBTFUL * sigma, _CONTRADICTED * search.light_distance_mm):
         return ()
     text = (
-        f"the images show the object {abs(off):.1f} mm {'higher' if off > 0 else 'lower'} than "
-        f"stated (standard deviation {sigma:.1f} mm): the stated height, the positions of the "
-        "lights or the distance of the camera is wrong, or the object does not rest on the plane"
+        f"the images show the object {-off:.1f} mm lower than stated (standard deviation "
+        f"{sigma:.1f} mm): the stated height, the positions of the lights or the distance of the "
+        "camera is wrong, or the object does not rest on the plane"
     )
     return (Notice("height-contradicted", text),)
 
