@@ -58,7 +58,8 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "capture verify recordings/owl",
         ),
         {
-            "capture": ("run", "resume", "verify", "info"),
+            "capture": ("run", "resume"),
+            "capture_info": ("verify", "info"),
             "capture_plan": ("plan", "check"),
             "capture_files": ("compact", "export", "import_"),
         },
