@@ -8,15 +8,15 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from processing._cuts.minimum_cuts import taken_pixels
 from processing._synthesis.footprint_kernels import patch_map, sampled
 from processing._synthesis.footprint_search import Places, Wanted, box_of, find_footprint, fitting
 from processing._synthesis.patch_search import stream
-from processing._synthesis.quilt_kernels import pixels_taken
 
 # Compiled in: processing/_synthesis/footprint_kernels.py a31f4cd2cf9b
 # Compiled in: processing/_synthesis/footprint_search.py f25e2e865c8d
 # Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-# Compiled in: processing/_synthesis/quilt_kernels.py 71ff7a6f82c9
+# Compiled in: processing/_cuts/minimum_cuts.py f2a94c19d629
 Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Bytes = npt.NDArray[np.uint8]
@@ -62,7 +62,7 @@ def _place(
                 i += 1
     copy, y, x = find_footprint(wanted, box_of(offsets, 1.0), places, size, candidates, state)
     chosen = sampled(places.vectors[copy], y, x, offsets, jacobian, turned)
-    new = pixels_taken(window, chosen, bands)
+    new = taken_pixels(window, chosen, bands)
     # The numbers of patches that touch differ by at most 1 in row and column.
     label = np.uint8(patch[0] % 16 * 16 + patch[1] % 16)
     for r in range(size):
