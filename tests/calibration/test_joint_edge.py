@@ -147,11 +147,11 @@ def test_outlines_that_few_edges_support_state_the_difference(values):
 
 
 def lone_ball(seed):
-    """Return the drawn recording of `benchmarks/lone_balls.py`."""
-    path = Path(__file__).parents[2] / "benchmarks" / "lone_balls.py"
-    spec = importlib.util.spec_from_file_location("lone_balls", path)
+    """Return the drawn recording of `benchmarks/drawn_lone_balls.py`."""
+    path = Path(__file__).parents[2] / "benchmarks" / "drawn_lone_balls.py"
+    spec = importlib.util.spec_from_file_location("drawn_lone_balls", path)
     module = importlib.util.module_from_spec(spec)
-    sys.modules["lone_balls"] = module
+    sys.modules["drawn_lone_balls"] = module
     spec.loader.exec_module(module)
     return module.lone_ball(seed)
 
