@@ -31,8 +31,6 @@ _SLOPE, _SLOPE_WITHOUT_CAMERA = 0.02, 0.1
 # A pixel averages over a Gaussian: itself, the lens and the interpolation.
 _USUAL_BLUR_PX = 0.9
 _BLURS_PX = (0.5, 0.65, 0.9, 1.2, 1.6)
-# Of a lens that is out of focus, and the errors of the model then, as a share of the blur.
-_LARGER_BLURS_PX, _OUT_OF_FOCUS = (2.1, 2.8, 3.7, 5.0), 0.2
 _SPREAD = 0.8 * np.arange(-2.0, 3.0)
 _SPREAD_SHARES = np.exp(-0.5 * _SPREAD**2)
 _SPREAD_SHARES /= _SPREAD_SHARES.sum()
@@ -75,11 +73,6 @@ def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> FittedBall | None:
             break
     blurs = [_MirrorFit(plane, trial.unknowns, blur) for blur in _BLURS_PX]
     trial = min(blurs, key=lambda fit: fit.scale)
-    for blur in _LARGER_BLURS_PX if trial is blurs[-1] else ():
-        wider = _MirrorFit(plane, trial.unknowns, blur)
-        if not wider.scale < trial.scale:
-            break
-        trial = wider
     for _ in range(_FIT_ROUNDS):
         move = trial.move()
         if move is None:
@@ -167,7 +160,5 @@ class _MirrorFit:
             by_slopes = inverse[:3, 3:] @ np.linalg.solve(inverse[3:, 3:], self.unknowns[3:])
             covariance += np.outer(by_slopes, by_slopes)
         shared = _SHARED_SIGMA_PX * max(_SMALL_PX / self.unknowns[2], 1.0) ** 2
-        if self.blur_px >= _LARGER_BLURS_PX[0]:
-            shared = max(shared, _OUT_OF_FOCUS * self.blur_px)
         covariance += np.eye(3) * shared**2
         return covariance
