@@ -77,6 +77,8 @@ def test_input_that_is_refused(sgp, folder: Path) -> None:
     bad("none.exr", np.full(size, np.nan))
     bad("negative.exr", np.full(size, -1))
     bad("shape.exr", np.ones((7, 30)))
+    bad("large.exr", np.full(size, 91))
+    assert sgp("surface", "n", "--out", "earlier").code == 0
     write_png("sigma.png", np.ones(size, np.uint16))
     Path("px.csv").write_text("x_px,y_px,height_px\n26,20,7.5\n")
     Path("far.csv").write_text("x_px,y_px,height_px\n900,20,7.5\n")
@@ -91,6 +93,8 @@ def test_input_that_is_refused(sgp, folder: Path) -> None:
         (["--sigma", "none.exr"], "none.exr", 4),
         (["--sigma", "negative.exr"], "negative.exr", 4),
         (["--sigma", "sigma.png"], "sigma.png", 4),
+        (["--sigma", "large.exr"], "values up to 91", 4),
+        (["--sigma", "earlier/height.exr"], "surface.json says that this is height", 4),
         (["--sigma", "missing.exr"], "missing.exr", 2),
         (["--prior", "px.csv", "--pixel-mm", "1"], "px.csv: the heights are in px", 4),
         (["--prior", "points.csv"], "points.csv: the heights are in mm", 4),
@@ -114,6 +118,16 @@ def test_input_that_is_refused(sgp, folder: Path) -> None:
         if Path("out").exists() and any(Path("out").iterdir()):
             failed.append((words, "left files"))
     assert failed == []
+
+
+def test_normals_without_a_deviation_are_counted(sgp, folder: Path) -> None:
+    sigma = read_image(Path("sigma.exr")).copy()
+    sigma[20, 20:23] = np.nan
+    bad("gaps.exr", sigma)
+    answer = sgp("surface", "n", "--sigma", "gaps.exr", "--out", "s")
+    assert answer.code == 0
+    assert "gaps.exr: 3 of " in answer.err
+    assert " have no standard deviation, and count as the least certain ones" in answer.err
 
 
 def test_normals_that_are_doubtful_are_reported(sgp, folder: Path) -> None:
