@@ -40,7 +40,9 @@ def read_sigma(
             f"{path}: values up to {largest:.4g} inside the mask are no standard deviations of "
             f"normals, which are 0 to {_LARGEST_DEG:g} degrees: give {_NAME}.exr"
         )
-    return image.astype(np.float32), _gaps(path, inside)
+    unknown = int(np.count_nonzero(np.isnan(inside)))
+    notices = [_gaps(path, unknown, len(inside))] if unknown else []
+    return image.astype(np.float32), notices
 
 
 def _check_record(path: Path) -> None:
@@ -58,12 +60,9 @@ def _check_record(path: Path) -> None:
             )
 
 
-def _gaps(path: Path, inside: npt.NDArray[np.floating]) -> list[rig.Notice]:
-    unknown = int(np.count_nonzero(np.isnan(inside)))
-    if not unknown:
-        return []
+def _gaps(path: Path, unknown: int, count: int) -> rig.Notice:
     text = (
-        f"{unknown} of {rig.pluralize(len(inside), 'normal')} have no standard deviation, and "
-        "count as the least certain ones"
+        f"{unknown} of {rig.pluralize(count, 'normal')} have no standard deviation, and count as "
+        "the least certain ones"
     )
-    return [rig.Notice("normal-sigma-gaps", text, str(path), "info")]
+    return rig.Notice("normal-sigma-gaps", text, str(path), "info")
