@@ -12,6 +12,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
+from sgp._camera_doubts import camera_notices
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Input, Millimetres, OptionalInput, Pixels, Positive
@@ -92,14 +93,23 @@ def surface(
     if options.height_sigma and sigma is None:
         raise UsageError("--height-sigma needs deviations of the normals: give --sigma too")
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
-    normal_map = read.normal_map
+    normal_map, notices = read.normal_map, [*read.warnings]
     if mask is not None:
-        inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
+        wanted = acquisition.read_mask(mask, normal_map.size)
+        inside = wanted & normal_map.mask
+        lost = int(np.count_nonzero(wanted & ~inside))
+        if lost:
+            have = "pixel of the mask has", "pixels of the mask have"
+            text = f"{rig.pluralize(lost, *have)} no normal in {normals}, and no height"
+            notices.append(rig.Notice("normals-not-unit", text, str(mask), "info"))
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
-    sigma_deg, gaps = None, list[rig.Notice]()
+    if camera is not None and model is not None:
+        notices += camera_notices(camera, model)
+    sigma_deg = None
     if sigma is not None:
         sigma_deg, gaps = read_sigma(sigma, normal_map, max_pixels)
+        notices += gaps
     unit, pixel_size = processing.surface_scale(model, options.pixel_mm)
     known = None
     if prior is not None:
@@ -130,7 +140,7 @@ def surface(
         claimed, height_map, normal_map, options, colours=colours, sigma_deg=sigma_deg
     )
     doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
-    result.warnings = [*read.warnings, *gaps, *doubts]
+    result.warnings = [*notices, *doubts]
     if known is not None:
         _add_prior(result, height_map, known)
     given = [path for path in (mask, albedo, camera, sigma, prior) if path is not None]

@@ -72,11 +72,6 @@ def test_edges_that_contradict_the_others_end_with_the_least_weight() -> None:
     np.testing.assert_allclose(within(found.u), within(heights), atol=0.5)
     usual = np.median(found.weights[0][1:-1, 1:-2])
     assert np.all(found.weights[0][10:14, 15] < 0.05 * usual)
-    # Without the gate, the seam bends the surface by more.
-    uneven = np.ones_like(problem.facing), np.ones_like(problem.facing)
-    uneven[0][9:15, 15] = 0.01
-    helped = problem.solved((uneven, indifferent(problem)[1]))
-    np.testing.assert_allclose(within(helped.u), within(heights), atol=0.1)
 
 
 def test_factors_multiply_weights_and_heights_hold_the_surface() -> None:

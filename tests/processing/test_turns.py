@@ -57,6 +57,18 @@ def test_rows_and_columns_are_alike() -> None:
     np.testing.assert_allclose(other_down, right.T, rtol=1e-5)
 
 
+def test_the_window_is_symmetric() -> None:
+    normals = bent(np.where(np.arange(COLUMNS) < 15, 0, 0.4)).copy()
+    normals[11:] = [0, 0, 1]
+    normals[6, 20] = [0.6, 0, 0.8]
+    right, down = weights(normals)
+    mirrored = weights(normals[:, ::-1]), weights(normals[::-1])
+    np.testing.assert_allclose(mirrored[0][0][:, 1:-2], right[:, 1:-2][:, ::-1], rtol=1e-4)
+    np.testing.assert_allclose(mirrored[0][1], down[:, ::-1], rtol=1e-4)
+    np.testing.assert_allclose(mirrored[1][0], right[::-1], rtol=1e-4)
+    np.testing.assert_allclose(mirrored[1][1][1:-2], down[1:-2][::-1], rtol=1e-4)
+
+
 def test_noise_is_no_fold() -> None:
     """The width grows with the noise: few edges count much less."""
     rng = np.random.default_rng(1)
