@@ -149,10 +149,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "processing/_reconstruction/joint_colours.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/joint_noise.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/specular.py": ("processing/test_specular.py",),
-    "processing/_surface/alternation.py": (
-        "processing/test_alternation.py",
-        "processing/test_jumps.py",
-    ),
+    "processing/_surface/alternation.py": ("processing/test_alternation.py",),
     "processing/_surface/anchors.py": ("processing/test_height_doubt.py",),
     "processing/_surface/certainty.py": ("processing/test_height_doubt.py",),
     "processing/_surface/chord_rule.py": (
