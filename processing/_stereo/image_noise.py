@@ -30,9 +30,10 @@ _BINS = 8
 # normal distribution: edges and highlights change from pixel to pixel, too.
 _QUANTILE = 0.25
 _QUANTILE_TO_SIGMA = 1 / 0.31864
-# Largest standard deviation in those that the residuals of a robust fit show. With few lights these
-# are too small.
+# Largest standard deviation in those that the residuals of a robust fit show. With few samples their
+# median is too small; the factor is 1 + 5 / (n - 3) (Rousseeuw and Leroy, 1987).
 _LARGEST = 2.0
+_FEW_SAMPLES = 5.0
 # Least standard deviation, relative to the median signal: images without noise have no law.
 _LEAST = 1e-5
 
@@ -100,6 +101,7 @@ def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None
     # In extreme units the law underflows to 0.
     spread = np.sqrt(free * variance)
     ratio = np.abs(np.divide(residual, spread, out=np.zeros_like(spread), where=spread > 0))
+    ratio *= 1 + _FEW_SAMPLES / (usable - 3)
     largest = _LARGEST * MAD_TO_SIGMA * float(np.median(ratio[lit]))
     return np.asarray(law * min(largest, 1.0) ** 2, np.float32)
 
