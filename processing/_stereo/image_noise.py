@@ -26,7 +26,7 @@ _FEWEST_LIT = 5
 # Samples above this share of the mean are lit.
 _DARK = 0.05
 _BINS = 8
-# Least squares of few samples explain the noise of some of them, too. A difference of whose variance
+# Least squares of few samples explain a part of their noise, too. A difference of whose variance
 # they leave less than this share does not show it.
 _LEAST_LEFT = 0.3
 # Share of the smallest deviations of a bin that determines its spread, and the quantile of the
