@@ -163,7 +163,10 @@ def session(folder: Path, lights: Lights, side: int) -> None:
         plan=plan,
         camera=CameraRecord(width=side, height=side, bit_depth=12, black_level_dn=_BLACK),
         sensor=SensorRecord(
-            electrons_per_dn=2.5, read_noise_e=3.0, black_level_dn=float(_BLACK), bit_depth=12
+            electrons_per_dn=2.5,
+            read_noise_e=2.5 * _NOISE * _PER_SIGNAL,
+            black_level_dn=float(_BLACK),
+            bit_depth=12,
         ),
     )
     values = images(lights, side, gloss=False)

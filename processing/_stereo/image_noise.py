@@ -117,7 +117,7 @@ def _shares_left(vectors: Float, lit: Mask) -> Double:
     """
     of_lit = np.where(lit[:, None], vectors, 0).astype(np.float64)
     inverse = np.linalg.inv(of_lit @ of_lit.transpose(0, 2, 1))
-    return 1 - np.einsum("pin,pin->pn", of_lit, inverse @ of_lit)
+    return np.asarray(1 - np.einsum("pin,pin->pn", of_lit, inverse @ of_lit))
 
 
 def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
