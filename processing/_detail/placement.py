@@ -40,7 +40,7 @@ class Placement:
         return NormalMap(normals, mask)
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def _lay(
     normals: npt.NDArray[np.float32],
     mask: Mask,
@@ -54,7 +54,7 @@ def _lay(
     known = np.zeros((rows, columns), np.bool_)
     x, y, width, height = window
     left, right = max(at[0], 0), min(at[0] + width * tiles[0], columns)
-    for r in numba.prange(max(at[1], 0), min(at[1] + height * tiles[1], rows)):
+    for r in range(max(at[1], 0), min(at[1] + height * tiles[1], rows)):
         q = y + (r - at[1]) % height
         d = x + (left - at[0]) % width
         for c in range(left, right):
