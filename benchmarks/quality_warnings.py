@@ -6,8 +6,9 @@ gloss and ambient light.
 
     python benchmarks/quality_warnings.py --trials 10
 
-Each part has its own random numbers; with one trial and ten objects all parts take about ten
-minutes of CPU time.
+Each part has its own random numbers; with one trial and ten objects all parts take about twenty
+minutes of CPU time. ``height_warnings.py`` counts what
+shows only when the height under near lights is found.
 """
 
 from __future__ import annotations
@@ -112,25 +113,75 @@ def _turned(r: Recording, rng: np.random.Generator) -> Recording:
     return r._replace(values=values)
 
 
-def _darker(r: Recording, rng: np.random.Generator) -> Recording:
-    values = r.values.copy()
-    values[rng.integers(len(values))] *= 0.6
-    return r._replace(values=values)
+def _brighter(factor: float) -> Mistake:
+    """Return a wrong exposure of one image."""
+
+    def plant(r: Recording, rng: np.random.Generator) -> Recording:
+        values = r.values.copy()
+        values[rng.integers(len(values))] *= factor
+        return r._replace(values=values)
+
+    return plant
 
 
-def _moved(r: Recording, rng: np.random.Generator) -> Recording:
-    """Turn one light by 25 degrees about the axis of the camera or toward it."""
+def _moved(degrees: float) -> Mistake:
+    return lambda r, rng: _with_light_moved(r, rng, degrees)
+
+
+def _with_light_moved(r: Recording, rng: np.random.Generator, degrees: float) -> Recording:
+    """Turn one light about the axis of the camera or toward it."""
     lights = r.lights
     i = int(rng.integers(len(lights)))
     vectors = (
         lights.unit_directions if lights.positions_mm is None else lights.positions_mm
     ).copy()
-    angle = np.radians(25)
+    angle = np.radians(degrees)
     axis = np.cross(vectors[i], [0, 0, 1.0])
     axis /= max(np.linalg.norm(axis), 1e-9)
     vectors[i] = vectors[i] * np.cos(angle) + np.cross(axis, vectors[i]) * np.sin(angle)
     key = "directions" if lights.positions_mm is None else "positions_mm"
     return r._replace(lights=replace(lights, **{key: vectors}, axes=None))
+
+
+def _torn(r: Recording, rng: np.random.Generator) -> Recording:
+    """Replace a tenth of the rows of the object in one image by those of another one."""
+    values = r.values.copy()
+    i, j = rng.choice(len(values), 2, replace=False)
+    rows = np.flatnonzero(r.mask.any(axis=1))
+    first = int(rng.integers(rows[0], rows[-1] - len(rows) // 10))
+    torn = slice(first, first + len(rows) // 10)
+    values[i, torn] = 2 * values[j, torn]
+    return r._replace(values=values)
+
+
+def _clipped(r: Recording, rng: np.random.Generator) -> Recording:
+    """Clip the brightest 30 % of one image."""
+    values = r.values.copy()
+    i = rng.integers(len(values))
+    values[i] = np.fmin(values[i], np.nanquantile(values[i, r.mask], 0.7))
+    return r._replace(values=values)
+
+
+def _noise(r: Recording, rng: np.random.Generator) -> Recording:
+    values = r.values.copy()
+    i = rng.integers(len(values))
+    values[i, r.mask] = rng.permutation(values[i, r.mask])
+    return r._replace(values=values)
+
+
+def _shifted(r: Recording, rng: np.random.Generator) -> Recording:
+    values = r.values.copy()
+    i = rng.integers(len(values))
+    values[i] = np.roll(values[i], (3, -3), axis=(0, 1))
+    return r._replace(values=values)
+
+
+def _scattered(r: Recording, rng: np.random.Generator) -> Recording:
+    """Change the brightness of half of the images."""
+    values = r.values.copy()
+    wrong = rng.choice(len(values), len(values) // 2, replace=False)
+    values[wrong] *= rng.uniform(0.6, 1.6, (len(wrong), 1, 1)).astype(np.float32)
+    return r._replace(values=values)
 
 
 MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
@@ -139,8 +190,15 @@ MISTAKES: dict[str, tuple[Mistake, tuple[str, ...]]] = {
     "mirrored": (_mirrored, ("lights-mirrored",)),
     "one doubled": (_doubled, ("image-duplicate",)),
     "one turned": (_turned, ("image-turned", "image-disagrees")),
-    "one .6 times": (_darker, ("light-brightness",)),
-    "one 25 deg off": (_moved, ("light-moved", "image-disagrees")),
+    "one .6 times": (_brighter(0.6), ("light-brightness",)),
+    "one 1.15 times": (_brighter(1.15), ("light-brightness",)),
+    "one 25 deg off": (_moved(25), ("light-moved", "image-disagrees")),
+    "one 10 deg off": (_moved(10), ("light-moved", "image-disagrees")),
+    "one clipped": (_clipped, ("image-clipped",)),
+    "rows of another": (_torn, ("image-striped",)),
+    "one is noise": (_noise, ("image-disagrees",)),
+    "one shifted 3 px": (_shifted, ("image-shifted",)),
+    "half scattered": (_scattered, ("images-undecided",)),
 }
 
 
@@ -151,7 +209,7 @@ def _table(
     rng: np.random.Generator,
 ) -> None:
     alarms = sum(bool(image_quality(*r[:3], points_mm=r.points_mm).warnings) for r in recordings)
-    print(f"{title:<34}{'correct':<16}{alarms:>4} false alarms in {len(recordings)}")
+    print(f"{title:<34}{'correct':<18}{alarms:>4} false alarms in {len(recordings)}")
     for name, (mistake, codes) in MISTAKES.items():
         found = named = total = 0
         for recording in recordings:
@@ -161,7 +219,7 @@ def _table(
                 found += bool(warnings)
                 named += any(notice.code in codes for notice in warnings)
                 total += 1
-        print(f"{'':<34}{name:<16}{found:>4} found, {named:>4} named, of {total}", flush=True)
+        print(f"{'':<34}{name:<18}{found:>4} found, {named:>4} named, of {total}", flush=True)
 
 
 def _cpu() -> float:

@@ -18,6 +18,7 @@ from ._detail.separation import separate as separate
 from ._detail.shape_filter import ShapeFilter as ShapeFilter
 from ._detail.similarity import Pose as Pose
 from ._detail.similarity import Similarity as Similarity
+from ._detail.tile import Tile as Tile
 from ._detail.transfer import TransferFidelity as TransferFidelity
 from ._detail.transfer import TransferResult as TransferResult
 from ._detail.transfer import transfer as transfer
@@ -25,6 +26,8 @@ from ._errors import DataError as DataError
 from ._errors import EstimateError as EstimateError
 from ._errors import MissingPathError as MissingPathError
 from ._errors import StorageError as StorageError
+from ._fill.fill import FilledHoles as FilledHoles
+from ._fill.fill import fill_holes as fill_holes
 from ._mask import ObjectMask as ObjectMask
 from ._mask import object_mask as object_mask
 from ._metrics import AngularError as AngularError

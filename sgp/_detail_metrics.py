@@ -48,22 +48,22 @@ class TransferMetrics(HeightProfileMetrics):
         Annotated[
             float | None,
             "deg",
-            "local transfer: mean angle between neighbouring normals across the seam; null if "
-            "there is no seam",
+            "mean angle between neighbouring normals across the seam of a local transfer, or "
+            "of the detail across the borders of tiles; null without a seam",
         ]
     ]
     interior_step_deg: NotRequired[
         Annotated[
             float | None,
             "deg",
-            "local transfer: the same inside the region; null if it has no interior",
+            "the same inside the region, or inside tiles; null if there is no interior",
         ]
     ]
     seam_ratio: NotRequired[
         Annotated[
             float | None,
             "1",
-            "local transfer: `seam_step_deg` / `interior_step_deg`; null if it is not defined",
+            "`seam_step_deg` / `interior_step_deg`; null if it is not defined",
         ]
     ]
     source_window: NotRequired[
@@ -178,3 +178,19 @@ class SynthesisMetrics(TypedDict):
         "mean angle between neighbouring normals of different patches; null with one patch",
     ]
     inside_step_deg: Annotated[float | None, "deg", "the same inside patches"]
+
+
+class FillMetrics(TypedDict):
+    """Figures of a map whose holes were filled."""
+
+    pixels: Annotated[int, "px", "pixels with a normal"]
+    filled_pixels: Annotated[int, "px", "pixels in holes, all invented"]
+    detail_angle_deg: Annotated[float, "deg", "mean angle between the detail and z in the holes"]
+    surroundings_angle_deg: Annotated[float, "deg", "the same in the surroundings that were used"]
+    seam_step_deg: Annotated[
+        float, "deg", "mean angle between neighbouring normals across the rims of the holes"
+    ]
+    interior_step_deg: Annotated[
+        float | None, "deg", "the same inside the holes; null if they have no interior"
+    ]
+    seam_ratio: Annotated[float | None, "1", "`seam_step_deg` / `interior_step_deg`"]

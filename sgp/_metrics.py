@@ -24,6 +24,7 @@ from sgp._calibration_metrics import (
 from sgp._comparison_metrics import CheckMetrics
 from sgp._detail_metrics import (
     CombineMetrics,
+    FillMetrics,
     PropertiesMetrics,
     SynthesisMetrics,
     TransferMetrics,
@@ -422,6 +423,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail transfer": (TransferMetrics,),
     "sgp detail properties": (PropertiesMetrics,),
     "sgp detail synthesize": (SynthesisMetrics,),
+    "sgp detail fill": (FillMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),

@@ -58,7 +58,8 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "capture verify recordings/owl",
         ),
         {
-            "capture": ("run", "resume", "verify", "info"),
+            "capture": ("run", "resume"),
+            "capture_info": ("verify", "info"),
             "capture_plan": ("plan", "check"),
             "capture_files": ("compact", "export", "import_"),
         },
@@ -90,7 +91,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "detail": (
         page(
-            "Split normal maps into shape and detail; combine, transfer and synthesise them.",
+            "Split normal maps into shape and detail; combine, transfer, synthesise and fill them.",
             "sgp detail separate out/normals --out parts",
             "sgp detail transfer leather.png out/normals --out leathery",
         ),
@@ -99,6 +100,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "detail_transfer": ("transfer",),
             "detail_properties": ("properties",),
             "detail_synthesize": ("synthesize",),
+            "detail_fill": ("fill",),
         },
     ),
     "bench": (

@@ -200,7 +200,7 @@ def cross_exchange(
     *,
     shape_filter: ShapeFilter = ShapeFilter(),
 ) -> tuple[TransferResult, TransferResult]:
-    """Transfer the detail of each of two maps to the shape of the other.
+    """Transfer the detail of each of two maps to the shape of the other; a smaller map is repeated.
 
     Parameters
     ----------
@@ -226,8 +226,8 @@ def cross_exchange(
     NormalMap(float32[32, 32, 3], 1024 normals)
     """
     return (
-        transfer(a, b, shape_filter=shape_filter),
-        transfer(b, a, shape_filter=shape_filter),
+        transfer(a, b, shape_filter=shape_filter, tile="plain"),
+        transfer(b, a, shape_filter=shape_filter, tile="plain"),
     )
 
 

@@ -54,24 +54,38 @@ def blend_detail(inner: NormalMap, outer: NormalMap, region: Mask, reach_px: flo
         ``(H, W, 3)`` float32: `inner` with the membrane added inside the region, `outer` around it.
         On the pixels of the seam it is exactly `outer`.
     """
-    seam = seam_of(region, outer.mask)
-    unrolled = _logarithm(inner.normals)
-    step = np.where(seam[..., None], _logarithm(outer.normals) - unrolled, 0)
+    return blend_from(inner.normals, outer.normals, seam_of(region, outer.mask), region, reach_px)
+
+
+def blend_from(inner: Float, outer: Float, seam: Mask, region: Mask, reach_px: float) -> Float:
+    """Insert vectors into a region as `blend_detail` does, with a given seam.
+
+    Parameters
+    ----------
+    inner, outer
+        ``(H, W, 3)`` float32: unit vectors of the region, and those around it and on the seam.
+    seam
+        ``(H, W)`` bool, the pixels of the region on which the result is `outer`.
+    region, reach_px
+        As for `blend_detail`.
+    """
+    unrolled = _logarithm(inner)
+    step = np.where(seam[..., None], _logarithm(outer) - unrolled, 0)
     bent = _exponential(unrolled + _membrane(step, seam, region, reach_px))
-    return np.where((region & ~seam)[..., None], bent, outer.normals)
+    return np.where((region & ~seam)[..., None], bent, outer)
 
 
 @dataclass(frozen=True)
 class SeamSteps:
-    """The mean angle between neighbouring normals at the seam and inside an inserted part.
+    """The mean angle between neighbouring normals at a seam and inside an inserted part.
 
     Parameters
     ----------
     seam_deg
         Step across the seam: the larger of the mean steps into and out of the outermost pixels of
-        the part.
+        the part. For tiles: the mean step of the detail across their borders.
     interior_deg
-        Step between neighbours inside the part, without its outermost pixels.
+        Step between neighbours inside the part, without its outermost pixels; inside tiles.
     """
 
     seam_deg: float
@@ -101,6 +115,27 @@ def seam_steps(result: NormalMap, region: Mask) -> SeamSteps:
             steps[name].append(turn[(a[first] & b[second]) | (b[first] & a[second])])
     outwards, inwards, inner = (_mean(np.concatenate(steps[name])) for name in pairs)
     return SeamSteps(float(np.fmax(outwards, inwards)), inner)
+
+
+def border_steps(detail: NormalMap, labels: npt.NDArray[np.int32]) -> SeamSteps:
+    """Measure the mean angle between neighbouring normals of different copies and of the same.
+
+    Parameters
+    ----------
+    detail
+        The placed detail.
+    labels
+        ``(H, W)`` int32: number of the copy at each pixel; pixels below 0 are not measured.
+    """
+    across: list[Double] = []
+    inside: list[Double] = []
+    known = detail.mask & (labels >= 0)
+    for first, second in _NEIGHBOURS:
+        turn = angle_deg(detail.normals[first], detail.normals[second])
+        both, same = known[first] & known[second], labels[first] == labels[second]
+        across.append(turn[both & ~same])
+        inside.append(turn[both & same])
+    return SeamSteps(_mean(np.concatenate(across)), _mean(np.concatenate(inside)))
 
 
 def _mean(values: Double) -> float:

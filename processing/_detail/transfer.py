@@ -10,10 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._detail.placement import Placement, fill, place_at
+from processing._detail.placement import Placement, cover, place_at
 from processing._detail.rotation import rotate_between, rotate_from_z
+from processing._detail.seam import SeamSteps, border_steps
 from processing._detail.separation import Separation, separate
 from processing._detail.shape_filter import ShapeFilter
+from processing._detail.tile import Tile
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
 from rig import Progress, no_progress
@@ -122,6 +124,11 @@ class TransferResult:
         paper = ShapeFilter("gaussian", 1, self.shape_filter.w)
         return fidelity_of(self.normal_map, self.target, self._placed_detail, paper)
 
+    @cached_property
+    def seam(self) -> SeamSteps:
+        """Steps of the placed detail across the borders of the copies of its source, and inside."""
+        return border_steps(self.detail, self.placement.labels(self.target.size))
+
     def _placed_detail(self, by: ShapeFilter) -> NormalMap:
         detail = self.placement.place(separate(self.source, shape_filter=by).detail, self.target)
         return scale_slopes(detail, self.amplitude)
@@ -136,6 +143,7 @@ def transfer(
     refine: int = 0,
     shape_filter: ShapeFilter = ShapeFilter(),
     at: tuple[int, int] | None = None,
+    tile: Tile = "cut",
     on_progress: Progress = no_progress,
 ) -> TransferResult:
     """Transfer the detail of a source to the shape of a target (eq. ``eq_transfer`` of the paper).
@@ -164,6 +172,11 @@ def transfer(
     at
         Column and row of the target at which the source's first pixel is placed; negative values
         are allowed. Target pixels that receive no source pixel inside the mask keep their normals.
+    tile
+        How copies of a tiled source are joined: ``cut`` lets them overlap by a third of the shorter
+        side of the rectangle and joins them along cuts where they differ least; ``plain`` repeats
+        the rectangle, which leaves a step at every border; ``mirror`` mirrors every second copy
+        with its normals, whose slopes then change their sign at a border.
     on_progress
         Receives the stage ``transferring``: three steps, and one per correction.
 
@@ -195,8 +208,9 @@ def transfer(
         raise DataError(f"the number of refinement steps cannot be negative: {refine}")
     steps = 3 + refine
     on_progress("transferring", 0, steps)
-    placement = fill(source.mask, target.mask) if at is None else place_at(source, target, at)
-    detail = placement.place(separate(source, shape_filter=shape_filter).detail, target)
+    detail = separate(source, shape_filter=shape_filter).detail
+    placement = cover(detail, target.mask, tile) if at is None else place_at(source, target, at)
+    detail = placement.place(detail, target)
     detail = scale_slopes(detail, amplitude)
     received = detail.mask
     on_progress("transferring", 1, steps)

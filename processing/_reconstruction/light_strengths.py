@@ -16,6 +16,8 @@ from processing._reconstruction.strength_fit import (
     light_vectors,
     solve_normals,
 )
+from processing._uncertainty.normal_uncertainty import STRUCTURED
+from processing._uncertainty.residual_structure import correlation_of_neighbours
 from rig import Notice, check_type, pluralize, short_repr
 
 Double = npt.NDArray[np.float64]
@@ -51,7 +53,7 @@ class LightStrengths:
         between parts of the object. Under near lights whose height was found with the strengths,
         they contain 1 % for the error of this height.
     warnings
-        Strengths that the images determine only roughly.
+        Strengths that the images determine only roughly, and surfaces that are not matte.
     """
 
     lights: Lights
@@ -192,6 +194,15 @@ def light_strengths(
             f"of {lights.ids[worst]} to {sigmas[worst]:.1%}"
         )
         warnings.append(Notice("strengths-uncertain", text, lights.ids[worst]))
+    residuals = np.where(fit.weights > 0, fit.residuals, 0.0)
+    correlation = correlation_of_neighbours(residuals, fit.vectors.mean(axis=0))
+    if correlation > STRUCTURED:
+        text = (
+            f"neighbouring lights have similar residuals (correlation {correlation:.2f}; noise has "
+            f"less than {STRUCTURED:g}): the surface is not matte, and the strengths may be wrong "
+            "by more than their standard deviations; use a matte object"
+        )
+        warnings.append(Notice("strengths-not-matte", text))
     return LightStrengths(_scaled(lights, factors, sigmas), factors, sigmas, tuple(warnings))
 
 

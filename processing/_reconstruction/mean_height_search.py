@@ -18,6 +18,7 @@ from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
 from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
+from processing._uncertainty.residual_structure import correlation_of_neighbours
 from rig import no_progress
 
 Float = npt.NDArray[np.float32]
@@ -129,10 +130,20 @@ class MeanHeightSearch:
         other._found = self._found
         return other
 
+    def neighbour_correlation(self, depth: Double) -> float:
+        """Return the correlation of the residuals of neighbouring lights at a surface."""
+        shape = depth.reshape(-1)[self._pixels]
+        middle = self._origins.mean(axis=0) + float(shape.mean()) * self._rays.mean(axis=0)
+        residuals = self._residuals(shape, self.mean_height(depth), self.lights)
+        return correlation_of_neighbours(np.nan_to_num(residuals), self.lights.vectors_at(middle))
+
+    def mean_height(self, depth: Double) -> float:
+        """Return the mean height of the pixels that show it."""
+        return self._view.distance_mm - float(depth.reshape(-1)[self._pixels].mean())
+
     def common_shift(self, depth: Double) -> CommonShift:
         """Return what a shift of all lights would do, at the surface that was found."""
-        shape = depth.reshape(-1)[self._pixels]
-        height = self._view.distance_mm - float(shape.mean())
+        shape, height = depth.reshape(-1)[self._pixels], self.mean_height(depth)
         return common_shift(
             lambda rise, lights: self._costs(shape, height + rise, lights),
             self.lights,

@@ -20,6 +20,7 @@ from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.views import View
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
+from processing._uncertainty.normal_uncertainty import STRUCTURED
 from rig import Notice, short_repr
 
 Float = npt.NDArray[np.float32]
@@ -40,6 +41,9 @@ _LEAST_KNOWN = 0.02
 _DOUBTFUL = 4.0
 # A smaller one, relative to the distance of the lights, is not.
 _SLIGHT = 5e-4
+# A stated height may differ from the one that the images show by this share of the distance of the
+# lights: lowest points are those of an integrated surface.
+_CONTRADICTED = 0.005
 # Rise of all lights that is tried, relative to their distance, and steps until the surface follows.
 _TRIED_RISE = 0.01
 _RISE_STEPS = 3
@@ -189,6 +193,8 @@ def near_height(
     if math.isfinite(sigma):
         warnings = _doubts(search.common_shift(depth), search.light_distance_mm)
         sigma = math.hypot(sigma, _common_sigma(search, depth, method))
+    else:
+        warnings = _contradiction(search, depth, method)
     whole = _enlarged(depth, coarse.factor, mask.shape)
     lowest = float(distance - np.quantile(depth[inside], 1 - _LOWEST))
     return NearHeight(whole, steps[-1].mean_height_mm, sigma, lowest, tuple(steps), warnings)
@@ -292,6 +298,31 @@ def _doubts(shift: CommonShift, light_distance: float) -> tuple[Notice, ...]:
         "the distance of the camera are off alike, or the surface is not matte"
     )
     return (Notice("height-doubtful", text),)
+
+
+def _contradiction(search: MeanHeightSearch, depth: Double, method: Method) -> tuple[Notice, ...]:
+    """Return a notice if the images show that the object is lower than stated.
+
+    A broad highlight makes an object look higher by up to 20 mm, and may leave no residual. So an
+    object that looks higher than stated is not judged, nor one whose residuals are alike under
+    neighbouring lights.
+    """
+    moved, sigma = search.moved(depth)
+    if not sigma < _LEAST_KNOWN * search.light_distance_mm:
+        return ()
+    correlation = search.neighbour_correlation(moved)
+    if not correlation < STRUCTURED:
+        return ()
+    off = search.mean_height(moved) - search.mean_height(depth)
+    sigma = math.hypot(sigma, _common_sigma(search, moved, method))
+    if -off < max(_DOUBTFUL * sigma, _CONTRADICTED * search.light_distance_mm):
+        return ()
+    text = (
+        f"the images show the object {-off:.1f} mm lower than stated (standard deviation "
+        f"{sigma:.1f} mm): the stated height, the positions of the lights or the distance of the "
+        "camera is wrong, or the object does not rest on the plane"
+    )
+    return (Notice("height-contradicted", text),)
 
 
 def _not_determined(mask: Mask, depth: float, sigma: float) -> NearHeight:

@@ -9,7 +9,8 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from processing._reconstruction.cells import Cells, cells_of
-from processing._reconstruction.light_check import LightCheck, check_lights, duplicates
+from processing._reconstruction.file_faults import duplicates, turned_images, turned_notice
+from processing._reconstruction.light_check import LightCheck, check_lights
 from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.samples import Samples, samples_of
 from processing._reconstruction.scheme_check import SchemeCheck, check_scheme, scheme_notices
@@ -126,9 +127,13 @@ def image_quality(
         )  # fmt: skip
     samples = samples_of(cells, lights)
     found = fit(samples)
-    check = check_lights(samples, found.residual, lights.ids, values, mask)
+    check = check_lights(samples, found.residual)
     shape = _integrability(cells, lights)
     scheme = check_scheme(cells, lights)
+    turned: dict[int, str] = {}
+    if check.factors is not None:
+        suspects = (one.image for one in scheme.found)
+        turned = turned_images(check.factors, samples, values, mask, suspects)
     return ImageQuality(
         residual=found.residual,
         consistency=check.consistency,
@@ -139,7 +144,7 @@ def image_quality(
         curl=shape.curl,
         scheme=scheme,
         ids=lights.ids,
-        warnings=_likely(cells, lights, samples, found, check, shape, scheme),
+        warnings=_likely(cells, lights, samples, found, check, turned, shape, scheme),
     )
 
 
@@ -149,6 +154,7 @@ def _likely(
     samples: Samples,
     found: Fit,
     check: LightCheck,
+    turned: dict[int, str],
     shape: Integrability,
     scheme: SchemeCheck,
 ) -> tuple[Notice, ...]:
@@ -159,31 +165,23 @@ def _likely(
     change = remedy(cells, lights, found)
     if change is not None and not change.images:
         return (_remedy_warning(change, found, lights.ids),)
-    if any(notice.code == "lights-shuffled" for notice in check.warnings):
-        return check.warnings
-    singles = _of_images(check, scheme, lights.ids)
-    if scheme.undecided or (scheme.checked and singles):
+    if check.shuffled is not None:
+        return (check.shuffled,)
+    singles = _of_images(turned, scheme, lights.ids)
+    if singles:
         return singles
-    if change is not None and not _names_only(check, change.images, lights.ids):
+    if change is not None:
         return (_remedy_warning(change, found, lights.ids),)
-    axes = _axes_warning(shape)
-    return tuple(axes) if axes else singles
+    return _axes_warning(shape)
 
 
-def _of_images(check: LightCheck, scheme: SchemeCheck, ids: tuple[str, ...]) -> tuple[Notice, ...]:
-    """Return the warnings about single images: the scheme, and how images are turned."""
-    if not scheme.checked:
-        return check.warnings
-    turned = tuple(notice for notice in check.warnings if notice.code == "image-turned")
-    names = {name for notice in turned for name in notice.where.split(", ")}
-    others = tuple(one for one in scheme.found if ids[one.image] not in names)
-    return (*turned, *scheme_notices(replace(scheme, found=others), ids))
-
-
-def _names_only(check: LightCheck, images: tuple[int, ...], ids: tuple[str, ...]) -> bool:
-    """Return whether the comparison with the lights names this one image and its fault."""
-    wheres = [notice.where for notice in check.warnings]
-    return len(images) == 1 and wheres == [ids[images[0]]]
+def _of_images(
+    turned: dict[int, str], scheme: SchemeCheck, ids: tuple[str, ...]
+) -> tuple[Notice, ...]:
+    """Return the warnings about single images."""
+    others = tuple(one for one in scheme.found if one.image not in turned)
+    notices = scheme_notices(replace(scheme, found=others), ids)
+    return (turned_notice(turned, ids), *notices) if turned else tuple(notices)
 
 
 def _remedy_warning(change: Remedy, found: Fit, ids: tuple[str, ...]) -> Notice:
@@ -217,9 +215,9 @@ def _integrability(cells: Cells, lights: Lights) -> Integrability:
     return integrability(solved.normal_map.normals, solved.normal_map.mask)
 
 
-def _axes_warning(shape: Integrability) -> list[Notice]:
+def _axes_warning(shape: Integrability) -> tuple[Notice, ...]:
     if shape.axes == "right":
-        return []
+        return ()
     cause = {
         "mirrored": "mirrored left to right or top to bottom",
         "turned": "turned by 90 degrees",
@@ -230,4 +228,4 @@ def _axes_warning(shape: Integrability) -> list[Notice]:
         f"lights or the images {cause} they are ({shape.other_curl:.2f}): check the axes of the "
         "lights (x right, y up); a turn by 180 degrees cannot be seen"
     )
-    return [Notice("lights-mirrored", text)]
+    return (Notice("lights-mirrored", text),)

@@ -29,17 +29,34 @@ def neighbour_correlation(values: Float, vectors: Float, kinds: Kinds, results: 
     kinds, results
         See `reference_solutions`.
     """
-    typical = vectors.mean(axis=0).T
     solved = np.isfinite(results[:, REFERENCE]).all(axis=1)
-    if len(typical) < _FEWEST_LIGHTS or np.count_nonzero(solved) < _FEWEST_PIXELS:
-        return math.nan
-    units = typical / np.maximum(np.linalg.norm(typical, axis=1, keepdims=True), 1e-30)
-    cosines = units @ units.T
-    np.fill_diagonal(cosines, -2)
-    nearest = np.argmax(cosines, axis=1)
     of_pixel = np.broadcast_to(vectors, (len(values), *vectors.shape[1:]))[solved]
     predicted = np.einsum("pc,pcn->pn", results[solved, REFERENCE], of_pixel)
     residuals = np.where(kinds[solved] == LIT, np.nan_to_num(values[solved]) - predicted, 0.0)
+    return correlation_of_neighbours(residuals, vectors.mean(axis=0).T)
+
+
+def correlation_of_neighbours(residuals: Double, vectors: Double) -> float:
+    """Return the correlation between the residuals of each light and of the one nearest to it.
+
+    Parameters
+    ----------
+    residuals
+        ``(P, N)``, 0 where a sample is missing.
+    vectors
+        ``(N, 3)`` light vectors in the middle of the object.
+
+    Returns
+    -------
+    float
+        NaN if there are too few lights or pixels.
+    """
+    if len(vectors) < _FEWEST_LIGHTS or len(residuals) < _FEWEST_PIXELS:
+        return math.nan
+    units = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
+    cosines = units @ units.T
+    np.fill_diagonal(cosines, -2)
+    nearest = np.argmax(cosines, axis=1)
     squares = (residuals**2).sum(axis=1)
     products = (residuals * residuals[:, nearest]).sum(axis=1)
     structured = squares > 0

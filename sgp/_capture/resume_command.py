@@ -7,8 +7,11 @@ import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+import acquisition
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,13 @@ class ResumeCommand:
         words += ["--skip-check"] * self.skip_check
         words += ["--retake-damaged"] * retake_damaged
         return subprocess.list2cmdline(words) if sys.platform == "win32" else shlex.join(words)
+
+
+def can_be_retaken(session: Path) -> bool:
+    """Return whether damaged frames are the only fault and were recorded with a rig."""
+    with suppress(acquisition.DataError):
+        return acquisition.Session.open(session, damaged_frames=True).manifest.rig is not None
+    return False
 
 
 def _capture() -> list[str]:

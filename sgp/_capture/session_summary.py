@@ -77,6 +77,15 @@ def describe(
     )
 
 
+def left_out_notices(session: acquisition.Session) -> list[rig.Notice]:
+    """Return a notice about planned shots that were skipped because their LED died."""
+    leds = dict.fromkeys(str(shot.led) for shot in session.left_out)
+    if not leds:
+        return []
+    text = f"LED {', '.join(leds)} died: {rig.pluralize(len(session.left_out), 'shot')} skipped"
+    return [rig.Notice("frames-left-out", text)]
+
+
 def _groups(session: acquisition.Session) -> list[str]:
     """Return a line for the frames of each role and exposure time; if there are many, per role."""
     lines = [frame.line for frame in session.frames]

@@ -30,7 +30,7 @@ def height_profiles(
     rows: dict[str, list[Number]] = {}
     for at, (texture, name) in enumerate(_STAND_INS.items()):
         advance(f"heights of {texture} on {where}", at, len(_STAND_INS))
-        done = processing.transfer(textures[texture], target)
+        done = processing.transfer(textures[texture], target, tile="plain")
         profile = processing.height_profile(ground, processing.integrate(done.normal_map))
         profiles[f"height_profile_{name}"] = profile
         panels += profile_panels(f"{texture} on {where}", profile)

@@ -75,7 +75,7 @@ def by_resolution(
 def placed_over(source: processing.NormalMap, target: processing.NormalMap) -> processing.NormalMap:
     """Return a source as `transfer` places it over a target: cropped, or repeated."""
     return processing.transfer(
-        source, target, shape_filter=processing.ShapeFilter(order=1)
+        source, target, shape_filter=processing.ShapeFilter(order=1), tile="plain"
     ).placement.place(source, target)
 
 
@@ -171,6 +171,7 @@ def _variants(
                     shape_filter=processing.ShapeFilter(order=order),
                     refine=refine,
                     keep_target_detail=raw,
+                    tile="plain",
                 ).fidelity
                 for target in targets.values()
             ]

@@ -1,8 +1,7 @@
-"""``capture``: record, resume, verify and describe sessions."""
+"""``capture run`` and ``capture resume``: record sessions."""
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -10,17 +9,16 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp._capture.resume_command import ResumeCommand
-from sgp._capture.session_summary import describe
+from sgp._capture.resume_command import ResumeCommand, can_be_retaken
+from sgp._capture.session_summary import describe, left_out_notices
 from sgp._capture.steps import MeterOptions, Preparation, accept, checked_wiring, metered
 from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
 from sgp._console import Stages, note
-from sgp._exit import UsageError
 from sgp._options import Input, OptionalInput, RigOption
-from sgp._output import check_file, check_folder
+from sgp._output import check_folder
 from sgp._result import Result
-from sgp._user_config import chosen_operator, chosen_rig, default_rig
+from sgp._user_config import chosen_operator, chosen_rig
 from sgp.commands.capture_plan import chosen_plan
 
 _UNMETERED = MeterOptions()
@@ -222,114 +220,9 @@ def resume(
             )
     text = f"missing shots that have been taken: {len(missing)}"
     taken = rigs.Notice("shots-taken", text, severity="info")
-    return describe(finished, [*begun.warnings, taken, *_left_out(finished), *prepared.warnings])
-
-
-def verify(session: Input) -> Result:
-    """Verify all hashes of a session and list damaged and missing frames.
-
-    For example:
-
-        capture verify recordings/owl
-
-    Parameters
-    ----------
-    session
-        Folder of the session.
-    """
-    checked = acquisition.verify_session(session)
-    result = Result(
-        metrics={
-            "whole": checked.ok,
-            "complete": checked.complete,
-            "frames": checked.frames,
-            "events": checked.events,
-            "bytes": checked.bytes,
-            "problems": list(checked.problems),
-            "missing": list(checked.missing),
-            "left_out": list(checked.left_out),
-            "damaged": list(checked.damaged),
-            "set_aside": list(checked.set_aside),
-        },
-        warnings=list(checked.warnings),
-        summary=list(checked.problems),
-        ok=checked.ok and checked.complete,
+    return describe(
+        finished, [*begun.warnings, taken, *left_out_notices(finished), *prepared.warnings]
     )
-    if checked.problems:
-        problems = rigs.pluralize(len(checked.problems), "problem")
-        result.summary.append(f"{session}: DAMAGED, {problems}")
-        if len(checked.damaged) == len(checked.problems) and _can_be_retaken(session):
-            again = ResumeCommand(session).text(retake_damaged=True)
-            rig = "" if _has_default_rig() else ", with --rig,"
-            result.summary.append(
-                f"if the object has not moved, `{again}`{rig} takes these frames again"
-            )
-    elif not checked.complete:
-        missing = "but the session was not finished"
-        if checked.missing:
-            are = rigs.pluralize(len(checked.missing), "is", "are")
-            missing = f"{are} missing, first {checked.missing[0]}"
-        intact = rigs.pluralize(checked.frames, "frame is", "frames are")
-        result.summary.append(f"{session}: incomplete, {intact} intact, {missing}")
-    else:
-        result.summary.append(
-            f"{session}: intact and complete, {rigs.pluralize(checked.frames, 'frame')}, "
-            f"{checked.bytes / 1e6:.1f} MB"
-        )
-        if checked.left_out:
-            words = ("planned frame was", "planned frames were")
-            skipped = rigs.pluralize(len(checked.left_out), *words)
-            result.summary.append(
-                f"{skipped} skipped because their LED died, first {checked.left_out[0]}"
-                if len(checked.left_out) > 1
-                else f"{skipped} skipped because its LED died: {checked.left_out[0]}"
-            )
-    return result
-
-
-def info(
-    session: Input,
-    *,
-    frames: Annotated[bool, Parameter(negative=())] = False,
-    sheet: Path | None = None,
-    force: bool = False,
-) -> Result:
-    """Describe the contents of a session.
-
-    For example:
-
-        capture info recordings/owl --sheet owl.png
-
-    Parameters
-    ----------
-    session
-        Folder of the session.
-    frames
-        List every frame.
-    sheet
-        Contact sheet to write (.png).
-    force
-        Overwrite an existing contact sheet.
-    """
-    opened = acquisition.Session.open(session)
-    gone = [frame.path.name for frame in opened.frames if not frame.path.is_file()]
-    lost = []
-    if gone:
-        files = rigs.pluralize(len(gone), "frame file is", "frame files are")
-        text = f"{files} missing, first {gone[0]}: see verify"
-        lost.append(rigs.Notice("frame-files-missing", text, severity="error"))
-    result = describe(opened, [*lost, *_left_out(opened)], frames=frames)
-    if sheet is not None:
-        check_file(sheet, ".png", force=force)
-        if not opened.frames:
-            raise acquisition.DataError(
-                f"{session}: no frames to draw: all are rejected or missing"
-            )
-        from sgp._capture.session_sheet import write_session_sheet
-
-        write_session_sheet(sheet, opened)
-        result.outputs["sheet"] = sheet
-    return result
 
 
 def _measured_sensor(option: Path | None, rig_name: str) -> acquisition.MeasuredSensor | None:
@@ -351,7 +244,7 @@ def _opened(again: ResumeCommand, *, retake_damaged: bool) -> acquisition.Sessio
     try:
         return acquisition.Session.open(again.session, damaged_frames=retake_damaged)
     except acquisition.DataError as error:
-        if not retake_damaged and _can_be_retaken(again.session):
+        if not retake_damaged and can_be_retaken(again.session):
             error.add_note(f"`{again.text(retake_damaged=True)}` takes it again")
         raise
 
@@ -366,20 +259,6 @@ def _check_plan(session: acquisition.Session, asked: acquisition.CapturePlan | N
             f"{session.folder}: is complete, and was recorded with another plan: use the original "
             "plan, or record into a new folder"
         )
-
-
-def _has_default_rig() -> bool:
-    try:
-        return default_rig() is not None
-    except UsageError:
-        return False  # an invalid configuration must not hide the result of a check
-
-
-def _can_be_retaken(session: Path) -> bool:
-    """Return whether damaged frames are the only fault and were recorded with a rig."""
-    with suppress(acquisition.DataError):
-        return acquisition.Session.open(session, damaged_frames=True).manifest.rig is not None
-    return False
 
 
 def _damaged(session: Path) -> tuple[acquisition.Damage, ...]:
@@ -400,12 +279,3 @@ def _upright_size(rig: rigs.Rig) -> tuple[int, int]:
 def _setup(rig: rigs.Rig) -> acquisition.Setup:
     info = rig.camera.info
     return acquisition.Setup(rig.config.name, info.vendor, info.model, info.serial)
-
-
-def _left_out(session: acquisition.Session) -> list[rigs.Notice]:
-    """Return a notice about planned shots that were skipped because their LED died."""
-    leds = dict.fromkeys(str(shot.led) for shot in session.left_out)
-    if not leds:
-        return []
-    text = f"LED {', '.join(leds)} died: {rigs.pluralize(len(session.left_out), 'shot')} skipped"
-    return [rigs.Notice("frames-left-out", text)]

@@ -29,7 +29,7 @@ from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
 from sgp._stages import not_used
 from sgp._user_config import chosen_operator
-from sgp.commands.capture import info
+from sgp.commands.capture_info import info
 
 _RECORD = "export.json"
 

@@ -83,6 +83,7 @@ def transfer(
     order: Order = 8,
     w: Count | None = None,
     at: Place | None = None,
+    tile: processing.Tile = "cut",
     local: LocalOptions = LocalOptions(),
     profile: bool = False,
     source_green: Green = "up",
@@ -129,6 +130,9 @@ def transfer(
     at
         Position (x,y) in the target, column and row, of the source's first pixel; for a local
         transfer, of the centre of the source region.
+    tile
+        How copies of a smaller source are joined: cut (they overlap and are joined along cuts where
+        they differ least), plain (repeated), or mirror (every second copy is mirrored).
     profile
         Integrate target and result, and write height_profile.png and .csv.
     source_green
@@ -146,6 +150,10 @@ def transfer(
     is_local = local != LocalOptions()
     if is_local and (keep_target_detail or refine):
         raise UsageError("--keep-target-detail and --refine cannot be used in a local transfer")
+    if tile != "cut" and (is_local or place is not None):
+        raise UsageError(
+            "--tile cannot be used with --at or in a local transfer: only one copy is placed"
+        )
     first = processing.read_normals(source, green=source_green, max_pixels=max_pixels)
     second = processing.read_normals(target, green=target_green, max_pixels=max_pixels)
     maps = first.normal_map, second.normal_map
@@ -174,6 +182,7 @@ def transfer(
                 refine=refine,
                 shape_filter=processing.ShapeFilter(filter, order, 5 if w is None else w),
                 at=None if place is None else _whole(place),
+                tile=tile,
                 on_progress=progress,
             )
     masks = [path for path in (local.source_mask, local.target_mask) if path is not None]
@@ -256,17 +265,19 @@ def _write_errors(
         f"shape error   {own.shape_mae_deg:.2f} deg (paper's filter {paper.shape_mae_deg:.2f})",
         f"detail error  {own.detail_mae_deg:.2f} deg (paper's filter {paper.detail_mae_deg:.2f})",
     ]
-    if isinstance(done, processing.LocalTransferResult):
-        metrics["seam_step_deg"] = done.seam.seam_deg
-        metrics["interior_step_deg"] = done.seam.interior_deg
-        metrics["seam_ratio"] = done.seam.ratio
-        result.summary.append(
-            f"seam          {done.seam.seam_deg:.2f} deg per pixel, interior "
-            f"{done.seam.interior_deg:.2f}"
-        )
-    else:
+    is_local = isinstance(done, processing.LocalTransferResult)
+    if not isinstance(done, processing.LocalTransferResult):
         metrics["source_window"] = done.placement.source_window
         metrics["tiles"] = done.placement.tiles
+    if is_local or metrics["tiles"] != (1, 1):
+        seam = done.seam
+        metrics["seam_step_deg"] = seam.seam_deg
+        metrics["interior_step_deg"] = seam.interior_deg
+        metrics["seam_ratio"] = seam.ratio
+        result.summary.append(
+            f"{'seam' if is_local else 'borders':13} {seam.seam_deg:.2f} deg per pixel, interior "
+            f"{seam.interior_deg:.2f}"
+        )
     return metrics
 
 

@@ -50,6 +50,18 @@ def seen(
     return (images + rng.normal(size=images.shape) * np.sqrt(1e-4 * images)).astype(np.float32)
 
 
+def test_a_surface_that_is_not_matte_is_named() -> None:
+    rng = np.random.default_rng(7)
+    lights = Lights(directions=dome(24))
+    matte = seen(lights.unit_directions, np.ones(24), rng)
+    halves = lights.unit_directions + np.array([0, 0, 1])
+    halves /= np.linalg.norm(halves, axis=1, keepdims=True)
+    shine = np.clip(np.einsum("hwc,nc->nhw", NORMALS, halves), 0, None) ** 20
+    assert light_strengths(matte, lights, MASK).warnings == ()
+    glossy = light_strengths((matte + 0.2 * shine).astype(np.float32), lights, MASK)
+    assert "strengths-not-matte" in [notice.code for notice in glossy.warnings]
+
+
 @pytest.mark.parametrize(
     "count", [8, pytest.param(12, marks=pytest.mark.slow), pytest.param(36, marks=pytest.mark.slow)]
 )

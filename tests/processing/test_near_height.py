@@ -211,8 +211,15 @@ def test_the_standard_deviation_contains_errors_of_single_lights(intensity, posi
 def test_a_stated_height_is_kept():
     lights = dome()
     depth, normals = SURFACES["tilted"](25.0)
-    found = near_height(images(depth, normals, lights), lights, DISC, VIEW, height_mm=25.0)
+    values = images(depth, normals, lights)
+    found = near_height(values, lights, DISC, VIEW, height_mm=25.0)
     assert found.mean_height_mm == pytest.approx(25.0, abs=1e-3)
+    assert not found.warnings
+    # Gloss makes objects look higher than they are, and nothing makes them look lower.
+    assert not near_height(values, lights, DISC, VIEW, height_mm=15.0).warnings
+    (notice,) = near_height(values, lights, DISC, VIEW, height_mm=35.0).warnings
+    assert notice.code == "height-contradicted"
+    assert "10.0 mm lower than stated" in notice.text
     assert math.isnan(found.mean_height_sigma_mm)
     assert np.abs(found.depth - depth)[DISC].max() < 0.1
 

@@ -11,10 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from processing._detail.placement import fill, largest_rectangle
+from processing._detail.placement import cover, largest_rectangle
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.transfer import scale_slopes, transfer
+from processing._detail.tile import Tile
+from processing._detail.transfer import TransferResult, scale_slopes, transfer
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 
@@ -81,7 +82,9 @@ def test_fill_crops_and_tiles_but_never_resizes(
     source: tuple[slice, slice], window: tuple[int, ...], tiles: tuple[int, int]
 ) -> None:
     target = masked((40, 70), (slice(10, 30), slice(20, 50)))
-    placement = fill(masked((50, 60), source), target)
+    mask = masked((50, 60), source)
+    flat = NormalMap(mask[..., None] * np.float32([0, 0, 1]), mask)
+    placement = cover(flat, target, "plain")
     assert placement.source_window == window
     assert placement.tiles == tiles
     assert placement.at == (20, 10)
@@ -89,7 +92,7 @@ def test_fill_crops_and_tiles_but_never_resizes(
 
 def test_a_tiled_detail_repeats_pixel_by_pixel() -> None:
     source, target = relief(1, (30, 40)), ball()
-    result = transfer(source, target, shape_filter=ShapeFilter(w=3))
+    result = transfer(source, target, shape_filter=ShapeFilter(w=3), tile="plain")
     rows, columns = np.flatnonzero(target.mask.any(1))[0], np.flatnonzero(target.mask.any(0))[0]
     expected = separate(source, shape_filter=ShapeFilter(w=3)).detail.normals
     for r, c in np.argwhere(target.mask)[::37]:
@@ -97,6 +100,58 @@ def test_a_tiled_detail_repeats_pixel_by_pixel() -> None:
             result.fidelity.detail.normals[r, c], expected[(r - rows) % 30, (c - columns) % 40]
         )
     np.testing.assert_array_equal(result.normal_map.mask, target.mask)
+
+
+def copies_of(tile: Tile, source: NormalMap, target: NormalMap) -> TransferResult:
+    return transfer(source, target, shape_filter=ShapeFilter(w=3), tile=tile)
+
+
+def test_mirrored_tiles_are_mirrored_with_their_normals() -> None:
+    source, target = relief(1, (30, 40)), ball()
+    rows, columns = np.flatnonzero(target.mask.any(1))[0], np.flatnonzero(target.mask.any(0))[0]
+    found = copies_of("mirror", source, target).detail.normals
+    detail = separate(source, shape_filter=ShapeFilter(w=3)).detail.normals
+    whole = np.concatenate([detail, detail[:, ::-1] * [-1, 1, 1]], axis=1)
+    whole = np.concatenate([whole, whole[::-1] * [1, -1, 1]], axis=0)
+    for r, c in np.argwhere(target.mask)[::37]:
+        np.testing.assert_array_equal(found[r, c], whole[(r - rows) % 60, (c - columns) % 80])
+
+
+@pytest.mark.parametrize("size", [(30, 40), (30, 400), (200, 40), (4, 5), (2, 2)], ids=str)
+def test_tiles_that_are_cut_consist_of_pixels_of_the_source(size: tuple[int, int]) -> None:
+    source, target = relief(1, size), ball()
+    detail = NormalMap.from_vectors(source.normals)
+    placement = cover(detail, target.mask, "cut")
+    placed = placement.place(detail, target)
+    np.testing.assert_array_equal(placed.mask, target.mask)
+    # Every pixel has a vector of the source, at the place of its copy.
+    across, down = placement.tiles
+    labels = placement.labels(target.size)
+    assert set(np.unique(labels[target.mask])) <= set(range(across * down))
+    known = {tuple(one) for one in detail.normals.reshape(-1, 3)}
+    assert {tuple(one) for one in placed.normals[target.mask]} <= known
+    x, y, width, height = placement.source_window
+    r, c = (int(value) for value in np.argwhere(target.mask)[-1])
+    i, j = divmod(int(labels[r, c]), across)
+    row = y + r - placement.at[1] - i * (height - placement.overlaps[1])
+    column = x + c - placement.at[0] - j * (width - placement.overlaps[0])
+    np.testing.assert_array_equal(placed.normals[r, c], detail.normals[row, column])
+
+
+def test_cuts_lower_the_steps_across_borders() -> None:
+    source, target = relief(3, (60, 50)), ball(150)
+    cut, plain = (copies_of(tile, source, target).seam.ratio for tile in ("cut", "plain"))
+    assert cut < 1.2
+    assert plain > 1.5
+
+
+def test_errors_by_another_filter_belong_to_the_same_copies() -> None:
+    """The paper's filter separates another detail; its pixels come from the same places."""
+    source, target = relief(3, (60, 50)), ball()
+    result = copies_of("cut", source, target)
+    paper = separate(source, shape_filter=ShapeFilter(order=1, w=3)).detail
+    expected = result.placement.place(paper, target).normals
+    np.testing.assert_array_equal(result.fidelity_paper.detail.normals, expected)
 
 
 def test_a_transfer_to_the_same_map_changes_nothing() -> None:
@@ -206,6 +261,7 @@ def test_refinement_approaches_the_targets_shape() -> None:
     ("options", "text"),
     [
         pytest.param({"amplitude": float("nan")}, "amplitude of nan", id="amplitude"),
+        pytest.param({"tile": "woven"}, "way of tiling 'woven': use cut, mirror", id="tile"),
         pytest.param({"refine": -1}, "cannot be negative", id="refine"),
         pytest.param({"at": (500, 0)}, "does not reach the mask", id="outside the target"),
         pytest.param({"at": (-29, -29)}, "does not reach the mask", id="on the empty corner"),
@@ -243,6 +299,15 @@ def test_transfer_to_real_shapes(source: str, shape: float, detail: float, refin
 
 @needs_data
 @pytest.mark.parametrize("source", ["owl", "plant"])
+def test_cuts_between_tiles_of_real_surfaces(source: str) -> None:
+    target = read("diligent/bear")
+    seams = [transfer(read(source), target, tile=tile).seam for tile in ("cut", "plain")]
+    assert seams[0].ratio <= 1.3
+    assert seams[1].ratio > 2
+
+
+@needs_data
+@pytest.mark.parametrize("source", ["owl", "plant"])
 def test_keeping_the_targets_detail_reproduces_the_papers_row(source: str) -> None:
     """The paper uses a Gaussian of order 1; its row is mostly the targets' own detail."""
     printed_deg = {"bear": 3.55, "buddha": 13.02, "cat": 4.13, "cow": 3.57, "goblet": 5.69}
@@ -253,6 +318,7 @@ def test_keeping_the_targets_detail_reproduces_the_papers_row(source: str) -> No
             read(f"diligent/{name}"),
             keep_target_detail=True,
             shape_filter=ShapeFilter(order=1),
+            tile="plain",
         ).fidelity.detail_mae_deg
         for name in printed_deg
     ]

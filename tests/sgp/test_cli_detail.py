@@ -53,6 +53,8 @@ def test_a_transfer_writes_maps_errors_and_the_source_window(sgp, maps):
         assert (out / file).is_file()
         assert file in made["outputs"].values()
     assert made["metrics"]["tiles"] == [2, 2]
+    assert made["parameters"]["tile"] == "cut"
+    assert made["metrics"]["seam_ratio"] < 1.5
     error = read_image(out / "shape_error.exr")
     assert np.nanmean(error) == pytest.approx(made["metrics"]["shape_mae_deg"], rel=1e-3)
     assert made["metrics"]["height_rms_px"] < made["metrics"]["height_range_px"]

@@ -6,9 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from acquisition import Session, verify_session
+from acquisition import Session, verify_session, write_mask
 from sgp.app import build, run
 
 PROGRAM = Path(__file__).with_name("refusing_disk.py")
@@ -57,6 +58,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         f"capture export {root}/sim {lights} --format lp --out {root}/lp",
     ):
         assert run(build(), line.split()) == 0
+    holes = np.zeros((52, 64), np.bool_)
+    holes[24:30, 30:36] = True
+    write_mask(root / "holes.png", holes)
     (root / "rig.toml").write_text(
         'name = "small"\ndriver = "simulated"\nleds = 2\n[options]\nwidth = 64\nheight = 52\n',
         encoding="utf-8",
@@ -88,6 +92,7 @@ def writers(made: Path, disk: Path) -> list[str]:
         f"detail transfer {made}/normals {made}/normals --out {disk}/transfer",
         f"detail properties {made}/normals --out {disk}/properties",
         f"detail synthesize {made}/normals --size 60x60 --patch 12 --out {disk}/sheet",
+        f"detail fill {made}/normals --patch 9 --holes {made}/holes.png --out {disk}/filled",
         f"compare {made}/normals {made}/normals --out {disk}/compare",
         f"project {made}/surface/surface.ply --out {disk}/project",
         f"calibrate intensities {made}/sim {lights} --out {disk}/card.json",

@@ -5,9 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from acquisition import verify_session
+from acquisition import verify_session, write_mask
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="needs links, pipes and a rig")
 
@@ -74,6 +75,7 @@ REST = """
     detail transfer {root}/normals {root}/normals --out {root}/transfer
     detail properties {root}/normals --out {root}/properties
     detail synthesize {root}/normals --size 60x60 --patch 12 --out {root}/sheet
+    detail fill {root}/normals --patch 9 --holes {root}/holes.png --out {root}/filled
     curvature {root}/normals --out {root}/curvature
     compare {root}/normals {root}/back --out {root}/compare
     project {root}/surface/surface.ply --out {root}/project
@@ -106,6 +108,9 @@ def test_no_writer_follows_planted_links(tmp_path: Path, kind: str, text: str, n
     (root / "plan.toml").write_text(PLAN, encoding="utf-8")
     (root / "grey.toml").write_text(GREY, encoding="utf-8")
     (root / "series.toml").write_text(SERIES, encoding="utf-8")
+    holes = np.zeros((52, 64), np.bool_)
+    holes[24:30, 30:36] = True
+    write_mask(root / "holes.png", holes)
     program = Path(__file__).with_name("planting.py")
     done = subprocess.run(
         [sys.executable, program, root, victims, kind, json.dumps(commands(text, root))],

@@ -1,0 +1,1 @@
+"""Cuts along which overlapping parts of a map differ least."""

@@ -1,0 +1,1 @@
+"""Holes in normal maps, filled from what surrounds them."""

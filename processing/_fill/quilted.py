@@ -1,0 +1,214 @@
+"""Detail inside holes, quilted from the surroundings of each hole."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError
+from processing._detail.seam import blend_from
+from processing._fill.hole_kernels import HOLE, KNOWN, MADE, quilt_holes
+from processing._normal_map import NormalMap
+from processing._synthesis.exemplar import Exemplar, prepare_exemplar
+from rig import Progress
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+Whole = npt.NDArray[np.int32]
+
+_CANDIDATES = 4800
+# The largest factor on slopes that makes a filled hole as steep as its surroundings.
+_MOST_GAIN = 1.5
+# The surroundings reach this many patches at first, and further until they have enough places.
+_REACH_PATCHES = 2
+_PLACES = 1000
+# As in `prepare_exemplar`: a smaller mean angle is not texture.
+_FLAT_DEG = 0.01
+_STEPS = ((0, 1), (0, -1), (1, 1), (1, -1))
+
+
+def fill_detail(
+    detail: NormalMap,
+    holes: Mask,
+    *,
+    patch: int,
+    overlap: int,
+    seed: int,
+    blend_px: float,
+    on_progress: Progress,
+) -> tuple[Float, Mask]:
+    """Fill holes in a detail component from their surroundings.
+
+    Holes that are near each other are filled together. Without texture around it, a hole has no
+    detail.
+
+    Parameters
+    ----------
+    detail
+        Known around the holes.
+    holes
+        ``(H, W)`` bool, outside the mask of the detail.
+    patch, overlap, seed
+        As for `fill_holes`.
+    blend_px
+        Distance from the rim at which the difference of patches and known detail has fallen to 1/e.
+    on_progress
+        Receives the stage ``filling``: the number of pixels in holes.
+
+    Returns
+    -------
+    tuple[Float, Mask]
+        ``(H, W, 3)`` vectors, and the known pixels that patches were taken from.
+
+    Raises
+    ------
+    DataError
+        If no patch fits into the surroundings of a hole.
+    """
+    normals, used = detail.normals.copy(), np.zeros(holes.shape, np.bool_)
+    total, done = int(np.count_nonzero(holes)), 0
+    on_progress("filling", 0, total)
+    for group, box in _groups(holes, patch):
+        box, around = _surroundings(detail.mask, group, box, patch)
+        part = NormalMap(np.where(around[..., None], detail.normals[box], 0), around)
+        if math.degrees(_mean_angle(part.normals[around])) < _FLAT_DEG:
+            normals[box][group[box]] = (0, 0, 1)
+        else:
+            exemplar = prepare_exemplar(part, patch, rotate=False, mirror=False)
+            normals[box] = _filled(
+                normals[box], detail.mask[box], group[box], exemplar, patch, overlap, seed, blend_px
+            )
+        used[box] |= around
+        done += int(np.count_nonzero(group))
+        on_progress("filling", done, total)
+    return normals, used
+
+
+def _groups(holes: Mask, patch: int) -> Iterator[tuple[Mask, tuple[slice, slice]]]:
+    """Yield masks of the holes that are less than a patch apart, with their bounding boxes."""
+    near = cv2.dilate(holes.astype(np.uint8), np.ones((patch, patch), np.uint8))
+    count, labels = cv2.connectedComponents(near, connectivity=8)
+    labels[~holes] = 0
+    for number in range(1, count):
+        group = labels == number
+        rows, columns = np.flatnonzero(group.any(axis=1)), np.flatnonzero(group.any(axis=0))
+        yield group, (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+
+
+def _surroundings(
+    known: Mask, group: Mask, box: tuple[slice, slice], patch: int
+) -> tuple[tuple[slice, slice], Mask]:
+    """Return a box around holes, and the known pixels in it that patches are taken from."""
+    reach = _REACH_PATCHES * patch
+    while True:
+        wide = (
+            slice(max(box[0].start - reach, 0), min(box[0].stop + reach, group.shape[0])),
+            slice(max(box[1].start - reach, 0), min(box[1].stop + reach, group.shape[1])),
+        )
+        away = cv2.distanceTransform((~group[wide]).astype(np.uint8), cv2.DIST_L2, 3)
+        around = known[wide] & (away <= reach)
+        kernel = np.ones((patch, patch), np.uint8)
+        room = cv2.erode(around.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT)
+        places = int(np.count_nonzero(room))
+        everything = reach >= max(group.shape)
+        if places >= _PLACES or (everything and places):
+            return wide, around
+        if everything:
+            row, column = (int(values[0]) for values in np.nonzero(group))
+            raise DataError(
+                f"no patch of {patch} x {patch} pixels fits into the normals around the hole at "
+                f"column {column}, row {row}: use smaller patches"
+            )
+        reach *= 2
+
+
+def _filled(
+    normals: Float,
+    known: Mask,
+    holes: Mask,
+    exemplar: Exemplar,
+    patch: int,
+    overlap: int,
+    seed: int,
+    blend_px: float,
+) -> Float:
+    state = np.zeros(holes.shape, np.uint8)
+    state[known], state[holes] = KNOWN, HOLE
+    sheet, sources = normals.copy(), np.full(holes.shape, -1, np.int32)
+    vectors = exemplar.vectors[0]
+    quilt_holes(
+        sheet, state, sources, _windows(known, holes, patch, overlap), overlap, patch, vectors,
+        exemplar.slopes[0], exemplar.starts, exemplar.classes[0], exemplar.shares,
+        exemplar.mean_energy, _CANDIDATES, seed,
+    )  # fmt: skip
+    # At the rim: what the exemplar has next to the pixel that a pixel of the hole was copied from.
+    rim = np.zeros(holes.shape, np.bool_)
+    for axis, step in _STEPS:
+        behind = np.roll(sources, step, axis)
+        behind[(slice(None),) * axis + ((0,) if step == 1 else (-1,),)] = -1
+        row, column = np.divmod(behind, vectors.shape[1])
+        row, column = (row + step, column) if axis == 0 else (row, column + step)
+        row = np.clip(row, 0, vectors.shape[0] - 1)
+        column = np.clip(column, 0, vectors.shape[1] - 1)
+        beyond = vectors[row, column]
+        found = (state == KNOWN) & (behind >= 0) & ~rim & beyond.any(axis=2)
+        sheet[found] = beyond[found]
+        rim |= found
+    region, holes = rim | (state == MADE), state == MADE
+    gain = _mean_angle(vectors[vectors.any(axis=2)]) / max(_mean_angle(sheet[holes]), 1e-9)
+    sheet[region] = _scaled(sheet[region], min(max(gain, 1 / _MOST_GAIN), _MOST_GAIN))
+    return blend_from(sheet, normals, rim, region, blend_px)
+
+
+def _mean_angle(vectors: Float) -> float:
+    """Return the mean angle to z in radians of ``(n, 3)`` unit vectors."""
+    angles = np.arctan2(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
+    return float(np.mean(angles, dtype=np.float64))
+
+
+def _scaled(vectors: Float, factor: float) -> Float:
+    """Return unit vectors with their slopes multiplied."""
+    longer = vectors * np.array([factor, factor, 1], np.float32)
+    return np.asarray(longer / np.linalg.norm(longer, axis=1, keepdims=True), np.float32)
+
+
+def _windows(known: Mask, holes: Mask, patch: int, overlap: int) -> Whole:
+    """Return the windows to fill, from the rim inwards, with the bands that they share."""
+    tops, lefts = (
+        _positions(np.flatnonzero(holes.any(axis=1 - axis)), holes.shape[axis], patch, overlap)
+        for axis in (0, 1)
+    )
+    far = cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 3)
+    order = []
+    for i, top in enumerate(tops):
+        for j, left in enumerate(lefts):
+            window = slice(top, top + patch), slice(left, left + patch)
+            if holes[window].any():
+                order.append((float(far[window][holes[window]].mean()), i, j))
+    windows, placed = np.zeros((len(order), 6), np.int32), set()
+    for number, (_, i, j) in enumerate(sorted(order)):
+        top, left = int(tops[i]), int(lefts[j])
+        windows[number] = (
+            top,
+            left,
+            lefts[j - 1] + patch - left if (i, j - 1) in placed else 0,
+            tops[i - 1] + patch - top if (i - 1, j) in placed else 0,
+            left + patch - lefts[j + 1] if (i, j + 1) in placed else 0,
+            top + patch - tops[i + 1] if (i + 1, j) in placed else 0,
+        )
+        placed.add((i, j))
+    return windows
+
+
+def _positions(inside: npt.NDArray[np.intp], length: int, patch: int, overlap: int) -> Whole:
+    """Return the first pixels of windows that cover holes and an overlap around them."""
+    first, last = max(int(inside[0]) - overlap, 0), min(int(inside[-1]) + 1 + overlap, length)
+    count = max(-(-(last - first - overlap) // (patch - overlap)), 1)
+    excess = count * (patch - overlap) + overlap - (last - first)
+    start = min(max(first - excess // 2, 0), length - patch)
+    end = min(start + (count - 1) * (patch - overlap), length - patch)
+    return np.unique(np.linspace(start, end, count).round()).astype(np.int32)

@@ -1,0 +1,142 @@
+"""``sgp detail fill``: fill damaged or missing parts of a normal map from their surroundings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+import acquisition
+import processing
+import rig
+from sgp._console import Stages
+from sgp._detail_metrics import FillMetrics
+from sgp._options import Count, Input, Pixels, Seed
+from sgp._output import claim_folder, writes_folder
+from sgp._overview import write_overview
+from sgp._panels.crop import Crop
+from sgp._panels.maps import lit_panel
+from sgp._result import Result
+from sgp._stage_options import MapOptions, SeparationOptions
+
+_SEPARATION, _MAPS = SeparationOptions(), MapOptions()
+
+
+@writes_folder("fill.json")
+def fill(
+    normals: Input,
+    *,
+    holes: Input,
+    out: Path,
+    patch: Count = 16,
+    overlap: Count | None = None,
+    seed: Seed = 0,
+    options: SeparationOptions = _SEPARATION,
+    green: Literal["up", "down"] = "up",
+    maps: MapOptions = _MAPS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
+    force: bool = False,
+) -> Result:
+    """Fill damaged or missing parts of a normal map from their surroundings.
+
+    The shape is continued smoothly into each hole, and patches of the surrounding detail are put
+    on it. Normals outside the holes do not change.
+
+    For example:
+
+        sgp detail fill out/normals --holes scratches.png --out repaired
+
+    Parameters
+    ----------
+    normals
+        Image of normals, or folder with normals.* and mask.png.
+    holes
+        Mask image of the parts to fill, white where the normals are damaged or missing.
+    out
+        Folder for normals.exr and normals.png, mask.png, invented.png (white in the holes),
+        fill.png and fill.json.
+    patch
+        Side of the square patches in pixels.
+    overlap
+        Width of the known part that a patch continues, in pixels; default: a third of the patch.
+    seed
+        Seed of all random choices.
+    options
+        Low-pass filter that separates shape and detail.
+    green
+        Direction of the green channel in an image file.
+    maps
+        Form of the PNG.
+    max_pixels
+        Refuse images with more pixels than this, before decoding them.
+    force
+        Write into an output folder that already contains files.
+    """
+    read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
+    given = read.normal_map
+    mask = acquisition.read_mask(holes, given.size)
+    result = Result(warnings=list(read.warnings), inputs=[*read.files, holes])
+    outside = int(np.count_nonzero(mask & ~given.mask))
+    if outside:
+        text = (
+            f"{rig.pluralize(outside, 'pixel')} of the holes had no normal: the object is larger "
+            "now"
+        )
+        result.warnings.append(rig.Notice("holes-without-normals", text, str(holes), "info"))
+    with Stages() as progress:
+        filled = processing.fill_holes(
+            given,
+            mask,
+            patch=patch,
+            overlap=overlap,
+            seed=seed,
+            shape_filter=options.shape_filter(),
+            on_progress=progress,
+        )
+    claim_folder(out, "fill.json")
+    with Stages() as progress:
+        result.outputs = processing.write_normals(
+            out, filled.normal_map, green=maps.green_out, on_progress=progress
+        )
+    result.outputs["invented"] = out / "invented.png"
+    acquisition.write_mask(result.outputs["invented"], mask)
+    _measure(filled, result)
+    result.outputs["picture"] = out / "fill.png"
+    _write_picture(result.outputs["picture"], f"Holes of {normals.name} filled", filled, given)
+    return result
+
+
+def _measure(filled: processing.FilledHoles, result: Result) -> None:
+    seam = filled.seam
+    metrics: FillMetrics = {
+        "pixels": int(np.count_nonzero(filled.normal_map.mask)),
+        "filled_pixels": int(np.count_nonzero(filled.holes)),
+        "detail_angle_deg": filled.detail_angle_deg,
+        "surroundings_angle_deg": filled.surroundings_angle_deg,
+        "seam_step_deg": seam.seam_deg,
+        "interior_step_deg": seam.interior_deg,
+        "seam_ratio": seam.ratio,
+    }
+    result.metrics = metrics
+    result.summary = [
+        f"{rig.pluralize(metrics['filled_pixels'], 'pixel')} filled",
+        f"detail angle  {filled.detail_angle_deg:.2f} deg (surroundings "
+        f"{filled.surroundings_angle_deg:.2f})",
+        f"rim           {seam.seam_deg:.2f} deg per pixel, interior {seam.interior_deg:.2f}",
+    ]
+
+
+def _write_picture(
+    path: Path, title: str, filled: processing.FilledHoles, given: processing.NormalMap
+) -> None:
+    """Draw the map with its holes, without them, and its detail."""
+    crop = Crop.around(filled.normal_map.mask)
+    known = given.mask & ~filled.holes
+    left = processing.NormalMap(np.where(known[..., None], given.normals, 0), known)
+    panels = [
+        lit_panel("with holes", left, crop),
+        lit_panel("filled", filled.normal_map, crop),
+        lit_panel("detail", filled.detail, crop),
+    ]
+    write_overview(path, title, panels, columns=3)
