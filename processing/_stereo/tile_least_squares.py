@@ -29,8 +29,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py 646e0a55e735
-# Compiled in: processing/_stereo/tile_kernels.py 7a7df777d134
+# Compiled in: processing/_stereo/frames.py b6ba89fe2beb
+# Compiled in: processing/_stereo/tile_kernels.py 70dad0e3c683
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
