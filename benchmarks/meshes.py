@@ -1,9 +1,9 @@
 """Cost of meshes: writing, simplifying and closing a surface of five million vertices.
 
-The surface is a relief of waves on a bowl. "close" writes the solid as STL, and "simplify" writes the simplified
-mesh as PLY. Each line is a process of its own: CPU seconds, the
-highest memory above that of the height map and its normals, and both as multiples of the file. The
-yardstick is a copy of the same bytes into a file with fsync.
+The surface is a relief of waves on a bowl. "close" writes the solid as STL, "simplify" the mesh as
+PLY. Each line is a process of its own: CPU seconds, the highest memory above that of the height map
+and its normals, and both as multiples of the file. The yardstick is a copy of the same bytes into a
+file with fsync.
 
     python benchmarks/meshes.py --side 2236
 """

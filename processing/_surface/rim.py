@@ -20,13 +20,13 @@ def rim(faces: Ints, count: int) -> Edges:
         If two triangles have an edge in the same direction.
     """
     # Twice the number of an edge, the smaller end first; 1 is added if it runs to the smaller end.
-    codes = np.empty((3, len(faces)), np.int64)
-    for side, code in enumerate(codes):
+    sides = np.zeros((3, len(faces)), np.int64)
+    for side, code in enumerate(sides):
         start, end = faces[:, side], faces[:, (side + 1) % 3]
         np.multiply(np.minimum(start, end), 2 * count, out=code, dtype=np.int64)
         code += 2 * np.maximum(start, end)
         code += start > end
-    codes = codes.ravel()
+    codes = sides.ravel()
     codes.sort()
     if (codes[1:] == codes[:-1]).any():
         raise DataError("an edge of the mesh belongs to more than two triangles")
@@ -36,6 +36,7 @@ def rim(faces: Ints, count: int) -> Edges:
     alone[there] = alone[there + 1] = False
     codes, backward = np.divmod(codes[alone], 2)
     ends = np.stack([codes // count, codes % count], axis=1)
-    directed: Edges = np.where(backward[:, None] == 1, ends[:, ::-1], ends)
+    ends[backward == 1] = ends[backward == 1, ::-1]
     # A triangle without an area may have the same corner twice.
-    return directed[ends[:, 0] != ends[:, 1]]
+    directed: Edges = ends[ends[:, 0] != ends[:, 1]]
+    return directed
