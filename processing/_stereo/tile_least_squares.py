@@ -29,8 +29,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py e8886b25e8c4
-# Compiled in: processing/_stereo/tile_kernels.py 720a3f2747cf
+# Compiled in: processing/_stereo/frames.py 49a5cf9fbc5d
+# Compiled in: processing/_stereo/tile_kernels.py 61b31c2f988f
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

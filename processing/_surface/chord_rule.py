@@ -28,7 +28,7 @@ _GRAZING = 1e-2
 _OPPOSED = 1.0
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double, Double]:
     """Return the edges between pixels of a mask and their height steps in pixels.
 
@@ -51,7 +51,7 @@ def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double
     down = np.zeros((rows + 2, columns + 2), np.float32)
     step_right = np.zeros((rows + 2, columns + 2), np.float64)
     step_down = np.zeros((rows + 2, columns + 2), np.float64)
-    for r in numba.prange(rows):
+    for r in range(rows):
         for c in range(columns):
             if not mask[r, c]:
                 continue
@@ -75,7 +75,7 @@ def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double
     return right, down, step_right, step_down
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def perspective_edges(
     normals: Float, mask: Mask, rays: Double
 ) -> tuple[Float, Float, Double, Double]:
@@ -105,7 +105,7 @@ def perspective_edges(
     down = np.zeros((rows + 2, columns + 2), np.float32)
     step_right = np.zeros((rows + 2, columns + 2), np.float64)
     step_down = np.zeros((rows + 2, columns + 2), np.float64)
-    for r in numba.prange(rows):
+    for r in range(rows):
         for c in range(columns):
             if not mask[r, c]:
                 continue
