@@ -40,7 +40,8 @@ def checked_map(name: str, values: npt.ArrayLike, mask: Mask) -> Float:
     if missing:
         raise DataError(f"the {name} has no number at {missing} pixels inside the mask")
     y, x = distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    return array.astype(np.float32)[y, x]
+    nearest: Float = array.astype(np.float32)[y, x]
+    return nearest
 
 
 def checked_scale(values: npt.ArrayLike, mask: Mask) -> Float:

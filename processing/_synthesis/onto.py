@@ -29,7 +29,7 @@ from processing._synthesis.quilting import (
 )
 from processing._synthesis.seam_steps import CutSteps, cut_steps
 from processing._synthesis.warped_kernels import place_warped
-from rig import Progress, no_progress
+from rig import Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -246,8 +246,8 @@ def _fill(
         # A guide decides how often each class is used.
         balance = 0.0 if guide.size else BALANCE
         penalty = ((uses + 1) / (placed * shares + 1)) ** balance
-        place_warped(
-            sheet, labels, steps, turn, guide, patches, bands, patch,
+        in_threads(
+            place_warped, len(r), sheet, labels, steps, turn, guide, patches, bands, patch,
             places._replace(penalty=penalty), CANDIDATES, seed, used, factors,
         )  # fmt: skip
         if not placed:  # the first patch waits for the compiler

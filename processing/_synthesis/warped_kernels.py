@@ -16,7 +16,7 @@ from processing._synthesis.patch_search import stream
 # Compiled in: processing/_synthesis/footprint_kernels.py a31f4cd2cf9b
 # Compiled in: processing/_synthesis/footprint_search.py d00669b44992
 # Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-# Compiled in: processing/_cuts/minimum_cuts.py f2a94c19d629
+# Compiled in: processing/_cuts/minimum_cuts.py a65f518b5540
 Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Bytes = npt.NDArray[np.uint8]
@@ -91,8 +91,10 @@ def _place(
     return int(places.classes[copy, y - size // 2, x - size // 2]), factor
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def place_warped(
+    first: int,
+    last: int,
     sheet: Float,
     labels: Bytes,
     steps: Float,
@@ -107,10 +109,12 @@ def place_warped(
     used: Whole,
     factors: Float,
 ) -> None:
-    """Place patches that touch no common pixel, in parallel.
+    """Place patches that touch no common pixel, see `rig.in_threads`.
 
     Parameters
     ----------
+    first, last
+        Range of the patches to place.
     sheet, labels
         ``(H, W, 3)`` and ``(H, W)``, written. All patches are inside.
     steps, turn
@@ -130,7 +134,7 @@ def place_warped(
     used, factors
         ``(n,)``, written: classes of the places, and factors on the footprints.
     """
-    for i in numba.prange(patches.shape[0]):
+    for i in range(first, last):
         known = (bands[i, 0], bands[i, 1], bands[i, 2], bands[i, 3])
         used[i], factors[i] = _place(
             sheet, labels, steps, turn, guide, patches[i], known, size, places, candidates, seed

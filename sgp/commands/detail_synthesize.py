@@ -12,6 +12,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._guidance import GuidanceOptions
 from sgp._options import Count, Input, OptionalInput, Pixels, Region, Seed, image_size
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -23,7 +24,7 @@ from sgp._write_synthesis import (
     write_target_picture,
 )
 
-_SEPARATION, _MAPS = SeparationOptions(), MapOptions()
+_SEPARATION, _MAPS, _GUIDANCE = SeparationOptions(), MapOptions(), GuidanceOptions()
 # A detail whose shape component is tilted by more than this share of the detail itself has shape.
 _MOST_SHAPE = 0.5
 
@@ -45,6 +46,7 @@ def synthesize(
     tileable: bool = False,
     image_space: bool = False,
     keep_target_detail: bool = False,
+    guidance: GuidanceOptions = _GUIDANCE,
     options: SeparationOptions = _SEPARATION,
     green: Literal["up", "down"] = "up",
     target_green: Literal["up", "down"] = "up",
@@ -97,6 +99,8 @@ def synthesize(
         surface.
     keep_target_detail
         With --onto: add the detail to the target's normals instead of its shape component.
+    guidance
+        Maps that guide the pattern on a target.
     options
         Low-pass filter that separates the exemplar and the target.
     green
@@ -116,10 +120,13 @@ def synthesize(
         raise UsageError("--image-space and --keep-target-detail require --onto")
     if onto is not None and tileable:
         raise UsageError("--tileable is for sheets and cannot be used with --onto")
+    guidance.check(onto=onto is not None)
     width, height = (0, 0) if size is None else image_size("--size", size)
     read = processing.read_normals(exemplar, green=green, max_pixels=max_pixels)
-    result = Result(warnings=list(read.warnings), inputs=list(read.files))
+    result = Result(warnings=list(read.warnings), inputs=[*read.files, *guidance.files()])
     shape_filter = options.shape_filter()
+    window = _window(read.normal_map, crop, exemplar)
+    guides = guidance.read(window, read.normal_map.size, max_pixels)
     target = None
     if onto is not None:
         second = processing.read_normals(onto, green=target_green, max_pixels=max_pixels)
@@ -131,8 +138,7 @@ def synthesize(
         if not is_detail:
             parts = processing.separate(detail, shape_filter=shape_filter, on_progress=progress)
             detail = parts.detail
-        if crop is not None:
-            detail = _cropped(detail, crop, exemplar)
+        detail = processing.NormalMap(detail.normals[window], detail.mask[window])
         if is_detail:
             result.warnings += _shape_notice(detail, shape_filter, exemplar)
         placing = _Placing(
@@ -148,7 +154,9 @@ def synthesize(
             made = processing.synthesize(detail, (height, width), tileable=tileable, **placing)
         else:
             shape = shape_filter.shape(target)
-            made = processing.synthesize_onto(detail, shape, image_space=image_space, **placing)
+            made = processing.synthesize_onto(
+                detail, shape, image_space=image_space, **guides, **placing
+            )
     claim_folder(out, "synthesize.json")
     with Stages() as progress:
         result.outputs = processing.write_normals(
@@ -184,11 +192,14 @@ class _Placing(TypedDict):
     on_progress: rig.Progress
 
 
-def _cropped(
-    detail: processing.NormalMap, crop: tuple[int, int, int, int], path: Path
-) -> processing.NormalMap:
-    x, y, width, height = crop
+def _window(
+    detail: processing.NormalMap, crop: tuple[int, int, int, int] | None, path: Path
+) -> tuple[slice, slice]:
+    """Return the part of the exemplar to use."""
     rows, columns = detail.size
+    if crop is None:
+        return slice(0, rows), slice(0, columns)
+    x, y, width, height = crop
     if min(x, y) < 0 or min(width, height) < 1 or x + width > columns or y + height > rows:
         raise UsageError(
             f"--crop {x},{y},{width},{height} leaves the {columns} x {rows} pixels of {path}: give "
@@ -197,7 +208,7 @@ def _cropped(
     window = slice(y, y + height), slice(x, x + width)
     if not detail.mask[window].any():
         raise UsageError(f"--crop {x},{y},{width},{height}: no normal of {path} is inside")
-    return processing.NormalMap(detail.normals[window], detail.mask[window])
+    return window
 
 
 def _shape_notice(
