@@ -1,12 +1,11 @@
-"""Lizard scales and textile of the simulator on real shapes: pictures and figures.
+"""Lizard scales and textile of the simulator on real shapes: figures, and pictures for the docs.
 
-The exemplars are 256 x 256 pixels. The targets are DiLiGenT's cat and the head of Max Planck,
-projected from a mesh; both need the folder SGP_DATA. For each pair the table has the mean detail
-angle of the result relative to that of the exemplar, the step across cuts over that inside patches,
-the mean angle between the shapes of target and result, that between the detail and the detail that
-is separated from the result again, the share of pixels whose pattern is smaller, and CPU seconds.
-The first row contains the time for compiling. With --out, the pictures in docs/detail.md are
-written: the exemplar, the target, the result, and its surface from the side.
+The exemplars are 256 x 256 pixels. The targets, in the folder SGP_DATA, are DiLiGenT's cat and the
+head of Max Planck, projected from a mesh. For each pair the table has the mean detail angle of the
+result relative to that of the exemplar, the step across cuts over that inside patches, the mean
+angle between the shapes of target and result, the share of pixels whose pattern is smaller, and CPU
+seconds, which contain the time for compiling in the first row. With --out, the exemplar, the
+target, the result, and its surface seen from the side are drawn.
 
     python benchmarks/synthesis_onto.py --out docs
 """
@@ -18,7 +17,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line, measured
 from matplotlib.axes import Axes
 from synthesis import material
@@ -27,19 +25,31 @@ import processing
 from processing import NormalMap
 from sgp._overview import Panel, write_overview
 
-# Direction toward the light, and the turn of the surfaces around the vertical.
 LIGHT = np.array([-0.45, 0.5, 0.74])
-TURN_DEG = 35.0
+SIZE = 420, 420
+MATERIALS = {"lizard": "lizard scales", "textile": "textile"}
 
 
 def targets(data: Path) -> dict[str, NormalMap]:
     cat = processing.read_normals(data / "normals" / "diligent" / "cat").normal_map
-    mesh = processing.read_mesh(data / "meshes" / "decimated-max.obj")
-    head = processing.project_mesh(mesh, width=420, height=480).normal_map
-    return {"cat": cat, "max": head}
+    mesh = processing.read_geometry(data / "meshes" / "decimated-max.obj")
+    return {"cat": cat, "max": processing.project(mesh, size=SIZE).normal_map}
 
 
-def gray(title: str, shade: npt.NDArray[np.float64]) -> Panel:
+def from_the_side(normals: NormalMap) -> NormalMap:
+    """Return the surface of normals, turned by 35 degrees about the vertical."""
+    made = processing.height_mesh(processing.integrate(normals))
+    solid = processing.Geometry(made.vertices.astype(np.float64), made.faces)
+    turn = processing.view_rotation("front", rotate_deg=(0, 35, 0))
+    return processing.project(solid, turn, size=SIZE).normal_map
+
+
+def lit(title: str, part: NormalMap) -> Panel:
+    rows, columns = (np.flatnonzero(part.mask.any(axis=axis)) for axis in (1, 0))
+    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    shade = np.clip(part.normals[window].astype(np.float64) @ LIGHT, 0, 1)
+    shade[~part.mask[window]] = 1
+
     def draw(axes: Axes) -> None:
         axes.imshow(shade, cmap="gray", vmin=0, vmax=1, interpolation="bicubic")
         axes.axis("off")
@@ -47,8 +57,37 @@ def gray(title: str, shade: npt.NDArray[np.float64]) -> Panel:
     return Panel(title, draw)
 
 
-def lit(title: str, part: NormalMap) -> Panel:
-    rows, columns = (np.flatnonzero(part.mask.any(axis=axis)) for axis in (1, 0))
-    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    shade = np.clip(part.normals[window].astype(np.float64) @ LIGHT, 0, 1)
-    return gray(title, np.where(part.mask[window], shade, 1))
+def main() -> None:
+    parser = command_line(__doc__)
+    parser.add_argument("--out", type=Path, help="folder for the pictures")
+    parser.add_argument("--seed", type=int, default=7, help="seed of the materials")
+    options = parser.parse_args()
+    print("material and target  detail angle  steps  shape error  compressed  CPU s")
+    for name, target in targets(Path(os.environ["SGP_DATA"])).items():
+        shape = processing.ShapeFilter().shape(target)
+        for short, long in MATERIALS.items():
+            exemplar = material(long, options.seed)
+            cost, made = measured(partial(processing.synthesize_onto, exemplar, shape))
+            figures = processing.texture_figures(made.detail, exemplar, patch=made.patch)
+            normals = processing.combine(shape, made.detail)
+            again = processing.separate(normals)
+            error = processing.TransferFidelity(shape, made.detail, again).shape_mae_deg
+            change = figures.detail_angle_deg / figures.exemplar_angle_deg - 1
+            print(
+                f"{short + ' on ' + name:20} {change:+12.1%} {made.steps.ratio:6.2f} "
+                f"{error:8.2f} deg {made.compressed:11.1%} {cost.cpu_s:6.2f}",
+                flush=True,
+            )
+            if options.out is None:
+                continue
+            panels = [
+                lit("exemplar", exemplar),
+                lit("target", target),
+                lit("result", normals),
+                lit("its surface", from_the_side(normals)),
+            ]
+            write_overview(options.out / f"synthesis-{short}-{name}.png", "", panels, columns=4)
+
+
+if __name__ == "__main__":
+    main()

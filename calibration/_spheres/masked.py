@@ -53,7 +53,7 @@ def sphere_in_mask(
     pictures
         The same images, in which edges are searched for.
     mirroring
-        The sphere near the mask that mirrors the plane, None if there is none.
+        The sphere near the mask that mirrors the plane; None without one.
     outline, points_px, coverage
         Outline of the mask, as for `SphereImage`.
     """

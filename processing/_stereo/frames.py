@@ -16,7 +16,7 @@ Samples = npt.NDArray[Any]
 Flat = tuple[Samples, ...]
 
 # Pixels that are solved together. Their samples fit into the second-level cache.
-TILE = 1024
+TILE = 2048
 _KINDS = (np.uint8, np.uint16, np.float32)
 
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from processing._stereo.frames import TILE
 
-# Compiled in: processing/_stereo/frames.py 49a5cf9fbc5d
+# Compiled in: processing/_stereo/frames.py b6ba89fe2beb
 
 Float = npt.NDArray[np.float32]
 

@@ -29,8 +29,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py 49a5cf9fbc5d
-# Compiled in: processing/_stereo/tile_kernels.py 61b31c2f988f
+# Compiled in: processing/_stereo/frames.py b6ba89fe2beb
+# Compiled in: processing/_stereo/tile_kernels.py 70dad0e3c683
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
