@@ -38,7 +38,8 @@ def synthesize(
     out: Path,
     is_detail: bool = False,
     crop: Region | None = None,
-    patch: Count = 48,
+    method: processing.SynthesisMethod = "quilting",
+    patch: Count | None = None,
     overlap: Count | None = None,
     seed: Seed = 0,
     rotate: bool = False,
@@ -82,8 +83,12 @@ def synthesize(
         The exemplar is a detail component; it is not separated again.
     crop
         Region x,y,w,h of the exemplar to use, in pixels.
+    method
+        With --size: quilting (patches, joined along cuts) or efros-leung (pixel by pixel, the
+        reference of the paper; slow, for small sheets).
     patch
-        Side of the square patches in pixels; it should exceed the largest structures.
+        Side of the square patches in pixels; it should exceed the largest structures. With
+        efros-leung, side of the neighbourhood, odd. Default: 48, with efros-leung 11.
     overlap
         Width of the overlap of patches in pixels; default: a quarter of the patch.
     seed
@@ -121,6 +126,10 @@ def synthesize(
     if onto is not None and tileable:
         raise UsageError("--tileable is for sheets and cannot be used with --onto")
     guidance.check(onto=onto is not None)
+    if method != "quilting" and (onto or rotate or mirror or tileable or overlap is not None):
+        raise UsageError(
+            "--onto, --rotate, --mirror, --tileable and --overlap require --method quilting"
+        )
     width, height = (0, 0) if size is None else image_size("--size", size)
     read = processing.read_normals(exemplar, green=green, max_pixels=max_pixels)
     result = Result(warnings=list(read.warnings), inputs=[*read.files, *guidance.files()])
@@ -142,7 +151,7 @@ def synthesize(
         if is_detail:
             result.warnings += _shape_notice(detail, shape_filter, exemplar)
         placing = _Placing(
-            patch=patch,
+            patch=patch or 48,
             overlap=overlap,
             seed=seed,
             rotate=rotate,
@@ -150,7 +159,11 @@ def synthesize(
             on_progress=progress,
         )
         made: processing.Synthesis | processing.TargetSynthesis
-        if target is None:
+        if method != "quilting":
+            synthesizer = processing.SYNTHESIZERS[method]
+            sides = {} if patch is None else {"patch": patch}
+            made = synthesizer(detail, (height, width), seed=seed, on_progress=progress, **sides)
+        elif target is None:
             made = processing.synthesize(detail, (height, width), tileable=tileable, **placing)
         else:
             shape = shape_filter.shape(target)

@@ -70,6 +70,15 @@ def test_detail_on_a_target(sgp, exemplar: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(normals.normals, combine(bowl, detail).normals, atol=1e-6)
 
 
+def test_pixel_by_pixel(sgp, exemplar: Path, tmp_path: Path) -> None:
+    words = ("detail", "synthesize", exemplar, "--crop", "20,20,24,24", "--method", "efros-leung")
+    answer = sgp(*words, "--size", "20x14", "--patch", 5, "--out", tmp_path / "out", "--json")
+    assert answer.code == 0, answer.err
+    assert read_normals(tmp_path / "out" / "detail.exr").normal_map.size == (14, 20)
+    assert json.loads(answer.out)["metrics"]["cut_step_deg"] is None
+    assert "odd" in sgp(*words, "--size", "9x9", "--patch", 6, "--out", "o").error_line(4)
+
+
 def test_maps_that_guide_a_pattern(sgp, exemplar: Path, tmp_path: Path, monkeypatch) -> None:
     """Painted maps and maps of floats with the same values give the same detail."""
     monkeypatch.chdir(tmp_path)
@@ -113,6 +122,11 @@ def test_maps_that_guide_a_pattern(sgp, exemplar: Path, tmp_path: Path, monkeypa
         pytest.param(["--size", "9x9", "--keep-target-detail"], "require --onto", id="detail"),
         pytest.param(["--onto", ".", "--tileable"], "--tileable", id="tileable"),
         pytest.param(["--onto", "nowhere"], "nowhere", id="missing target"),
+        pytest.param(
+            ["--size", "9x9", "--method", "efros-leung", "--mirror"],
+            "require --method",
+            id="method",
+        ),
         pytest.param(
             ["--size", "9x9", "--direction", "curvature"], "require --onto", id="direction"
         ),
