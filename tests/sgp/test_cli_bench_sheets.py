@@ -14,8 +14,6 @@ from sgp._paper import exemplars, sheets
 from sgp._paper.comparison import Comparison
 from sgp._paper.sources import Sources
 
-LEATHER = exemplars.materials(3)["leather"]
-
 
 @pytest.fixture
 def small(monkeypatch):
@@ -33,11 +31,11 @@ def small(monkeypatch):
     monkeypatch.setattr(sheets, "materials", materials)
 
 
-def test_tiles_repeat_and_sheets_do_not():
-    leather = processing.NormalMap(
-        *(part[:96, :96].copy() for part in (LEATHER.normals, LEATHER.mask))
-    )
-    table, panels = sheets._quality("sheets", {"leather": leather}, 220, no_progress)
+def test_tiles_repeat_and_sheets_do_not(monkeypatch):
+    monkeypatch.setattr(exemplars, "SIDE_PX", 64)
+    monkeypatch.setattr(sheets, "PATCH_PX", 24)
+    leather = exemplars.materials(3)["leather"]
+    table, panels = sheets._quality("sheets", {"leather": leather}, 200, no_progress)
     assert len(panels) == 4
     made = {label: dict(zip(table.columns, row, strict=True)) for label, row in table.rows.items()}
     ours = made["leather, synthesised"]
