@@ -7,8 +7,8 @@ STAMP := $(VENV)/installed
 PYTEST_ARGS ?=
 # Many tests wait for a board or a camera: three workers keep two cores busy.
 WORKERS ?= 3
-# The long tests load the processor themselves, and some of them keep times.
-SLOW_WORKERS ?= 2
+# The long tests load the processor more, but a third of their time they wait for boards, too.
+SLOW_WORKERS ?= 3
 
 # The programs that tests start must not compile the modules again each time.
 unexport PYTHONDONTWRITEBYTECODE
@@ -28,7 +28,7 @@ quick: $(STAMP)
 
 # The long tests: mutants, random command series, whole tables, faults of rig and disk.
 slow: $(STAMP)
-	$(BIN)/pytest -m slow -n $(SLOW_WORKERS) --dist load $(PYTEST_ARGS)
+	$(BIN)/pytest -m slow -n $(SLOW_WORKERS) --dist worksteal $(PYTEST_ARGS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -1,227 +1,81 @@
-"""Drawn images of a mirror ball on a dark cloth in a cluttered room, without a plane around it."""
+"""A mirror ball without a plane around it: are its lights right, or their errors stated?
+
+Each seed draws a ball on a dark cloth in a cluttered room, and the complete calibration searches
+for it. Its line contains the root mean square of the errors of the directions and of their stated
+standard deviations, both in degrees, how far the outline is off in centre x, centre y and radius,
+and the notices; or the message of the refusal. Lines with `<` are beyond three standard deviations.
+With --blur-px, the images are blurred by that much more, as those of a ball that is out of focus.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
+from drawn_lone_balls import LoneBall, lone_ball
+from harness import command_line
 
-Array = npt.NDArray[np.float64]
-
-HEIGHT, WIDTH, FINE = 300, 360, 2
-AMBIENT = 0.15
-_FAR = 1e6
+from acquisition import Lights, angle_deg
+from calibration import EstimateError, calibrate_spheres
 
 
-@dataclass(frozen=True, eq=False)
-class LoneBall:
-    """A drawn recording of one ball.
-
-    Parameters
-    ----------
-    values
-        ``(N, H, W)`` linear images, NaN where saturated.
-    circle
-        Centre x, centre y and radius of the ball in pixels.
-    directions
-        ``(N, 3)`` unit directions toward the lights, in the house frame.
-    """
-
-    values: npt.NDArray[np.float32]
-    circle: tuple[float, float, float]
-    directions: Array
+def blurred(ball: LoneBall, sigma_px: float) -> LoneBall:
+    """Return the recording of a lens that is out of focus; it is not noisier or sharper."""
+    white = np.nan_to_num(ball.values, nan=1.0)
+    images = [cv2.GaussianBlur(image, (0, 0), sigma_px) for image in white]
+    noise = np.random.default_rng(0).normal(size=white.shape) * 0.002
+    values = np.where(np.isnan(ball.values), np.nan, np.array(images) + noise)
+    return replace(ball, values=values.astype(np.float32))
 
 
-@dataclass(frozen=True, eq=False)
-class _Hit:
-    """What rays meet: distances, points, normals and albedos."""
+def judged(ball: LoneBall) -> tuple[float, float, str]:
+    """Return error and stated error of the directions in degrees, NaN if refused, and a remark."""
+    try:
+        result = calibrate_spheres(ball.values)
+    except EstimateError as refusal:
+        return np.nan, np.nan, f"refused: {refusal}"
+    error_deg = angle_deg(np.asarray(result.lights.unit_directions), ball.directions)
+    outline = result.spheres[0].outline
+    off = np.array([*outline.centre_px, outline.radius_px]) - ball.circle
+    codes = [notice.code for notice in result.warnings if notice.code != "highlights-saturated"]
+    remark = " ".join([f"off {off[0]:+.2f} {off[1]:+.2f} {off[2]:+.2f} px", *codes])
+    return float(np.sqrt(np.mean(error_deg**2))), stated_deg(result.lights), remark
 
-    distance: Array
-    point: Array
-    normal: Array
-    albedo: Array
+
+def stated_deg(lights: Lights) -> float:
+    """Return the root mean square of the stated errors along one axis in degrees."""
+    if lights.errors is None or lights.errors.covariances is None:
+        return np.nan
+    variances = np.trace(lights.errors.covariances, axis1=1, axis2=2) / 2
+    return float(np.degrees(np.sqrt(np.mean(variances))))
 
 
-Surface = Callable[[Array, Array], tuple[Array, Array, Array]]
-
-
-def lone_ball(seed: int, lights: int = 12) -> LoneBall:
-    """Draw a ball, which parallel rays see, and what it mirrors.
-
-    Lengths are in radii of the ball, whose centre is the origin; Z is toward the camera, and Y is
-    up. The ball stands on a dark cloth of finite size on a table, with other objects around it, in
-    a room whose walls have patches. Lights are at 8 to 15 radii; they shine on everything, and the
-    ball and the objects cast shadows.
-    """
-    rng = np.random.default_rng(seed)
-    radius = rng.uniform(45, 110)
-    x, y = WIDTH / 2 + rng.uniform(-25, 25), HEIGHT / 2 + rng.uniform(-20, 20)
-    surfaces, blockers = _room(rng)
-    columns, rows = (np.arange(n * FINE) + 0.5 for n in (WIDTH, HEIGHT))
-    u, v = np.meshgrid((columns / FINE - 0.5 - x) / radius, -(rows / FINE - 0.5 - y) / radius)
-    on_ball = np.hypot(u, v) < 1
-    start = np.stack([u, v, np.full_like(u, 50.0)], axis=-1).reshape(-1, 3)
-    toward = np.broadcast_to([0.0, 0.0, -1.0], start.shape).copy()
-    inside = on_ball.ravel()
-    normals = start[inside].copy()
-    normals[:, 2] = np.sqrt(1 - np.sum(normals[:, :2] ** 2, axis=1))
-    start[inside] = normals
-    toward[inside] = 2 * normals[:, 2:] * normals - np.array([0, 0, 1.0])
-    hit = _cast(surfaces, start, toward)
-    gain = np.where(inside, rng.uniform(0.5, 0.75), 1.0)
-    blur = rng.uniform(0.4, 1.2)
-    bits, noise = rng.choice([8, 12]), rng.uniform(0.0005, 0.003)
-    directions = _lights(rng, lights)
-    distances = rng.uniform(8, 15)
-    exposure = rng.uniform(0.6, 1.4) * 0.35
-    pictures = []
-    for k in range(lights):
-        shade = gain * _shade(hit, directions[k] * distances, distances, blockers)
-        fine = shade.reshape(u.shape).astype(np.float32)
-        fine = cv2.GaussianBlur(fine, (0, 0), blur * FINE)
-        pictures.append(cv2.resize(fine, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA))
-    values = np.array(pictures)
-    values *= exposure / np.percentile(values, 95)
-    rows_px, columns_px = np.mgrid[:HEIGHT, :WIDTH]
-    for k in range(lights):
-        half = directions[k] + np.array([0, 0, 1.0])
-        half /= np.linalg.norm(half)
-        off = np.hypot(columns_px - x - radius * half[0], rows_px - y + radius * half[1])
-        values[k] += 40 * np.exp(-0.5 * (off / (0.03 * radius)) ** 2)
-        values[k] += rng.normal(size=off.shape) * noise * np.sqrt(4 * np.minimum(values[k], 1) + 1)
-    steps = 2**bits - 1
-    values = np.round(np.clip(values, 0, 1) * steps) / steps
-    return LoneBall(
-        np.where(values >= 1, np.nan, values).astype(np.float32), (x, y, radius), directions
+def main() -> None:
+    parser = command_line(__doc__)
+    parser.add_argument("--first", type=int, default=340, help="first seed")
+    parser.add_argument("--balls", type=int, default=20, help="number of seeds")
+    parser.add_argument("--blur-px", type=float, default=0.0, help="additional blur")
+    options = parser.parse_args()
+    rows = []
+    for seed in range(options.first, options.first + options.balls):
+        ball = lone_ball(seed)
+        if options.blur_px > 0:
+            ball = blurred(ball, options.blur_px)
+        error, stated, remark = judged(ball)
+        beyond = "<" if error > 3 * stated else " "
+        print(
+            f"{seed} r{ball.circle[2]:4.0f} px {error:6.2f} {stated:6.2f} {beyond} {remark}",
+            flush=True,
+        )
+        rows.append((error, stated))
+    errors, sigmas = np.array([row for row in rows if np.isfinite(row[0])]).reshape(-1, 2).T
+    median = np.median(errors) if len(errors) else np.nan
+    print(
+        f"{len(errors)} calibrated, {len(rows) - len(errors)} refused; median error {median:.2f} "
+        f"degrees; {np.sum(errors > 3 * sigmas)} beyond three standard deviations"
     )
 
 
-def _lights(rng: np.random.Generator, count: int) -> Array:
-    tilt, turn = np.arcsin(rng.uniform(0.1, 0.75, count)), rng.uniform(0, 2 * np.pi, count)
-    flat = np.sin(tilt)
-    return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), np.cos(tilt)])
-
-
-def _room(rng: np.random.Generator) -> tuple[list[Surface], Array]:
-    """Return what rays can meet, and the spheres ``(B, 4)`` that cast shadows."""
-    tilt, lean = np.radians(rng.uniform(20, 75)), np.radians(rng.uniform(-12, 12))
-    # The upward normal of the table, seen from the camera at this elevation.
-    up = np.array([np.sin(lean) * np.cos(tilt), np.cos(lean) * np.cos(tilt), np.sin(tilt)])
-    right = np.cross([0.0, 0.0, 1.0], up)
-    right /= np.linalg.norm(right)
-    front = np.cross(right, up)
-    height = 1 + rng.choice([0.0, 0.3, 1.0])
-    half = rng.uniform([1.3, 1.3], [6, 6])
-    turn = rng.uniform(0, np.pi / 2)
-    cloth, table = np.exp(rng.uniform(*np.log([0.001, 0.06]))), rng.uniform(0.04, 0.6)
-    grain = _texture(rng, 0.5)
-
-    def ground(start: Array, toward: Array) -> tuple[Array, Array, Array]:
-        speed = toward @ up
-        distance = np.where(speed < -1e-9, -(height + start @ up) / np.minimum(speed, -1e-9), _FAR)
-        distance = np.where(distance > 1e-6, distance, _FAR)
-        point = start + np.minimum(distance, 1e3)[:, None] * toward
-        a, b = point @ right, point @ front
-        a, b = a * np.cos(turn) + b * np.sin(turn), b * np.cos(turn) - a * np.sin(turn)
-        on_cloth = (np.abs(a) < half[0]) & (np.abs(b) < half[1])
-        albedo = np.where(on_cloth, cloth, table * grain(a, b))
-        albedo = np.where(np.maximum(np.abs(a), np.abs(b)) > 12, 0.1 * table, albedo)
-        return distance, np.broadcast_to(up, start.shape), albedo
-
-    surfaces: list[Surface] = [ground]
-    blockers = [np.array([0.0, 0.0, 0.0, 1.0])]
-    for _ in range(rng.integers(2, 9)):
-        size, far, side = rng.uniform(0.2, 1.5), rng.uniform(2.2, 8), rng.uniform(0, 2 * np.pi)
-        middle = (size * rng.uniform(0.6, 3) - height) * up
-        middle = middle + (1 + size + far) * (np.cos(side) * right + np.sin(side) * front)
-        # Nothing hides the ball.
-        if np.hypot(middle[0], middle[1]) < 1.3 + size:
-            continue
-        surfaces.append(_globe(middle, size, rng.uniform(0.02, 0.9)))
-        blockers.append(np.append(middle, size))
-    surfaces.append(_walls(rng, up))
-    return surfaces, np.array(blockers)
-
-
-def _globe(middle: Array, size: float, albedo: float) -> Surface:
-    def meet(start: Array, toward: Array) -> tuple[Array, Array, Array]:
-        offset = start - middle
-        along = np.sum(offset * toward, axis=1)
-        square = along**2 - np.sum(offset**2, axis=1) + size**2
-        distance = np.where(square > 0, -along - np.sqrt(np.maximum(square, 0)), _FAR)
-        distance = np.where(distance > 1e-6, distance, _FAR)
-        normal = (offset + np.minimum(distance, 1e3)[:, None] * toward) / size
-        return distance, normal, np.full(len(start), albedo)
-
-    return meet
-
-
-def _walls(rng: np.random.Generator, up: Array) -> Surface:
-    """A large sphere around everything, painted with rectangles."""
-    size = rng.uniform(20, 60)
-    base = rng.choice([0.02, 0.15, 0.5])
-    patches = [
-        (rng.normal(size=3), rng.uniform(0.1, 0.7), rng.uniform(0.01, 0.9))
-        for _ in range(rng.integers(3, 14))
-    ]
-
-    def meet(start: Array, toward: Array) -> tuple[Array, Array, Array]:
-        along = np.sum(start * toward, axis=1)
-        distance = np.sqrt(along**2 - np.sum(start**2, axis=1) + size**2) - along
-        normal = -(start + distance[:, None] * toward) / size
-        albedo = np.full(len(start), base)
-        for middle, wide, level in patches:
-            towards = middle / np.linalg.norm(middle)
-            across = np.cross(up, towards)
-            across /= np.linalg.norm(across)
-            along = np.cross(towards, across)
-            front = -normal @ towards
-            on = (np.abs(normal @ across) < wide) & (np.abs(normal @ along) < 0.6 * wide)
-            albedo = np.where(on & (front > 0), level, albedo)
-        return distance, normal, albedo
-
-    return meet
-
-
-def _texture(rng: np.random.Generator, contrast: float) -> Callable[[Array, Array], Array]:
-    waves = [(rng.normal(size=2) * s, rng.uniform(0, 6.3)) for s in (0.5, 1, 2, 4) for _ in "ab"]
-
-    def texture(a: Array, b: Array) -> Array:
-        total = np.zeros_like(a)
-        for (p, q), phase in waves:
-            total += np.sin(p * a + q * b + phase)
-        return np.asarray(np.exp(contrast * total / 2) / 2)
-
-    return texture
-
-
-def _cast(surfaces: list[Surface], start: Array, toward: Array) -> _Hit:
-    nearest = np.full(len(start), _FAR)
-    normal, albedo = np.zeros_like(start), np.zeros(len(start))
-    for surface in surfaces:
-        distance, facing, paint = surface(start, toward)
-        closer = distance < nearest
-        nearest = np.where(closer, distance, nearest)
-        normal = np.where(closer[:, None], facing, normal)
-        albedo = np.where(closer, paint, albedo)
-    return _Hit(nearest, start + nearest[:, None] * toward, normal, albedo)
-
-
-def _shade(hit: _Hit, light: Array, reference: float, blockers: Array) -> Array:
-    """Return the brightness of what rays meet under one light, 1 for white at the ball."""
-    offset = light - hit.point
-    distance = np.linalg.norm(offset, axis=1)
-    toward = offset / distance[:, None]
-    cosine = np.sum(toward * hit.normal, axis=1)
-    lit = np.maximum(cosine, 0) * (reference / np.maximum(distance, 0.3 * reference)) ** 2
-    for *middle, size in blockers:
-        away = hit.point - np.array(middle)
-        along = -np.sum(away * toward, axis=1)
-        passing = np.sum(away**2, axis=1) - along**2
-        outside = np.sum(away**2, axis=1) > (1.0001 * size) ** 2
-        hidden = (passing < size**2) & (along > 0) & (along < distance) & outside
-        lit = np.where(hidden, 0.0, lit)
-    return np.asarray(hit.albedo * (lit + AMBIENT * 0.1))
+if __name__ == "__main__":
+    main()

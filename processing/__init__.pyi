@@ -88,6 +88,8 @@ from ._surface.scale import surface_scale as surface_scale
 from ._surface.solid import solid_mesh as solid_mesh
 from ._synthesis.figures import TextureFigures as TextureFigures
 from ._synthesis.figures import texture_figures as texture_figures
+from ._synthesis.onto import TargetSynthesis as TargetSynthesis
+from ._synthesis.onto import synthesize_onto as synthesize_onto
 from ._synthesis.quilting import Synthesis as Synthesis
 from ._synthesis.quilting import synthesize as synthesize
 from ._synthesis.seam_steps import CutSteps as CutSteps

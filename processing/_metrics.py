@@ -13,7 +13,7 @@ import numpy.typing as npt
 from acquisition import DataError, angle_deg
 from processing._normal_map import NormalMap, check_normal_map
 from processing._ssim_kernel import similarity_rows
-from rig import short_repr
+from rig import in_threads, short_repr
 
 __all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
@@ -106,7 +106,8 @@ def angle_map_deg(a: Float, b: npt.ArrayLike, mask: Mask) -> Float:
     """
     first, second = (np.ascontiguousarray(vectors, np.float32) for vectors in (a, b))
     angles = np.full(mask.shape, np.nan, np.float32)
-    _angles(first, second if second.ndim == 3 else second[None, None], mask, angles)
+    second = second if second.ndim == 3 else second[None, None]
+    in_threads(_angles, len(mask), first, second, mask, angles)
     return angles
 
 
@@ -123,10 +124,10 @@ def _angles_of_row(a: Float, b: Float, mask: Mask, out: Float) -> None:
         out[c] = math.degrees(math.atan2(sine, ax * bx + ay * by + az * bz))
 
 
-@numba.njit(parallel=True, cache=True)
-def _angles(a: Float, b: Float, mask: Mask, out: Float) -> None:
+@numba.njit(nogil=True, cache=True)
+def _angles(first: int, last: int, a: Float, b: Float, mask: Mask, out: Float) -> None:
     """Write the angles of the pixels of a mask; ``b`` has the size of ``a``, or one pixel."""
-    for r in numba.prange(len(mask)):
+    for r in range(first, last):
         if len(b) > 1:
             _angles_of_row(a[r], b[r], mask[r], out[r])
         else:

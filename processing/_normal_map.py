@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from rig import check_type, pluralize
+from rig import check_type, in_threads, pluralize
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -54,7 +54,8 @@ class NormalMap:
         normals = np.ascontiguousarray(self.normals, np.float32)
         mask = np.ascontiguousarray(self.mask)
         _check_shapes(normals, mask)
-        unsound = _unsound(normals, mask)
+        unsound = np.zeros(len(mask), np.int64)
+        in_threads(_unsound, len(mask), normals, mask, unsound)
         if unsound.any():
             row = int(np.argmax(unsound))
             column = int(unsound[row]) - 1
@@ -95,7 +96,10 @@ class NormalMap:
         _check_shapes(raw, inside)
         # The kernel is compiled for two types only.
         double = raw if raw.dtype == np.float32 else raw.astype(np.float64, copy=False)
-        return cls(*_directions(np.ascontiguousarray(double), np.ascontiguousarray(inside)))
+        vectors, inside = np.ascontiguousarray(double), np.ascontiguousarray(inside)
+        normals, known = np.zeros(raw.shape, np.float32), np.zeros(inside.shape, np.bool_)
+        in_threads(_directions, len(inside), vectors, inside, normals, known)
+        return cls(normals, known)
 
     @classmethod
     def of_unit_vectors(cls, normals: Float, mask: Mask) -> NormalMap:
@@ -131,14 +135,14 @@ def _check_shapes(vectors: npt.NDArray[np.generic], mask: npt.NDArray[np.generic
         )
 
 
-@numba.njit(parallel=True, cache=True)
-def _directions(vectors: npt.NDArray[np.floating], inside: Mask) -> tuple[Float, Mask]:
-    """Return unit vectors, computed in float64, and where they are known; 0 elsewhere."""
-    rows, columns = inside.shape
-    normals = np.zeros((rows, columns, 3), np.float32)
-    known = np.zeros((rows, columns), np.bool_)
-    for r in numba.prange(rows):
-        for c in range(columns):
+@numba.njit(nogil=True, cache=True)
+def _directions(
+    first: int, last: int, vectors: npt.NDArray[np.floating], inside: Mask, normals: Float,
+    known: Mask,
+) -> None:  # fmt: skip
+    """Write unit vectors of rows, computed in float64, and where they are known; 0 elsewhere."""
+    for r in range(first, last):
+        for c in range(inside.shape[1]):
             if not inside[r, c]:
                 continue
             x = np.float64(vectors[r, c, 0])
@@ -151,7 +155,6 @@ def _directions(vectors: npt.NDArray[np.floating], inside: Mask) -> tuple[Float,
                 normals[r, c, 0] = x / length
                 normals[r, c, 1] = y / length
                 normals[r, c, 2] = z / length
-    return normals, known
 
 
 @numba.njit(cache=True)
@@ -166,18 +169,18 @@ def _misfits(row: Float, inside: Mask) -> int:
     return count
 
 
-@numba.njit(parallel=True, cache=True)
-def _unsound(normals: Float, mask: Mask) -> npt.NDArray[np.int64]:
-    """Return, for each row, 1 + the column of the first vector that violates the mask, or 0."""
-    first = np.zeros(mask.shape[0], np.int64)
-    for r in numba.prange(mask.shape[0]):
+@numba.njit(nogil=True, cache=True)
+def _unsound(
+    first: int, last: int, normals: Float, mask: Mask, found: npt.NDArray[np.int64]
+) -> None:
+    """Write, for each row, 1 + the column of the first vector that violates the mask."""
+    for r in range(first, last):
         row = normals[r].reshape(-1)
         if _misfits(row, mask[r]):
             c = 0
             while not _misfits(row[3 * c : 3 * c + 3], mask[r, c : c + 1]):
                 c += 1
-            first[r] = c + 1
-    return first
+            found[r] = c + 1
 
 
 def check_normal_map(name: str, value: object) -> None:

@@ -22,7 +22,7 @@ from acquisition import (
 from processing._normal_map import NormalMap, check_normal_map
 from processing._normal_pixels import clear, encode, lengths
 from processing._npy_file import read_npy
-from rig import MAX_PIXELS, Notice, Progress, no_progress, pluralize, short_repr
+from rig import MAX_PIXELS, Notice, Progress, in_threads, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -215,7 +215,8 @@ def write_normals(
 
 def _encoded(normal_map: NormalMap, green: Green) -> npt.NDArray[np.uint16]:
     samples = np.zeros(normal_map.normals.shape, np.uint16)
-    encode(normal_map.normals, normal_map.mask, -1.0 if green == "down" else 1.0, samples)
+    turned = -1.0 if green == "down" else 1.0
+    in_threads(encode, len(samples), normal_map.normals, normal_map.mask, turned, samples)
     return samples
 
 

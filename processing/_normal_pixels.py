@@ -13,8 +13,10 @@ Mask = npt.NDArray[np.bool_]
 _LONGEST = 1000.0
 
 
-@numba.njit(parallel=True, cache=True)
-def encode(normals: Float, mask: Mask, green: float, out: npt.NDArray[np.uint16]) -> None:
+@numba.njit(nogil=True, cache=True)
+def encode(
+    first: int, last: int, normals: Float, mask: Mask, green: float, out: npt.NDArray[np.uint16]
+) -> None:
     """Write ``round((n / 2 + 0.5) * 65535)``, and z toward the camera outside a mask.
 
     Parameters
@@ -26,7 +28,7 @@ def encode(normals: Float, mask: Mask, green: float, out: npt.NDArray[np.uint16]
     out
         ``(H, W, 3)``.
     """
-    for r in numba.prange(len(mask)):
+    for r in range(first, last):
         for c in range(mask.shape[1]):
             x, y = np.float64(normals[r, c, 0]), np.float64(normals[r, c, 1])
             z = np.float64(normals[r, c, 2]) if mask[r, c] else 1.0
@@ -35,10 +37,10 @@ def encode(normals: Float, mask: Mask, green: float, out: npt.NDArray[np.uint16]
             out[r, c, 2] = np.uint16(np.rint((z * 0.5 + 0.5) * 65535))
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def clear(vectors: Float, drawn: Mask) -> None:
     """Set ``(H, W, 3)`` vectors that are not finite or too long to 0, and write which are not 0."""
-    for r in numba.prange(len(drawn)):
+    for r in range(len(drawn)):
         for c in range(drawn.shape[1]):
             x, y, z = vectors[r, c, 0], vectors[r, c, 1], vectors[r, c, 2]
             # False for NaN.
@@ -48,10 +50,10 @@ def clear(vectors: Float, drawn: Mask) -> None:
             drawn[r, c] = usable and (x != 0 or y != 0 or z != 0)
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def lengths(vectors: Float, out: Float) -> None:
     """Write the lengths of ``(H, W, 3)`` vectors."""
-    for r in numba.prange(len(out)):
+    for r in range(len(out)):
         for c in range(out.shape[1]):
             x, y, z = vectors[r, c, 0], vectors[r, c, 1], vectors[r, c, 2]
             out[r, c] = np.sqrt(x * x + y * y + z * z)

@@ -6,6 +6,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from rig import in_threads
+
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -43,8 +45,10 @@ def similarity_rows(
     weights = np.asarray(cv2.getGaussianKernel(_WINDOW, _SIGMA, cv2.CV_64F), np.float64).ravel()
     everywhere = np.ones((1, 1), np.bool_)
     drawn_a, drawn_b = (everywhere, everywhere) if drawn is None else drawn
-    rows = _similarity_rows(a, b, drawn_a, drawn_b, mask, weights, c1, c2)
-    return np.asarray(rows, np.float64)
+    result = np.zeros(len(mask))
+    bands = -(-len(mask) // _ROWS)
+    in_threads(_similarity_rows, bands, a, b, drawn_a, drawn_b, mask, weights, c1, c2, result)
+    return result
 
 
 @numba.njit(cache=True)
@@ -122,8 +126,10 @@ def _similarities(means: Double, c1: float, c2: float, out: Double) -> None:
         )
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _similarity_rows(
+    first: int,
+    last: int,
     a: Float,
     b: Float,
     drawn_a: Mask,
@@ -132,10 +138,10 @@ def _similarity_rows(
     weights: Double,
     c1: float,
     c2: float,
-) -> Double:
+    result: Double,
+) -> None:
     rows, columns = mask.shape
-    result = np.zeros(rows)
-    for band in numba.prange(-(-rows // _ROWS)):
+    for band in range(first, last):
         top = band * _ROWS
         bottom = min(top + _ROWS, rows)
         values = np.zeros((bottom - top + 2 * _REACH, 6, 3 * (_COLUMNS + 2 * _REACH)))
@@ -206,4 +212,3 @@ def _similarity_rows(
                 result[r] = found
         for r in range(top, bottom):
             result[r] /= 3
-    return result

@@ -60,6 +60,7 @@ from ._guard import parse_json as parse_json
 from ._guard import parse_toml as parse_toml
 from ._guard import read_bounded as read_bounded
 from ._guard import read_head as read_head
+from ._in_threads import in_threads as in_threads
 from ._mounting import Mounting as Mounting
 from ._notice import Notice as Notice
 from ._notice import Severity as Severity

@@ -178,6 +178,32 @@ class SynthesisMetrics(TypedDict):
         "mean angle between neighbouring normals of different patches; null with one patch",
     ]
     inside_step_deg: Annotated[float | None, "deg", "the same inside patches"]
+    shape_mae_deg: NotRequired[
+        Annotated[
+            float, "deg", "`--onto`: mean angle between the shape components of target and result"
+        ]
+    ]
+    detail_mae_deg: NotRequired[
+        Annotated[
+            float,
+            "deg",
+            "`--onto`: mean angle between the synthesised detail and the detail of the result",
+        ]
+    ]
+    detail_ssim: NotRequired[
+        Annotated[float, "up to 1", "`--onto`: SSIM of the two details, over the mask"]
+    ]
+    detail_ssim_paper: NotRequired[
+        Annotated[float, "up to 1", "`--onto`: the same in the paper's protocol"]
+    ]
+    compressed_share: NotRequired[
+        Annotated[
+            float,
+            "1",
+            "`--onto`: share of the pixels in patches that are smaller, since the exemplar has no "
+            "room for their footprints",
+        ]
+    ]
 
 
 class FillMetrics(TypedDict):

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from pathlib import Path
 
 # Before numpy and numba are imported, and for programs that tests start: threads that wait actively
 # would take the cores from the other workers.
@@ -13,6 +14,29 @@ import pytest
 from tests.compile_once import one_by_one
 
 _WANTED = {"SIGINT": signal.default_int_handler, "SIGHUP": signal.SIG_DFL}
+
+
+def pytest_configure(config):
+    """Let each kernel be compiled by one of the workers of pytest-xdist, also by collection."""
+    if not hasattr(config, "workerinput"):
+        return
+    from numba.core.dispatcher import Dispatcher
+
+    folder = Path(config.cache.mkdir("kernels"))
+    patch = pytest.MonkeyPatch()
+    patch.setattr(Dispatcher, "compile", one_by_one(Dispatcher.compile, folder))
+    config.add_cleanup(patch.undo)
+
+
+def pytest_collection_modifyitems(config, items):
+    """Begin with the tests that may take longest, so that no worker is left with one at the end."""
+    usual_s = float(config.getini("timeout"))
+
+    def limit_s(item):
+        mark = item.get_closest_marker("timeout")
+        return max(mark.args[0], usual_s) if mark else usual_s
+
+    items.sort(key=limit_s, reverse=True)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -31,22 +55,6 @@ def _no_user_configuration(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.mktemp("no-config")))
         patch.delenv("SGP_RIG", raising=False)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _workers_compile_one_by_one(tmp_path_factory):
-    """Let each kernel be compiled by one of the workers that pytest-xdist starts."""
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        yield
-        return
-    from numba.core.dispatcher import Dispatcher
-
-    # The parent of a worker's folder belongs to all workers of the run.
-    folder = tmp_path_factory.getbasetemp().parent / "kernels"
-    folder.mkdir(exist_ok=True)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Dispatcher, "compile", one_by_one(Dispatcher.compile, folder))
         yield
 
 

@@ -26,6 +26,8 @@ from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice
 
 _DISAGREEMENT_DEG = 3.0
+# Directions with larger standard deviations are no calibration.
+_LARGEST_SIGMA_DEG = 10.0
 
 
 def orthographic_lights(shown: SeenTogether, warnings: list[Notice]) -> SphereCalibration:
@@ -99,15 +101,27 @@ def _directions(
             "are near; give a camera and a radius to get positions"
         )
         warnings.append(Notice("lights-near", text))
-    errors = LightErrors(
-        direction_covariances(
-            rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
-        ),
-        spheres=seen.sum(axis=1),
+    covariances = direction_covariances(
+        rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
     )
+    _check_known(covariances, images)
+    errors = LightErrors(covariances, spheres=seen.sum(axis=1))
     lights = Lights(directions=directions, ids=names, errors=errors)
     spheres = shown.numbered(spheres)
     return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
+
+
+def _check_known(covariances: Array, images: Sequence[SphereImage]) -> None:
+    """Raise `EstimateError` if most directions are known to 10 degrees or worse."""
+    sigma_deg = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2))
+    if not np.isfinite(sigma_deg).any():
+        return
+    middle = float(np.nanmedian(sigma_deg))
+    if middle > _LARGEST_SIGMA_DEG:
+        raise EstimateError(
+            f"{places(list(images))}: outline and highlights determine the directions only to "
+            f"{middle:.0f} degrees: give a mask or a circle, or light the background evenly"
+        )
 
 
 def _check_decided(names: tuple[str, ...], images: Sequence[SphereImage]) -> None:

@@ -10,12 +10,21 @@ from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_search import JointNear, change_of, edges_agree, joint_near
+from calibration._spheres.mirror_outline import outlined_mirror
+from calibration._spheres.mirrors import mirror_near
 from calibration._spheres.robust import Array
-from calibration._spheres.sphere_image import SAFE_COVERAGE, SphereImage
+from calibration._spheres.sphere_image import SphereImage
+from calibration._spheres.surroundings import MirroredPlane
 
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
 # One picture may show an edge as far from the outline that less of all images supports.
 _WIDER_SHARE, _DECIDED = 0.1, 0.5
+# It may show the border of what a larger ball mirrors: sizes of balls around it, in its radii.
+_AROUND, _AROUND_REACH = 1.2, 0.25
+# Circles that are given may be so many times their reach away.
+_NEAR = 2.0
+# Without a plane, only the edges show that there is a ball.
+_LEAST_SUPPORT = 0.4
 # Contact shadows and what is mirrored at the limb move the edges of all images by up to 0.2 px.
 # The 99.9 % quantile of chi-square with 3 degrees of freedom.
 _MODEL_PX, _DIFFERENT = 0.15, 16.3
@@ -61,17 +70,44 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
     return by_edges
 
 
+def confirmed_near(
+    values: Images, plane: MirroredPlane, circles: Sequence[Ellipse], reaches_px: Sequence[float]
+) -> list[SphereImage | None]:
+    """Return the spheres near circles that mirror the plane, see `mirror_near` and `confirmed`.
+
+    None for a circle near which no ball mirrors the plane, or where the edges do not confirm it
+    within twice the reach.
+    """
+    found = [
+        mirror_near(plane, circle, reach) for circle, reach in zip(circles, reaches_px, strict=True)
+    ]
+    spheres = confirmed(values, [outlined_mirror(values, plane, one) for one in found if one])
+    left = iter(spheres)
+    near: list[SphereImage | None] = []
+    for circle, reach, mirror in zip(circles, reaches_px, found, strict=True):
+        sphere = next(left) if mirror else None
+        far = sphere and np.abs(change_of(circle, sphere.outline)).max() > _NEAR * reach
+        near.append(None if far else sphere)
+    return near
+
+
 def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
     """Return a sphere with the outline that the edges of most images support.
 
-    If they support none, the sphere is returned as it is, or None if less than 60 % of its outline
-    is visible.
+    An edge of one picture may be the border of what a ball mirrors. So, if less than half of the
+    outline is supported, outlines around it are compared as well, up to 1.45 times as large. None
+    if less than 40 % of the best one is supported.
     """
     joint = _joint(values, sphere.outline)
-    found = None if joint is None else _with_outline(values, sphere, joint, np.zeros((3, 3)))
-    if found is None and sphere.coverage >= SAFE_COVERAGE:
-        return sphere
-    return found
+    if joint is None or joint.support < _DECIDED:
+        size = sphere.outline.radius_px
+        around = Ellipse(sphere.outline.centre_px, (_AROUND * size, _AROUND * size))
+        larger = joint_near(values, around, _AROUND_REACH * size)
+        if joint is None or (larger is not None and larger.support > joint.support):
+            joint = larger
+    if joint is None or joint.support < _LEAST_SUPPORT:
+        return None
+    return _with_outline(values, sphere, joint, np.zeros((3, 3)))
 
 
 def _joint(values: Images, outline: Ellipse) -> JointNear | None:

@@ -53,12 +53,15 @@ class JointOutline:
         Share 0..1 of the circumference that these points cover.
     support
         Share 0..1 of the circumference where an edge agrees with the outline, by its distance.
+    blur_px
+        Blur of the edges: the trial value that fits the images best, see `estimate_blur`.
     """
 
     outline: Ellipse
     points_px: Array
     coverage: float
     support: float
+    blur_px: float
 
 
 def joint_outline(
@@ -102,7 +105,7 @@ def joint_outline(
         points = points[weights > 0]
         coverage *= float(np.mean(weights > 0))
     support = float(fit.weights.mean())
-    return JointOutline(outline, points, coverage, support)
+    return JointOutline(outline, points, coverage, support, edges.blur_px)
 
 
 def part_covariance(values: Images, outline: Ellipse) -> Array:
@@ -161,7 +164,8 @@ class _Edges:
         flat = profiles.reshape(-1, samples)
         power = np.maximum(flat.var(axis=1), 1e-300)
         strong = np.flatnonzero(power >= np.percentile(power, _STRONG_PERCENT))
-        costs = edge_costs(flat, estimate_blur(flat[strong][::_MOST_OF_STRONG]))
+        self.blur_px = estimate_blur(flat[strong][::_MOST_OF_STRONG])
+        costs = edge_costs(flat, self.blur_px)
         least = costs.min(axis=1).reshape(count, angles)
         free = samples - 5
         variance = np.median(least, axis=1)[:, None] / free

@@ -14,6 +14,7 @@ from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.joint_edge import JointOutline, joint_outline, part_covariance
+from calibration._spheres.limb import LARGEST_BLUR_PX
 from calibration._spheres.outline import SHARP_PX, scatter_px
 from calibration._spheres.outline_noise import circle_covariance
 from calibration._spheres.robust import Array
@@ -27,7 +28,7 @@ _LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
 # Edges that are more blurred than the model of the limb are seen in smaller images. The same
 # distances from an outline are fewer pixels there, so more edges must agree, by this share.
-_FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4), 60.0, 0.2
+_FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4), 25.0, 0.2
 # Edges along this length of an outline count as one observation.
 _INDEPENDENT_PX = 16.0
 
@@ -53,7 +54,8 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
     support is the outline. The others add to its covariance as far as they are plausible: one that
     has n observations less (16 px of circumference each) has the weight exp(-n). If less than
     two thirds of a large outline are supported, its edges may be more blurred than the model of the
-    limb; then images of a half to a quarter of the size are tried.
+    limb; then images of a half to a quarter of the size are tried. What they show counts only if it
+    is that blurred.
 
     Parameters
     ----------
@@ -77,11 +79,14 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
         start: Array = low + np.float64((factor - 1) / 2)
         small = crop if factor == 1 else _smaller(crop, factor)
         joint = _near(small, _scaled(_shifted(guess, -start), 1 / factor), reach_px / factor)
-        if joint and (best is None or joint.support > best.support + _MORE_SUPPORT):
+        if joint is None or (factor > 1 and joint.blur_px * factor <= LARGEST_BLUR_PX):
+            continue
+        if best is None or joint.support > best.support + _MORE_SUPPORT:
             best = replace(
                 joint,
                 outline=_shifted(_scaled(joint.outline, factor), start),
                 points_px=joint.points_px * factor + start,
+                blur_px=joint.blur_px * factor,
                 covariance_px2=joint.covariance_px2 * factor**2,
             )
     return best
@@ -104,6 +109,7 @@ def _near(crop: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
         best.points_px,
         best.coverage,
         best.support,
+        best.blur_px,
         _covariance(found) + part_covariance(crop, best.outline),
     )
 

@@ -12,7 +12,8 @@ from calibration._spheres.robust import Array
 REACH_PX = 2.5
 STEP_PX = 0.25
 # Trial blurs: of a sharp lens and a small pixel, up to one that is clearly out of focus.
-_BLURS_PX = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.15, 1.4)
+LARGEST_BLUR_PX = 1.4
+_BLURS_PX = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.15, LARGEST_BLUR_PX)
 # Neighbouring profiles are alike: so many show the blur.
 _ENOUGH = 200
 _LONGEST_SHIFT_PX = 1.0

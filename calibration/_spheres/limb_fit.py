@@ -21,7 +21,7 @@ _INWARD, _INWARD_PX, _OUTWARD_PX = 0.1, (2.5, 5.0), 8.0
 _DEEPER_PX = 3.0
 _SPACING_PX, _FEWEST_ANGLES, _MOST_ANGLES = 2.0, 90, 540
 _ROUNDS, _CONVERGED_PX = 20, 0.002
-_USUAL_BLUR_PX, _BLURS_PX, _SMALL = 0.9, (0.3, 3.0), 0.05
+_USUAL_BLUR_PX, _BLURS_PX, _SMALL = 0.9, (0.3, 4.0), 0.05
 _USUAL_REFLECTANCE = 0.6
 # Profiles with this share of the brightness that the lights have there on average are lit.
 _LIT = 0.5

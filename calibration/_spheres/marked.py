@@ -10,11 +10,10 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
+from calibration._spheres.confirmed import confirmed_near
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.masked import sphere_in_mask
-from calibration._spheres.mirror_outline import outlined_mirror
-from calibration._spheres.mirrors import mirror_near
+from calibration._spheres.masked import mask_reach_px, sphere_in_mask
 from calibration._spheres.near_circle import outline_near
 from calibration._spheres.outline import OutlineImages, mask_outlines
 from calibration._spheres.robust import Array
@@ -37,9 +36,7 @@ def masked_spheres(
     A mask that contradicts the images is refined, see `sphere_in_mask`. Parameters and errors are
     those of `calibrate_spheres`.
     """
-    images = []
-    pictures = OutlineImages(values)
-    plane = MirroredPlane(values, reduce_stack(values), camera)
+    given: list[tuple[Ellipse, Array, float]] = []
     for mask in masks:
         if mask.shape != values.shape[1:]:
             raise DataError(
@@ -55,8 +52,19 @@ def masked_spheres(
                 outline, _ = fit_circle(points)
                 _check_disc(outline, points)
             coverage = _coverage(outline, points)
-            images.append(sphere_in_mask(values, pictures, plane, outline, points, coverage))
-    return images
+            given.append((outline, points, coverage))
+    pictures = OutlineImages(values)
+    plane = MirroredPlane(values, reduce_stack(values), camera)
+    circles = [
+        Ellipse(outline.centre_px, (outline.radius_px, outline.radius_px))
+        for outline, _, _ in given
+    ]
+    reaches = [mask_reach_px(circle.radius_px) for circle in circles]
+    near = confirmed_near(values, plane, circles, reaches)
+    return [
+        sphere_in_mask(values, pictures, mirroring, *one)
+        for mirroring, one in zip(near, given, strict=True)
+    ]
 
 
 def circled_spheres(
@@ -66,24 +74,27 @@ def circled_spheres(
 ) -> list[SphereImage]:
     """Return outlines and highlights of the spheres near approximate circles.
 
-    If a ball near the circle mirrors the plane on which it rests, that determines its outline on
-    any ground; else the edge near the circle does, see `outline_near`. Parameters and errors are
-    those of `calibrate_spheres`.
+    If a ball near the circle mirrors the plane on which it rests, and the edges of all images do
+    not contradict it, that determines its outline on any ground; else the edge near the circle
+    does, see `outline_near`. Parameters and errors are those of `calibrate_spheres`.
     """
-    images = []
-    pictures = OutlineImages(values)
-    plane = MirroredPlane(values, reduce_stack(values), camera)
+    guesses: list[Ellipse] = []
     for x, y, radius in circles:
         if not (np.isfinite([x, y, radius]).all() and radius > 0):
             raise DataError(
                 f"a sphere circle at ({x:g}, {y:g}) px with radius {radius:g} px is invalid: give "
                 "finite numbers and a radius above 0"
             )
-        guess = Ellipse((float(x), float(y)), (float(radius), float(radius)))
-        reach = max(4.0, 0.1 * radius)
-        mirror = mirror_near(plane, guess, reach)
-        if mirror is not None:
-            images.append(outlined_mirror(values, plane, mirror))
+        guesses.append(Ellipse((float(x), float(y)), (float(radius), float(radius))))
+    pictures = OutlineImages(values)
+    plane = MirroredPlane(values, reduce_stack(values), camera)
+    reaches = [max(4.0, 0.1 * guess.radius_px) for guess in guesses]
+    images = []
+    for guess, reach, mirroring in zip(
+        guesses, reaches, confirmed_near(values, plane, guesses, reaches), strict=True
+    ):
+        if mirroring is not None:
+            images.append(mirroring)
             continue
         near = outline_near(pictures, guess, reach)
         highlights = find_highlights(values, near.outline)

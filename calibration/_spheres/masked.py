@@ -11,15 +11,12 @@ from calibration._radiance.raw_stack import Images
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.mirror_outline import outlined_mirror
-from calibration._spheres.mirrors import mirror_near
 from calibration._spheres.near_circle import outline_near
 from calibration._spheres.outline import OutlineImages
 from calibration._spheres.outline_noise import circle_covariance
 from calibration._spheres.painted import is_painted
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
-from calibration._spheres.surroundings import MirroredPlane
 
 # Errors of masks that are painted by hand, at least 3 px.
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
@@ -29,10 +26,15 @@ _SAME_PX = 0.5
 _SAME_OUTLINE = 16.3
 
 
+def mask_reach_px(radius_px: float) -> float:
+    """Return by how much the mask of a sphere may be wrong."""
+    return max(_REACH_PX, _REACH_SHARE * radius_px)
+
+
 def sphere_in_mask(
     values: Images,
     pictures: OutlineImages,
-    plane: MirroredPlane,
+    mirroring: SphereImage | None,
     outline: Ellipse,
     points_px: Array,
     coverage: float,
@@ -48,13 +50,15 @@ def sphere_in_mask(
     ----------
     values
         ``(N, H, W)`` linear images, NaN where saturated.
-    pictures, plane
-        The same images, in which edges and mirrored planes are searched for.
+    pictures
+        The same images, in which edges are searched for.
+    mirroring
+        The sphere near the mask that mirrors the plane; None without one.
     outline, points_px, coverage
         Outline of the mask, as for `SphereImage`.
     """
     highlights = find_highlights(values, outline)
-    seen, mirrors = _seen_near(values, pictures, plane, outline)
+    seen, mirrors = _seen_near(values, pictures, mirroring, outline)
     painted = not mirrors and is_painted(values, outline, highlights)
     given = SphereImage(outline, points_px, coverage, highlights, painted=painted)
     if seen is None:
@@ -82,7 +86,7 @@ def sphere_in_mask(
 def _seen_near(
     values: Images,
     pictures: OutlineImages,
-    plane: MirroredPlane,
+    mirroring: SphereImage | None,
     outline: Ellipse,
 ) -> tuple[SphereImage | None, bool]:
     """Return the sphere that the images show near an outline, without doubt, or None.
@@ -90,11 +94,9 @@ def _seen_near(
     The second result is whether it mirrors the plane.
     """
     radius = outline.radius_px
-    reach = max(_REACH_PX, _REACH_SHARE * radius)
-    mirror = mirror_near(plane, Ellipse(outline.centre_px, (radius, radius)), reach)
-    if mirror is not None:
-        seen = outlined_mirror(values, plane, mirror)
-    else:
+    reach = mask_reach_px(radius)
+    seen = mirroring
+    if seen is None:
         try:
             near = outline_near(pictures, outline, reach)
         except EstimateError:
@@ -107,4 +109,4 @@ def _seen_near(
         )
     off = np.hypot(*np.subtract(seen.outline.centre_px, outline.centre_px))
     far = max(float(off), abs(seen.outline.radius_px - radius)) > 1.5 * reach
-    return None if far else seen, mirror is not None and not far
+    return None if far else seen, mirroring is not None and not far

@@ -22,6 +22,8 @@ _DOUBTED, _SAME_OUTLINE = 7.8, 16.3
 # Errors of edges that neither scatter nor misfit show, of place and radius, times the radius;
 # measured on simulated boards.
 _EDGE_PX2 = 0.4
+# The mirror image is compared with at most this blur; what more does to its outline, in the blur.
+_MOST_BLUR_PX, _OUT_OF_FOCUS = 1.8, 0.3
 
 
 def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> SphereImage:
@@ -69,6 +71,8 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
 def _combined(fitted: FittedBall, edge: LimbFit) -> tuple[Balls, Array]:
     """Return the mean of a ball and its edge, with the covariance of its outline."""
     ball, covariance = fitted.ball, fitted.covariance_px2
+    if edge.blur_px > _MOST_BLUR_PX:
+        covariance = covariance + np.eye(3) * (_OUT_OF_FOCUS * edge.blur_px) ** 2
     moved = edge.ball.axes_px[0] - ball.axes_px[0]
     change = np.append(moved, edge.ball.radii_px - ball.radii_px)
     unseen = np.eye(3) * (_EDGE_PX2 / float(ball.radii_px[0])) ** 2

@@ -56,7 +56,7 @@ def cut_copies(rectangle: Float, size: tuple[int, int], overlaps: tuple[int, int
     return copies
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def lay(
     normals: Float,
     mask: Mask,
@@ -92,7 +92,7 @@ def lay(
     known = np.zeros((rows, columns), np.bool_)
     x, y, width, height = window
     left, right = max(at[0], 0), min(at[0] + copies.shape[1], columns)
-    for r in numba.prange(max(at[1], 0), min(at[1] + copies.shape[0], rows)):
+    for r in range(max(at[1], 0), min(at[1] + copies.shape[0], rows)):
         for c in range(left, right):
             i, j = divmod(copies[r - at[1], c - at[0]], across)
             q, d = r - at[1] - i * strides[1], c - at[0] - j * strides[0]

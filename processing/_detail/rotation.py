@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing._detail.separation_kernels import turn
+from rig import in_threads
 
 Normals = npt.NDArray[np.float32]
 
@@ -21,7 +22,9 @@ Normals = npt.NDArray[np.float32]
 def _turned(vectors: Normals, poles: Normals, sign: float) -> Normals:
     flat = (vectors.shape[0], -1)
     out = np.zeros(vectors.shape, np.float32)
-    turn(
+    in_threads(
+        turn,
+        len(out),
         np.ascontiguousarray(vectors, np.float32).reshape(flat),
         np.ascontiguousarray(poles, np.float32).reshape(flat),
         sign,
@@ -74,12 +77,12 @@ def rotate_from_z(vectors: Normals, poles: Normals) -> Normals:
     return _turned(vectors, poles, -1.0)
 
 
-@numba.njit(parallel=True, cache=True)
-def _rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals:
-    height, width = vectors.shape[:2]
-    out = np.zeros((height, width, 3), np.float32)
-    for r in numba.prange(height):
-        for c in range(width):
+@numba.njit(nogil=True, cache=True)
+def _rotate_between(
+    first: int, last: int, vectors: Normals, starts: Normals, ends: Normals, out: Normals
+) -> None:
+    for r in range(first, last):
+        for c in range(out.shape[1]):
             ax, ay, az = float(starts[r, c, 0]), float(starts[r, c, 1]), float(starts[r, c, 2])
             bx, by, bz = float(ends[r, c, 0]), float(ends[r, c, 1]), float(ends[r, c, 2])
             lengths = math.sqrt(ax * ax + ay * ay + az * az) * math.sqrt(
@@ -112,7 +115,6 @@ def _rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals
             out[r, c, 0] = cosine * x + vy * z - vz * y + along * vx
             out[r, c, 1] = cosine * y + vz * x - vx * z + along * vy
             out[r, c, 2] = cosine * z + vx * y - vy * x + along * vz
-    return out
 
 
 def rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals:
@@ -131,4 +133,6 @@ def rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals:
     Normals
         ``(H, W, 3)`` float32, with the lengths of `vectors`.
     """
-    return np.asarray(_rotate_between(vectors, starts, ends))
+    out = np.zeros(vectors.shape, np.float32)
+    in_threads(_rotate_between, len(out), vectors, starts, ends, out)
+    return out

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap
+from rig import in_threads
 
 Double = npt.NDArray[np.float64]
 
@@ -66,7 +67,8 @@ def rotation_similarity(shape: NormalMap, w: int = 5) -> RotationSimilarity:
     """
     if w < 1:
         raise DataError(f"the window's half width must be 1 or more, not {w}")
-    sums = _similarity(shape.normals, shape.mask, w)
+    sums = np.zeros((len(shape.mask), 4))
+    in_threads(_similarity, len(sums), shape.normals, shape.mask, w, sums)
     mean = sums.sum(axis=0) / np.count_nonzero(shape.mask)
     return RotationSimilarity(math.degrees(mean[0]), *(float(value) for value in mean[1:]))
 
@@ -85,12 +87,18 @@ def _to_z(x: float, y: float, z: float, out: Double) -> None:
     out[2, 0], out[2, 1], out[2, 2] = x, y, z
 
 
-@numba.njit(parallel=True, cache=True)
-def _similarity(normals: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_], w: int) -> Double:
-    """Return, for each row, the sums of the window means of angle, 1-, 2- and infinity-norm."""
+@numba.njit(nogil=True, cache=True)
+def _similarity(
+    first: int,
+    last: int,
+    normals: npt.NDArray[np.float32],
+    mask: npt.NDArray[np.bool_],
+    w: int,
+    sums: Double,
+) -> None:
+    """Write, for each row, the sums of the window means of angle, 1-, 2- and infinity-norm."""
     height, width = mask.shape
-    sums = np.zeros((height, 4))
-    for r in numba.prange(height):
+    for r in range(first, last):
         here, there, between = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
         columns, rows = np.zeros(3), np.zeros(3)
         for c in range(width):
@@ -132,4 +140,3 @@ def _similarity(normals: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_], w
             sums[r, 1] += one / count
             sums[r, 2] += two / count
             sums[r, 3] += most / count
-    return sums

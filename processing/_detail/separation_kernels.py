@@ -58,10 +58,10 @@ def _turn_row(vectors: Float, poles: Float, sign: float, out: Float) -> None:
         out[i + 2] = np.float32(turned_z if known else 0.0)
 
 
-@numba.njit(parallel=True, cache=True)
-def turn(vectors: Float, poles: Float, sign: float, out: Float) -> None:
+@numba.njit(nogil=True, cache=True)
+def turn(first: int, last: int, vectors: Float, poles: Float, sign: float, out: Float) -> None:
     """Rotate ``(H, 3 W)`` vectors row by row; see `_turn_row`."""
-    for r in numba.prange(out.shape[0]):
+    for r in range(first, last):
         _turn_row(vectors[r], poles[r], sign, out[r])
 
 
@@ -177,10 +177,10 @@ def _direct_row(mean: Float, normals: Float, mask: Mask, out: Float) -> None:
         out[i + 2] = np.float32(z if mask[c] else 0.0)
 
 
-@numba.njit(cache=True)
-def _tiles(mask: Mask) -> int:
-    tiles: int = -(-mask.shape[0] // _ROWS) * -(-mask.shape[1] // _COLUMNS)
-    return tiles
+def tiles(mask: Mask) -> int:
+    """Return the number of tiles of an image."""
+    rows, columns = mask.shape
+    return int(-(-rows // _ROWS) * -(-columns // _COLUMNS))
 
 
 @numba.njit(cache=True)
@@ -194,9 +194,11 @@ def _tile(mask: Mask, number: int) -> tuple[int, int, int, int]:
     return top, bottom, left, right
 
 
-@numba.njit(parallel=True, cache=True)
-def separate_once(normals: Float, mask: Mask, kernel: Float, shape: Float, detail: Float) -> None:
-    """Write shape and detail in one pass for a filter that is applied once.
+@numba.njit(nogil=True, cache=True)
+def separate_once(
+    first: int, last: int, normals: Float, mask: Mask, kernel: Float, shape: Float, detail: Float
+) -> None:
+    """Write shape and detail of tiles in one pass for a filter that is applied once.
 
     Parameters
     ----------
@@ -209,7 +211,7 @@ def separate_once(normals: Float, mask: Mask, kernel: Float, shape: Float, detai
     shape, detail
         ``(H, 3 W)`` zeros that are filled inside the mask.
     """
-    for number in numba.prange(_tiles(mask)):
+    for number in range(first, last):
         top, bottom, left, right = _tile(mask, number)
         if bottom == top:
             continue
@@ -223,10 +225,10 @@ def separate_once(normals: Float, mask: Mask, kernel: Float, shape: Float, detai
             _turn_row(row, pole, 1.0, detail[r, 3 * left : 3 * right])
 
 
-@numba.njit(parallel=True, cache=True)
-def gains(mask: Mask, weights: Float, kernel: Float, out: Float) -> None:
-    """Write the ``(H, W)`` factors of a smoothed image: 1 / weight, 0 outside the mask."""
-    for number in numba.prange(_tiles(mask)):
+@numba.njit(nogil=True, cache=True)
+def gains(first: int, last: int, mask: Mask, weights: Float, kernel: Float, out: Float) -> None:
+    """Write factors ``(H, W)`` of a smoothed image in tiles: 1 / weight, 0 outside the mask."""
+    for number in range(first, last):
         top, bottom, left, right = _tile(mask, number)
         if bottom == top:
             continue
@@ -247,10 +249,12 @@ def _rest_row(rest: Float, mean: Float, gain: Float, out: Float) -> None:
         out[i + 2] = rest[i + 2] - gain[c] * mean[i + 2]
 
 
-@numba.njit(parallel=True, cache=True)
-def leave(mask: Mask, rest: Float, gain: Float, kernel: Float, out: Float) -> None:
-    """Write the ``(H, 3 W)`` rest minus its smooth part, with the gains from `gains`."""
-    for number in numba.prange(_tiles(mask)):
+@numba.njit(nogil=True, cache=True)
+def leave(
+    first: int, last: int, mask: Mask, rest: Float, gain: Float, kernel: Float, out: Float
+) -> None:
+    """Write the ``(H, 3 W)`` rest of tiles minus its smooth part, with factors from `gains`."""
+    for number in range(first, last):
         top, bottom, left, right = _tile(mask, number)
         if bottom == top:
             continue
@@ -262,10 +266,10 @@ def leave(mask: Mask, rest: Float, gain: Float, kernel: Float, out: Float) -> No
             _rest_row(rest[r, part], mean, gain[r, left:right], out[r, part])
 
 
-@numba.njit(parallel=True, cache=True)
-def finish(normals: Float, mask: Mask, shape: Float, detail: Float) -> None:
-    """Write shape and detail; on entry `detail` contains the normals minus their smooth part."""
-    for r in numba.prange(mask.shape[0]):
+@numba.njit(nogil=True, cache=True)
+def finish(first: int, last: int, normals: Float, mask: Mask, shape: Float, detail: Float) -> None:
+    """Write shape and detail of rows; `detail` contains the normals minus their smooth part."""
+    for r in range(first, last):
         smooth = np.zeros(normals.shape[1], np.float32)
         for i in range(smooth.size):
             smooth[i] = normals[r, i] - detail[r, i]

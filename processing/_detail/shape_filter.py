@@ -11,9 +11,9 @@ import numpy.typing as npt
 from acquisition import DataError
 from processing._detail.edge_aware import leave_within_edges
 from processing._detail.filter_kind import FILTER_KINDS, FilterKind
-from processing._detail.separation_kernels import finish, gains, leave, separate_once
+from processing._detail.separation_kernels import finish, gains, leave, separate_once, tiles
 from processing._normal_map import NormalMap
-from rig import Progress, no_progress
+from rig import Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
 
@@ -116,7 +116,7 @@ class ShapeFilter:
         steps = self.passes + 1
         on_progress("detail", 0, steps)
         if self.passes == 1:
-            separate_once(normals, mask, self._kernel, shape, detail)
+            in_threads(separate_once, tiles(mask), normals, mask, self._kernel, shape, detail)
             on_progress("detail", 1, steps)
         else:
             shape, detail = self._repeat(normals, mask, shape, detail, on_progress)
@@ -125,7 +125,7 @@ class ShapeFilter:
             detail = leave_within_edges(
                 self.kind, normal_map.normals, mask, shape.reshape(size), self.w
             ).reshape(height, -1)
-            finish(normals, mask, shape, detail)
+            in_threads(finish, height, normals, mask, shape, detail)
         on_progress("detail", steps, steps)
         return (
             NormalMap.of_unit_vectors(shape.reshape(size), mask),
@@ -160,14 +160,14 @@ class ShapeFilter:
         on_progress: Progress,
     ) -> tuple[Float, Float]:
         kernel, gain = self._kernel, np.zeros(mask.shape, np.float32)
-        gains(mask, mask.astype(np.float32), kernel, gain)
+        in_threads(gains, tiles(mask), mask, mask.astype(np.float32), kernel, gain)
         # The two outputs hold the rest alternately, so no other buffer is required.
         rest, free = normals, (shape, detail)
         for done in range(self.passes):
-            leave(mask, rest, gain, kernel, free[done % 2])
+            in_threads(leave, tiles(mask), mask, rest, gain, kernel, free[done % 2])
             rest = free[done % 2]
             on_progress("detail", done + 1, self.passes + 1)
         if rest is shape:
             shape, detail = detail, shape
-        finish(normals, mask, shape, detail)
+        in_threads(finish, len(mask), normals, mask, shape, detail)
         return shape, detail

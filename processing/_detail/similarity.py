@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap
+from rig import in_threads
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -112,7 +113,8 @@ class Similarity:
             weight = cv2.GaussianBlur(normal_map.mask.astype(np.float32), (0, 0), sigma_px)
             blurred = cv2.GaussianBlur(vectors, (0, 0), sigma_px)
             vectors = np.asarray(blurred / np.maximum(weight, 1e-6)[..., None], np.float32)
-        placed, known = _sample(vectors, normal_map.mask, self._back, *size)
+        placed, known = np.zeros((*size, 3), np.float32), np.zeros(size, np.bool_)
+        in_threads(_sample, size[0], vectors, normal_map.mask, self._back, placed, known)
         if not known.any():
             return None
         placed[..., :2] = placed[..., :2] @ self._turn.T.astype(np.float32)
@@ -152,16 +154,14 @@ def _split(position: float) -> tuple[int, float]:
     return int(whole), position - whole
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _sample(
-    vectors: Float, mask: Mask, back: Double, height: int, width: int
-) -> tuple[Float, Mask]:
+    first: int, last: int, vectors: Float, mask: Mask, back: Double, out: Float, known: Mask
+) -> None:
     rows, columns = mask.shape
-    out = np.zeros((height, width, 3), np.float32)
-    known = np.zeros((height, width), np.bool_)
-    for r in numba.prange(height):
-        across, down = np.zeros(4), np.zeros(4)
-        for c in range(width):
+    across, down = np.zeros(4), np.zeros(4)
+    for r in range(first, last):
+        for c in range(known.shape[1]):
             left, part = _split(back[0, 0] * c + back[0, 1] * r + back[0, 2])
             _weights(part, across)
             top, part = _split(back[1, 0] * c + back[1, 1] * r + back[1, 2])
@@ -185,4 +185,3 @@ def _sample(
             if whole:
                 known[r, c] = True
                 out[r, c, 0], out[r, c, 1], out[r, c, 2] = x, y, z
-    return out, known

@@ -10,7 +10,7 @@ from processing._cuts.minimum_cuts import taken_pixels
 from processing._synthesis.patch_search import stream
 
 # Compiled in: processing/_cuts/minimum_cuts.py f2a94c19d629
-# Compiled in: processing/_synthesis/patch_search.py 7aab62ab5707
+# Compiled in: processing/_synthesis/patch_search.py f774940a9c88
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]

@@ -15,7 +15,7 @@ from processing._projection.point_cloud_orient import orient
 from processing._projection.rasterize import NEAR_SHARE, Drawn
 from processing._projection.rasterize_kernels import BAND_ROWS, sort_into_bands
 from processing._projection.view import Raster
-from rig import Notice, Progress, no_progress
+from rig import Notice, Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -231,9 +231,9 @@ def draw_points(surfels: Surfels, raster: Raster) -> Drawn:
         )
         out = np.zeros((rows, columns, 3), np.float32)
         height = np.full((rows, columns), np.nan, np.float32)
-        splat(
-            points, normals, bends, radii, pixels, reach_px, members, begin, BAND_ROWS, *sights,
-            raster.eye_mm, out, height,
+        in_threads(
+            splat, len(begin) - 1, points, normals, bends, radii, pixels, reach_px, members, begin,
+            BAND_ROWS, *sights, raster.eye_mm, out, height,
         )  # fmt: skip
         return out, height
 

@@ -47,8 +47,10 @@ def _bent(
     return mx / length, my / length, mz / length
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def splat(
+    first_band: int,
+    last_band: int,
     points: Double,
     point_normals: Double,
     bends: Double,
@@ -74,7 +76,7 @@ def splat(
     """
     rows, columns = height.shape
     bent = rays.shape[0] > 1
-    for band in numba.prange(len(begin) - 1):
+    for band in range(first_band, last_band):
         first = band * band_rows
         last = min(first + band_rows, rows) - 1
         nearest = np.full((band_rows, columns), -np.inf)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from calibration import EstimateError
 from processing._projection import rasterize_kernels as kernels
 from processing._projection.view import Raster
-from rig import Notice, Progress, no_progress
+from rig import Notice, Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -97,13 +97,14 @@ def draw_mesh(
     on_progress("projecting", 3, _STEPS)
     nearest = np.full((rows, columns), -np.inf, np.float32)
     seen = np.full((rows, columns), -1, np.int32)
-    kernels.draw(screen, faces, members, begin, nearest, seen)
+    in_threads(kernels.draw, len(begin) - 1, screen, faces, members, begin, nearest, seen)
     on_progress("projecting", 4, _STEPS)
     normals = np.zeros((rows, columns, 3), np.float32)
     height = np.full((rows, columns), np.nan, np.float32)
-    back = kernels.shade(
-        seen, vertices_mm, faces, vertex_normal, smooth, *raster.sights(), raster.eye_mm,
-        normals, height,
+    back = np.zeros(rows, np.int32)
+    in_threads(
+        kernels.shade, rows, seen, vertices_mm, faces, vertex_normal, smooth, *raster.sights(),
+        raster.eye_mm, normals, height, back,
     )  # fmt: skip
     on_progress("projecting", _STEPS, _STEPS)
     share = back.sum() / max(np.count_nonzero(seen >= 0), 1)

@@ -32,11 +32,11 @@ _THIN = 1e-12
 _NEXT_TO_ZERO = 1e-300
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def turned(points: Double, matrix: Double) -> Double:
     """Return ``(N, 3)`` points times a 3 x 3 matrix, ten times as fast as BLAS."""
     out = np.zeros(points.shape, np.float64)
-    for v in numba.prange(len(points)):
+    for v in range(len(points)):
         x, y, z = points[v, 0], points[v, 1], points[v, 2]
         for axis in range(3):
             out[v, axis] = matrix[axis, 0] * x + matrix[axis, 1] * y + matrix[axis, 2] * z
@@ -119,22 +119,22 @@ def _longest2(vertices: Double, a: int, b: int, c: int) -> float:
     return longest
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def snap(pixels: Double, nearness: Double) -> Float:
     """Return ``(V, 3)``: x and y in pixels on the grid of the z-buffer, and the nearness."""
     screen = np.zeros((len(pixels), 3), np.float32)
-    for v in numba.prange(len(pixels)):
+    for v in range(len(pixels)):
         screen[v, 0] = np.rint(pixels[v, 0] * _SNAP) / _SNAP
         screen[v, 1] = np.rint(pixels[v, 1] * _SNAP) / _SNAP
         screen[v, 2] = nearness[v]
     return screen
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def face_bands(screen: Float, faces: Whole, rows: int, columns: int) -> tuple[Bands, Bands]:
     """Return the first and last band of rows that each face may touch; (1, 0) for no band."""
     first, last = np.ones(len(faces), np.int16), np.zeros(len(faces), np.int16)
-    for f in numba.prange(len(faces)):
+    for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         left = math.ceil(max(min(screen[a, 0], screen[b, 0], screen[c, 0]), 0.0))
         right = math.floor(min(max(screen[a, 0], screen[b, 0], screen[c, 0]), columns - 1.0))
@@ -145,33 +145,22 @@ def face_bands(screen: Float, faces: Whole, rows: int, columns: int) -> tuple[Ba
     return first, last
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def sort_into_bands(first: Bands, last: Bands, bands: int) -> tuple[Whole, npt.NDArray[np.int64]]:
     """Return the indices of the items in each band, ascending, and the start of each band."""
-    counts = np.zeros((bands, _PARTS), np.int64)
-    size = -(-len(first) // _PARTS)
-    for part in numba.prange(_PARTS):
-        here = np.zeros(bands, np.int64)
-        for i in range(part * size, min((part + 1) * size, len(first))):
-            for band in range(first[i], last[i] + 1):
-                here[band] += 1
-        counts[:, part] = here
     begin = np.zeros(bands + 1, np.int64)
-    place = np.zeros((_PARTS, bands), np.int64)
-    total = 0
+    for i in range(len(first)):
+        for band in range(first[i], last[i] + 1):
+            begin[band + 1] += 1
+    place = np.zeros(bands, np.int64)
     for band in range(bands):
-        begin[band] = total
-        for part in range(_PARTS):
-            place[part, band] = total
-            total += counts[band, part]
-    begin[bands] = total
-    members = np.zeros(total, np.int32)
-    for part in numba.prange(_PARTS):
-        at = place[part].copy()
-        for i in range(part * size, min((part + 1) * size, len(first))):
-            for band in range(first[i], last[i] + 1):
-                members[at[band]] = i
-                at[band] += 1
+        place[band] = begin[band]
+        begin[band + 1] += begin[band]
+    members = np.zeros(begin[bands], np.int32)
+    for i in range(len(first)):
+        for band in range(first[i], last[i] + 1):
+            members[place[band]] = i
+            place[band] += 1
     return members, begin
 
 
@@ -181,8 +170,10 @@ def _least(dx: float, dy: float) -> float:
     return 0.0 if dy < 0 or (dy == 0 and dx > 0) else _NEXT_TO_ZERO
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def draw(
+    first_band: int,
+    last_band: int,
     screen: Float,
     faces: Whole,
     members: Whole,
@@ -195,7 +186,7 @@ def draw(
     ``nearest`` starts at -inf and ``seen`` at -1; `members` and `begin` are from `sort_into_bands`.
     """
     rows, columns = nearest.shape
-    for band in numba.prange(len(begin) - 1):
+    for band in range(first_band, last_band):
         for m in range(begin[band], begin[band + 1]):
             f = members[m]
             a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -232,8 +223,10 @@ def draw(
                             seen[r, column] = f
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def shade(
+    first_row: int,
+    last_row: int,
     seen: Whole,
     vertices: Double,
     faces: Whole,
@@ -245,16 +238,16 @@ def shade(
     eye_z: float,
     normals: Float,
     height: Float,
-) -> Whole:
-    """Fill in normals and heights of visible faces; return the number of back sides in each row.
+    back: Whole,
+) -> None:
+    """Fill in normals and heights of visible faces, and the number of back sides in each row.
 
     The line of sight of a pixel is ``(x[c] + s rays[r, c, 0], y[r] + s rays[r, c, 1], eye_z - s)``;
     `rays` of shape ``(1, 1, 2)`` applies to all pixels.
     """
-    rows, columns = seen.shape
-    back = np.zeros(rows, np.int32)
+    columns = seen.shape[1]
     bent = rays.shape[0] > 1
-    for r in numba.prange(rows):
+    for r in range(first_row, last_row):
         for column in range(columns):
             f = seen[r, column]
             if f < 0:
@@ -290,4 +283,3 @@ def shade(
             normals[r, column, 0] = scale * nx
             normals[r, column, 1] = scale * ny
             normals[r, column, 2] = scale * nz
-    return back

@@ -25,6 +25,13 @@ _ROWS = 64
 _ROUNDING = 1e-5
 # Smaller variances are those of samples without noise, which all weigh alike.
 _LEAST = 1e-20
+# Lights with a smaller share of the light of a pixel do not show its colour.
+_DARK = 0.1
+# A sample is weak if its measured colours have less than this share of the information of all
+# colours. Methods that order samples without regard to their noise use it only if there are fewer
+# others than this.
+_WEAK = 0.1
+_ENOUGH: dict[Method, int] = {"trimmed": 8, "best": 16}
 
 
 def joint_stereo(
@@ -70,9 +77,10 @@ def joint_stereo(
     colours = np.zeros((*mask.shape, 3), np.float32)
     intensities = np.asarray(lights.intensities)
     samples = np.zeros(values.shape[:3], np.float32)
+    enough = _ENOUGH.get(method)
     for rows in _bands(mask):
         colours[rows] = _mean_colours(values[:, rows])
-        _combine(values, rows, colours, None, noise, intensities, samples)
+        _combine(values, rows, colours, None, noise, intensities, samples, enough)
     first = photometric_stereo(
         samples,
         lights,
@@ -87,7 +95,7 @@ def joint_stereo(
         lit = shading(model, first.normal_map, rows)
         found = _colours(values[:, rows], samples[:, rows], lit, first, rows)
         colours[rows] = np.where(first.normal_map.mask[rows, :, None], found, colours[rows])
-        _combine(values, rows, colours, lit, noise, intensities, samples)
+        _combine(values, rows, colours, lit, noise, intensities, samples, enough)
     solved = photometric_stereo(
         samples,
         lights,
@@ -107,13 +115,16 @@ def _bands(mask: Mask) -> Iterator[slice]:
 
 
 def _mean_colours(values: Float) -> Double:
-    """Return the mean colours ``(R, W, 3)``, of the lights that have all colours if there are any.
+    """Return the mean colours ``(R, W, 3)``, of the lights that have all colours if they show any.
 
-    Other lights would weight the colours differently.
+    Other lights would weight the colours differently. Where one colour is always saturated, the
+    lights that have all colours are those in shadow.
     """
     measured = np.isfinite(values)
     complete = measured & measured.all(axis=-1, keepdims=True)
-    counted = np.where(complete.any(axis=0), complete, measured)
+    brightest = np.max(values, axis=-1, keepdims=True, where=measured, initial=0)
+    lit = brightest.sum(axis=0, where=complete[..., :1]) > _DARK * brightest.sum(axis=0)
+    counted = np.where(lit, complete, measured)
     total = np.sum(values, axis=0, where=counted, dtype=np.float64)
     return _ratio(np.maximum(total, 0), counted.sum(axis=0).astype(np.float64))
 
@@ -145,28 +156,37 @@ def _combine(
     noise: StackNoise | None,
     intensities: npt.NDArray[np.floating],
     samples: Float,
+    enough: int | None,
 ) -> None:
     """Write the combined samples of some rows; NaN where no colour was measured.
 
-    Without a shading, the variances are those of the measured signals.
+    Without a shading, the variances are those of the measured signals. Weak samples are NaN, too,
+    if the pixel has ``enough`` others.
     """
     colour = colours[rows]
     gray = luma(colour)
+    weak = np.zeros(samples[:, rows].shape, np.bool_)
+    others = np.zeros(gray.shape, np.int64)
     for i, (of_light, out) in enumerate(zip(values[:, rows], samples[:, rows], strict=True)):
         measured = np.isfinite(of_light)
         seen = np.where(measured, of_light, 0)
         if noise is None:
             # The variance of a signal a s is proportional to a s / intensity.
-            weight = np.where(measured, intensities[i], 0)
+            precision = np.broadcast_to(np.asarray(intensities[i], np.float64), colour.shape)
         else:
             if shades is None:
                 lit = _ratio(np.maximum(over_colours(seen), 0), over_colours(colour * measured))
             else:
                 lit = shades[i]
             variance = noise.variance(i, colour * lit[..., None], rows.start)
-            weight = np.where(measured, colour / np.maximum(variance, _LEAST), 0)
+            precision = colour / np.maximum(variance, _LEAST)
+        weight = np.where(measured, precision, 0)
         scale = over_colours(weight * colour)
+        weak[i] = scale < _WEAK * over_colours(precision * colour)
+        others += (scale > 0) & ~weak[i]
         out[:] = np.where(scale > 0, gray * _ratio(over_colours(weight * seen), scale), np.nan)
+    if enough is not None:
+        samples[:, rows][weak & (others >= enough)] = np.nan
 
 
 def _ratio(above: npt.NDArray[np.floating], below: npt.NDArray[np.floating]) -> Double:

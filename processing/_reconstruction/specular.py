@@ -15,7 +15,7 @@ from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._stereo.pixel_algebra import law_or_alike
-from rig import check_type
+from rig import check_type, in_threads
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -117,7 +117,9 @@ def excess(
         of_block, known = law_or_alike(
             None if law is None else law.of(block, samples, vectors), lights
         )
-        residual[block] = _above(samples, vectors, of_block, known, scaled[block])
+        means = np.zeros(len(block), np.float32)
+        in_threads(_above, len(block), samples, vectors, of_block, known, scaled[block], means)
+        residual[block] = means
     return residual.reshape(mask.shape)
 
 
@@ -137,15 +139,14 @@ def _mean_excess(values: Float, vectors: Float, law: Float, known: bool, scaled:
     return total / max(count, 1)
 
 
-@numba.njit(parallel=True, cache=True)
-def _above(values: Float, vectors: Float, law: Float, known: bool, scaled: Float) -> Float:
-    """Return the mean excess of each of P pixels; see `Estimator` for the parameters."""
-    pixels = len(values)
-    mean = np.zeros(pixels, np.float32)
-    for block in numba.prange((pixels + 255) // 256):
-        for p in range(256 * block, min(256 * (block + 1), pixels)):
-            mean[p] = _mean_excess(
-                values[p], vectors[p if len(vectors) > 1 else 0], law[p if len(law) > 1 else 0],
-                known, scaled[p],
-            )  # fmt: skip
-    return mean
+@numba.njit(nogil=True, cache=True)
+def _above(
+    first: int, last: int, values: Float, vectors: Float, law: Float, known: bool, scaled: Float,
+    mean: Float,
+) -> None:  # fmt: skip
+    """Write the mean excess of each pixel; see `Estimator` for the parameters."""
+    for p in range(first, last):
+        mean[p] = _mean_excess(
+            values[p], vectors[p if len(vectors) > 1 else 0], law[p if len(law) > 1 else 0],
+            known, scaled[p],
+        )  # fmt: skip

@@ -25,8 +25,9 @@ from processing._stereo.pixel_algebra import (
 )
 from processing._stereo.reflectance_fit import reflectance_fit
 from processing._stereo.reweighted import reweighted
+from rig import in_threads
 
-# Compiled in: processing/_stereo/cauchy.py 2ffcf4578123
+# Compiled in: processing/_stereo/cauchy.py f72ed1979cbe
 # Compiled in: processing/_stereo/least_trimmed.py 6488b5e06f2f
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/reflectance_fit.py 08c41a43f3d2
@@ -51,7 +52,7 @@ def best(
     triples = light_triples(values.shape[1])
     toward = np.array([[0, 0, 1]], np.float32) if view is None else view
     of_noise = law_or_alike(law, values.shape[1])
-    _solve_pixels(values, vectors, *of_noise, toward, triples, scaled, rms)
+    in_threads(_solve_pixels, len(values), values, vectors, *of_noise, toward, triples, scaled, rms)
     return scaled, rms
 
 
@@ -97,24 +98,24 @@ def _best_pixel(
     return True, x * length, y * length, z * length
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _solve_pixels(
+    first: int, last: int,
     values: Float, vectors: Float, law: Float, known: bool, view: Float, triples: Triples,
     scaled: Double, rms: Double,
 ) -> None:  # fmt: skip
-    pixels, lights = values.shape
-    for block in numba.prange((pixels + 255) // 256):
-        usable = np.zeros((6, lights), np.float32)
-        bright = np.zeros((4, lights), np.float32)
-        scratch = np.zeros((10, lights), np.float32)
-        gram = np.zeros((5, 4))
-        for p in range(256 * block, min(256 * (block + 1), pixels)):
-            of = p if len(vectors) > 1 else 0
-            count = usable_samples(values[p], vectors[of], law[p if len(law) > 1 else 0], usable)
-            solved, m0, m1, m2 = _best_pixel(
-                count, usable, known, view[p if len(view) > 1 else 0], triples, bright, scratch,
-                gram,
-            )  # fmt: skip
-            if solved:
-                rms[p] = rms_residual(count, usable, m0, m1, m2)
-            scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2
+    lights = values.shape[1]
+    usable = np.zeros((6, lights), np.float32)
+    bright = np.zeros((4, lights), np.float32)
+    scratch = np.zeros((10, lights), np.float32)
+    gram = np.zeros((5, 4))
+    for p in range(first, last):
+        of = p if len(vectors) > 1 else 0
+        count = usable_samples(values[p], vectors[of], law[p if len(law) > 1 else 0], usable)
+        solved, m0, m1, m2 = _best_pixel(
+            count, usable, known, view[p if len(view) > 1 else 0], triples, bright, scratch,
+            gram,
+        )  # fmt: skip
+        if solved:
+            rms[p] = rms_residual(count, usable, m0, m1, m2)
+        scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2

@@ -17,6 +17,7 @@ from processing._stereo.pixel_algebra import (
 )
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 from processing._stereo.reweighted import reweighted
+from rig import in_threads
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/ranks.py 5cde60d18192
@@ -43,7 +44,8 @@ def cauchy(
     """
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))
-    _solve_pixels(values, vectors, *law_or_alike(law, values.shape[1]), scaled, rms)
+    of_noise = law_or_alike(law, values.shape[1])
+    in_threads(_solve_pixels, len(values), values, vectors, *of_noise, scaled, rms)
     return scaled, rms
 
 
@@ -106,18 +108,24 @@ def cauchy_pixel(
     return solved, m0, m1, m2
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _solve_pixels(
-    values: Float, vectors: Float, law: Float, known: bool, scaled: Double, rms: Double
+    first: int,
+    last: int,
+    values: Float,
+    vectors: Float,
+    law: Float,
+    known: bool,
+    scaled: Double,
+    rms: Double,
 ) -> None:
-    pixels, lights = values.shape
-    for block in numba.prange((pixels + 255) // 256):
-        usable = np.zeros((6, lights), np.float32)
-        scratch = np.zeros((3, lights), np.float32)
-        for p in range(256 * block, min(256 * (block + 1), pixels)):
-            of = p if len(vectors) > 1 else 0
-            count = usable_samples(values[p], vectors[of], law[p if len(law) > 1 else 0], usable)
-            solved, m0, m1, m2 = cauchy_pixel(count, usable, known, scratch)
-            if solved:
-                rms[p] = rms_residual(count, usable, m0, m1, m2)
-            scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2
+    lights = values.shape[1]
+    usable = np.zeros((6, lights), np.float32)
+    scratch = np.zeros((3, lights), np.float32)
+    for p in range(first, last):
+        of = p if len(vectors) > 1 else 0
+        count = usable_samples(values[p], vectors[of], law[p if len(law) > 1 else 0], usable)
+        solved, m0, m1, m2 = cauchy_pixel(count, usable, known, scratch)
+        if solved:
+            rms[p] = rms_residual(count, usable, m0, m1, m2)
+        scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2

@@ -8,13 +8,15 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from rig import in_threads
+
 Float = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int64]
 Samples = npt.NDArray[Any]
 Flat = tuple[Samples, ...]
 
 # Pixels that are solved together. Their samples fit into the second-level cache.
-TILE = 1024
+TILE = 2048
 _KINDS = (np.uint8, np.uint16, np.float32)
 
 
@@ -78,8 +80,8 @@ class Frames:
     def of_pixels(self, pixels: npt.NDArray[np.intp]) -> Float:
         """Return the samples ``(P, N)`` of some pixels, indices into the flat image."""
         values = np.zeros((len(pixels), len(self)), np.float32)
-        _gather(
-            self.flat, self.image_step, self.row_step, self.width,
+        in_threads(
+            _gather, -(-len(pixels) // 256), self.flat, self.image_step, self.row_step, self.width,
             self.gain, self.dark, self.limit, pixels, values,
         )  # fmt: skip
         return values
@@ -92,12 +94,13 @@ def _raw(flat: Flat, at: int) -> np.float32:
     return np.float32(flat[1][at]) if len(flat[1]) else np.float32(flat[2][at])
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _gather(
+    first: int, end: int,
     flat: Flat, image_step: int, row_step: int, width: int,
     gain: Float, dark: Float, limit: np.float32, pixels: Index, values: Float,
 ) -> None:  # fmt: skip
-    for block in numba.prange((len(pixels) + 255) // 256):
+    for block in range(first, end):
         last = min(256 * (block + 1), len(pixels))
         for i in range(len(gain)):
             for p in range(256 * block, last):

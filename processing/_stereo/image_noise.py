@@ -26,13 +26,17 @@ _FEWEST_LIT = 5
 # Samples above this share of the mean are lit.
 _DARK = 0.05
 _BINS = 8
+# Least squares of few samples explain a part of their noise, too. A difference of whose variance
+# they leave less than this share does not show it.
+_LEAST_LEFT = 0.3
 # Share of the smallest deviations of a bin that determines its spread, and the quantile of the
 # normal distribution: edges and highlights change from pixel to pixel, too.
 _QUANTILE = 0.25
 _QUANTILE_TO_SIGMA = 1 / 0.31864
-# Largest standard deviation in those that the residuals of a robust fit show. With few lights these
-# are too small.
+# Largest standard deviation in those that the residuals of a robust fit show. With n samples their
+# median is too small; the factor is 1 + 5 / (n - 3) (Rousseeuw and Leroy, 1987).
 _LARGEST = 2.0
+_FEW_SAMPLES = 5.0
 # Least standard deviation, relative to the median signal: images without noise have no law.
 _LEAST = 1e-5
 
@@ -86,10 +90,11 @@ def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None
         return None
     lit, usable, signal = lit[kept], usable[kept, None], signal[kept]
     of_kept = vectors[kept if len(vectors) > 1 else [0]]
-    free = 1 - 3 / usable
     noise = difference[kept] - np.einsum("pc,pcn->pn", change[kept], of_kept)
-    noise /= np.sqrt(2 * free)
-    law = _fitted((signal * intensities)[lit], (noise * intensities)[lit], intensities)
+    left = _shares_left(of_kept, lit)
+    shows = lit & (left > _LEAST_LEFT)
+    noise /= np.sqrt(2 * np.where(shows, left, 1))
+    law = _fitted((signal * intensities)[shows], (noise * intensities)[shows], intensities)
     if law is None:
         return None
     # Where many samples are outliers, they spoil the differences more than a robust fit.
@@ -98,10 +103,21 @@ def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None
     residual = values - np.einsum("pc,pcn->pn", scaled, of_kept)
     variance = law[:, 0] + law[:, 1] * np.where(lit, signal, 0)
     # In extreme units the law underflows to 0.
-    spread = np.sqrt(free * variance)
+    spread = np.sqrt((1 - 3 / usable) * variance)
     ratio = np.abs(np.divide(residual, spread, out=np.zeros_like(spread), where=spread > 0))
+    ratio *= 1 + _FEW_SAMPLES / (usable - 3)
     largest = _LARGEST * MAD_TO_SIGMA * float(np.median(ratio[lit]))
     return np.asarray(law * min(largest, 1.0) ** 2, np.float32)
+
+
+def _shares_left(vectors: Float, lit: Mask) -> Double:
+    """Return the shares ``(P, N)`` of the variance of noise that least squares leave of samples.
+
+    They are 1 minus the leverages of the lit samples.
+    """
+    of_lit = np.where(lit[:, None], vectors, 0).astype(np.float64)
+    inverse = np.linalg.inv(of_lit @ of_lit.transpose(0, 2, 1))
+    return np.asarray(1 - np.einsum("pin,pin->pn", of_lit, inverse @ of_lit))
 
 
 def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:

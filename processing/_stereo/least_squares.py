@@ -17,6 +17,7 @@ from processing._stereo.pixel_algebra import (
     weighted_solution,
 )
 from processing._stereo.reweighted import reweighted
+from rig import in_threads
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
 # Compiled in: processing/_stereo/reweighted.py c42f363f1a88
@@ -40,7 +41,8 @@ def least_squares(
         inverse = np.ascontiguousarray(np.linalg.pinv(shared @ shared.T))
     scaled = np.zeros((len(values), 3))
     rms = np.zeros(len(values))
-    _solve_pixels(values, vectors, *law_or_alike(law, values.shape[1]), inverse, scaled, rms)
+    of_noise = law_or_alike(law, values.shape[1])
+    in_threads(_solve_pixels, len(values), values, vectors, *of_noise, inverse, scaled, rms)
     return scaled, rms
 
 
@@ -81,19 +83,19 @@ def _pixel(
     return m0, m1, m2, rms_residual(count, usable, m0, m1, m2)
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _solve_pixels(
+    first: int, last: int,
     values: Float, vectors: Float, law: Float, known: bool, inverse: Double,
     scaled: Double, rms: Double,
 ) -> None:  # fmt: skip
-    pixels, lights = values.shape
-    for block in numba.prange((pixels + 255) // 256):
-        usable = np.zeros((6, lights), np.float32)
-        scratch = np.zeros((3, lights), np.float32)
-        for p in range(256 * block, min(256 * (block + 1), pixels)):
-            x, y, z, deviation = _pixel(
-                values[p], vectors[p if len(vectors) > 1 else 0], law[p if len(law) > 1 else 0],
-                known, inverse, usable, scratch,
-            )  # fmt: skip
-            scaled[p, 0], scaled[p, 1], scaled[p, 2] = x, y, z
-            rms[p] = deviation
+    lights = values.shape[1]
+    usable = np.zeros((6, lights), np.float32)
+    scratch = np.zeros((3, lights), np.float32)
+    for p in range(first, last):
+        x, y, z, deviation = _pixel(
+            values[p], vectors[p if len(vectors) > 1 else 0], law[p if len(law) > 1 else 0],
+            known, inverse, usable, scratch,
+        )  # fmt: skip
+        scaled[p, 0], scaled[p, 1], scaled[p, 2] = x, y, z
+        rms[p] = deviation

@@ -12,7 +12,7 @@ from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing._stereo.frames import Frames
 from processing._stereo.pixel_algebra import MAX_CONDITION
-from rig import pluralize
+from rig import in_threads, pluralize
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -127,7 +127,8 @@ class LightModel:
             directions = self._lights.unit_directions.T[None]
             return np.ascontiguousarray(directions, np.float32)
         vectors = np.zeros((len(pixels), 3, len(self._lights)), np.float32)
-        _near_vectors(self._points, pixels, *_near_parameters(self._lights), values, vectors)
+        near = _near_parameters(self._lights)
+        in_threads(_near_vectors, len(pixels), self._points, pixels, *near, values, vectors)
         return vectors
 
 
@@ -182,15 +183,16 @@ def _irradiance(x: float, y: float, z: float, reference: float, axis: Double, mu
     return float(gain * (cosine / distance) ** mu)
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _near_vectors(
+    first: int, last: int,
     points: Double, pixels: npt.NDArray[np.intp],
     positions: Double, axes: Double, mu: Double, reference: Double,
     values: Float, vectors: Float,
 ) -> None:  # fmt: skip
     """Write the light vectors; the sample of an LED that does not reach a point becomes NaN."""
-    count, lights = values.shape
-    for p in numba.prange(count):
+    lights = values.shape[1]
+    for p in range(first, last):
         px, py, pz = points[pixels[p]]
         for i in range(lights):
             x, y, z = positions[i, 0] - px, positions[i, 1] - py, positions[i, 2] - pz

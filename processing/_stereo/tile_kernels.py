@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from processing._stereo.frames import TILE
 
-# Compiled in: processing/_stereo/frames.py e8886b25e8c4
+# Compiled in: processing/_stereo/frames.py b6ba89fe2beb
 
 Float = npt.NDArray[np.float32]
 

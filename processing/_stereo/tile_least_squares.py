@@ -29,8 +29,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py e8886b25e8c4
-# Compiled in: processing/_stereo/tile_kernels.py 720a3f2747cf
+# Compiled in: processing/_stereo/frames.py b6ba89fe2beb
+# Compiled in: processing/_stereo/tile_kernels.py 70dad0e3c683
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
+from processing._surface.extrapolation import extrapolate
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -28,7 +29,7 @@ _GRAZING = 1e-2
 _OPPOSED = 1.0
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double, Double]:
     """Return the edges between pixels of a mask and their height steps in pixels.
 
@@ -51,7 +52,7 @@ def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double
     down = np.zeros((rows + 2, columns + 2), np.float32)
     step_right = np.zeros((rows + 2, columns + 2), np.float64)
     step_down = np.zeros((rows + 2, columns + 2), np.float64)
-    for r in numba.prange(rows):
+    for r in range(rows):
         for c in range(columns):
             if not mask[r, c]:
                 continue
@@ -75,7 +76,7 @@ def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double
     return right, down, step_right, step_down
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def perspective_edges(
     normals: Float, mask: Mask, rays: Double
 ) -> tuple[Float, Float, Double, Double]:
@@ -105,7 +106,7 @@ def perspective_edges(
     down = np.zeros((rows + 2, columns + 2), np.float32)
     step_right = np.zeros((rows + 2, columns + 2), np.float64)
     step_down = np.zeros((rows + 2, columns + 2), np.float64)
-    for r in numba.prange(rows):
+    for r in range(rows):
         for c in range(columns):
             if not mask[r, c]:
                 continue
@@ -156,9 +157,14 @@ class ChordRule:
         Rows and columns of the image.
     camera
         A perspective camera; None for an orthographic view.
+    smooth
+        The surface is smooth: correct steps by the normals before and after each edge.
     """
 
-    def __init__(self, window: tuple[slice, slice], camera: CameraModel | None) -> None:
+    def __init__(
+        self, window: tuple[slice, slice], camera: CameraModel | None, *, smooth: bool = False
+    ) -> None:
+        self._smooth = smooth
         # Pixels for a step of 1.
         self.step_px = 1.0 if camera is None else camera.focal_px
         self._rays: Double | None = None
@@ -169,8 +175,12 @@ class ChordRule:
     def edges(self, normals: Float, mask: Mask) -> tuple[Float, Float, Double, Double]:
         """Return weights and steps of the edges to the right and down, in a border of one pixel."""
         if self._rays is None:
-            return orthographic_edges(normals, mask)
-        return perspective_edges(normals, mask, self._rays)
+            right, down, *steps = orthographic_edges(normals, mask)
+        else:
+            right, down, *steps = perspective_edges(normals, mask, self._rays)
+        if self._smooth:
+            extrapolate(normals, self._rays, (right, down), (steps[0], steps[1]), self.step_px)
+        return right, down, steps[0], steps[1]
 
     def facing(self, normals: Float, mask: Mask) -> Float:
         """Return the cosines between normals and lines of sight in a border, 0 outside the mask."""

@@ -35,7 +35,8 @@ class SampledSteps:
             (down, step_down, right.shape[1]),
         ):
             edges = np.flatnonzero(weights)
-            edges = edges[:: max(1, -(-len(edges) // _EDGES))]
+            # A copy, because a view would keep all of them in memory.
+            edges = edges[:: max(1, -(-len(edges) // _EDGES))].copy()
             self._edges.append((edges, edges + offset, steps.ravel()[edges]))
 
     def disagreement_deg(self, u: Double, scale: float) -> float:

@@ -83,12 +83,12 @@ def _square(
     )
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def _counted(parts: Ints, right: Mask, down: Mask, vertices: Float, first: Counts) -> Counts:
     """Return the number of triangles of each row of squares and each kind."""
     rows, columns = parts.shape
     counts = np.zeros((max(rows - 1, 0), _KINDS), np.int64)
-    for r in numba.prange(rows - 1):
+    for r in range(rows - 1):
         above, below = first[r], first[r + 1]
         for c in range(columns - 1):
             adb, bde, ade, aeb = _square(parts, right, down, vertices, r, c, above, below)
@@ -106,7 +106,7 @@ def _put(faces: Ints, place: int, one: int, two: int, three: int) -> None:
     faces[place, 0], faces[place, 1], faces[place, 2] = one, two, three
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def _filled(
     parts: Ints,
     right: Mask,
@@ -118,7 +118,7 @@ def _filled(
 ) -> None:
     """Write the triangles; those of a row of squares and a kind begin at ``begins``."""
     rows, columns = parts.shape
-    for r in numba.prange(rows - 1):
+    for r in range(rows - 1):
         above, below = first[r], first[r + 1]
         i, j, k, m = begins[r, 0], begins[r, 1], begins[r, 2], begins[r, 3]
         for c in range(columns - 1):

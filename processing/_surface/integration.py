@@ -126,7 +126,7 @@ def integrate(
     # A kernel is compiled for each layout of its arguments: all windows have the same one.
     normals = np.ascontiguousarray(normal_map.normals[window])
     inside = np.ascontiguousarray(normal_map.mask[window])
-    chords = ChordRule(window, camera)
+    chords = ChordRule(window, camera, smooth=not discontinuity)
     right, down, step_right, step_down = chords.edges(normals, inside)
     labels, count = label_parts(right, down)
     if count == 0:
@@ -138,11 +138,16 @@ def integrate(
         factors = certainties(relative[window])
         weights = right * factors[0], down * factors[1]
     facing = chords.facing(normals, inside) if discontinuity else None
+    even = evenness(normals, inside, (right, down)) if discontinuity else None
+    shape = integrability(normals, inside)
     rule = chords if height_errors else None
     edges = (right, down, step_right, step_down)
     b = divergence(*weights, step_right, step_down)
+    # What is large and not needed any longer does not add to the memory of the solver.
     if not (height_errors or discontinuity):
-        del edges  # large
+        del edges
+    if not height_errors:
+        del normals
     del chords, right, down, step_right, step_down
     jumps = free = None
     if held is not None:
@@ -150,11 +155,11 @@ def integrate(
     elif facing is None:
         solution = solve(*weights, b, on_progress=on_progress)
     del b
-    if facing is not None:
+    if facing is not None and even is not None:
         solution, jumps, weights = solve_with_jumps(
             edges,
             facing,
-            evenness(normals, inside, edges[:2]),
+            even,
             k=k,
             scale=scale.step_px,
             factors=factors,
@@ -199,7 +204,6 @@ def integrate(
     angle_deg = sampled.disagreement_deg(
         solution.u, scale.step_px if scale.distance is None else -scale.step_px
     )
-    shape = integrability(normals, inside)
     notices = [
         *doubts_of_parts(parts, isolated, jumps, None if prior is None else prior.known),
         *doubts_of_solution(solution),

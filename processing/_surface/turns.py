@@ -56,12 +56,12 @@ def evenness(normals: Float, mask: Mask, edges: tuple[Float, Float]) -> tuple[Fl
     return both[0], both[1]
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def _turns(normals: Float, mask: Mask, vertical: int) -> Float:
     """Return the chord between the mean normals of 2 x 3 pixels on each side; NaN if unknown."""
     rows, columns = mask.shape
     out = np.full((rows + 2, columns + 2), np.float32(np.nan))
-    for r in numba.prange(rows):
+    for r in range(rows):
         one, other = np.zeros(3), np.zeros(3)
         for c in range(columns):
             one[:], other[:] = 0, 0
@@ -80,13 +80,13 @@ def _turns(normals: Float, mask: Mask, vertical: int) -> Float:
     return out
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
 def _contrast(turns: Float, vertical: int) -> Float:
     """Return each turn without the mean of those before and after it; 0 if none is known."""
     rows, columns = turns.shape
     out = np.zeros((rows, columns), np.float32)
     down, right = _AWAY * vertical, _AWAY * (1 - vertical)
-    for r in numba.prange(rows):
+    for r in range(rows):
         for c in range(columns):
             here = turns[r, c]
             total, count = 0.0, 0

@@ -18,18 +18,18 @@ Bands = tuple[int, int, int, int]
 
 _FAST = {"contract", "reassoc"}
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 # The share of the exemplar's energy in the denominator of the cost: with 0, a rough patch would
 # continue a flat window as well as a flat one.
-_GROUND = 0.5
+GROUND = 0.5
 # Of the random places, this many are refined, by steps of these lengths.
-_REFINED = 4
+REFINED = 4
 _COARSE = 3
-_STEPS = (4, 2, 1, 1)
+STEPS = (4, 2, 1, 1)
 
 
 @numba.njit(cache=True)
-def _mixed(value: np.uint64) -> np.uint64:
+def mixed(value: np.uint64) -> np.uint64:
     once = (value ^ (value >> np.uint64(30))) * _MIX_1
     twice = (once ^ (once >> np.uint64(27))) * _MIX_2
     return twice ^ (twice >> np.uint64(31))
@@ -38,9 +38,9 @@ def _mixed(value: np.uint64) -> np.uint64:
 @numba.njit(cache=True)
 def stream(seed: int, row: int, column: int) -> np.uint64:
     """Return the first state of the random numbers of a patch."""
-    state = _mixed(np.uint64(seed) + _GOLDEN)
-    state = _mixed(state ^ (np.uint64(row) + _GOLDEN))
-    return _mixed(state ^ (np.uint64(column) + _GOLDEN))
+    state = mixed(np.uint64(seed) + GOLDEN)
+    state = mixed(state ^ (np.uint64(row) + GOLDEN))
+    return mixed(state ^ (np.uint64(column) + GOLDEN))
 
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
@@ -101,7 +101,7 @@ def _ground(window: Float, bands: Bands, mean_energy: float, first: int, step: i
             if whole or c < left or c >= width - right:
                 energy += window[r, 2 * c] ** 2 + window[r, 2 * c + 1] ** 2
                 pixels += 1
-    return energy + _GROUND * mean_energy * pixels + 1e-12
+    return energy + GROUND * mean_energy * pixels + 1e-12
 
 
 @numba.njit(cache=True)
@@ -142,31 +142,31 @@ def find_place(
     rows, columns = classes.shape[1], classes.shape[2]
     # The random places are compared on every third row.
     coarse = _ground(window, bands, mean_energy, 1, _COARSE)
-    best = np.full(_REFINED, np.inf)
-    kept = np.full(_REFINED, -1, np.int64)
+    best = np.full(REFINED, np.inf)
+    kept = np.full(REFINED, -1, np.int64)
     for _ in range(candidates):
-        state += _GOLDEN
-        start = starts[_mixed(state) % np.uint64(starts.size)]
+        state += GOLDEN
+        start = starts[mixed(state) % np.uint64(starts.size)]
         copy, place = divmod(start, rows * columns)
         y, x = divmod(place, columns)
         cost = _cost(window, slopes[copy], y, x, bands, coarse, 1, _COARSE)
         cost *= penalty[classes[copy, y, x]]
         if cost < best[-1]:
-            i = _REFINED - 1
+            i = REFINED - 1
             while i > 0 and best[i - 1] > cost:
                 best[i], kept[i] = best[i - 1], kept[i - 1]
                 i -= 1
             best[i], kept[i] = cost, start
     fine = _ground(window, bands, mean_energy, 0, 1)
     found, lowest = kept[0], np.inf
-    for i in range(_REFINED):
+    for i in range(REFINED):
         if kept[i] < 0:
             break
         copy, place = divmod(kept[i], rows * columns)
         y, x = divmod(place, columns)
         least = _cost(window, slopes[copy], y, x, bands, fine, 0, 1)
         least *= penalty[classes[copy, y, x]]
-        for step in _STEPS:
+        for step in STEPS:
             middle_y, middle_x = y, x
             for dy in (-step, 0, step):
                 for dx in (-step, 0, step):

@@ -19,9 +19,9 @@ from rig import Progress, no_progress
 
 Whole = npt.NDArray[np.int32]
 
-_CANDIDATES = 2400
+CANDIDATES = 2400
 # How strongly a class of patches that was used often is avoided.
-_BALANCE = 1.0
+BALANCE = 1.0
 # A patch that touches another patch that it does not overlap would depend on the order.
 _LEAST_PATCH = 6
 
@@ -123,10 +123,12 @@ def synthesize(
     """
     check_normal_map("exemplar", exemplar)
     overlap = max(patch // 4, 2) if overlap is None else overlap
-    _check(size, patch, overlap, seed)
+    if min(size) < 1:
+        raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
+    check_options(patch, overlap, seed)
     on_progress("preparing", 0, 1)
     made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
-    grid = tuple(_positions(length, patch, overlap, tileable) for length in size)
+    grid = tuple(positions(length, patch, overlap, tileable) for length in size)
     try:
         sheet = np.zeros((*size, 3), np.float32)
         labels = np.zeros(size, np.uint8)
@@ -141,9 +143,8 @@ def synthesize(
     return Synthesis(detail, labels, patch, overlap, tileable)
 
 
-def _check(size: tuple[int, int], patch: int, overlap: int, seed: int) -> None:
-    if min(size) < 1:
-        raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
+def check_options(patch: int, overlap: int, seed: int) -> None:
+    """Raise `DataError` if a number is out of range."""
     if patch < _LEAST_PATCH:
         raise DataError(f"a patch of {patch} x {patch} pixels is too small: use {_LEAST_PATCH}")
     if not 2 <= overlap <= patch // 3:
@@ -155,7 +156,7 @@ def _check(size: tuple[int, int], patch: int, overlap: int, seed: int) -> None:
         raise DataError(f"a seed of {seed} is out of range: use 0 to 2^63 - 1")
 
 
-def _positions(length: int, patch: int, overlap: int, tileable: bool) -> Whole:
+def positions(length: int, patch: int, overlap: int, tileable: bool) -> Whole:
     """Return the first pixel of each patch along one axis."""
     stride = patch - overlap
     if not tileable:
@@ -182,7 +183,7 @@ def _fill(
 ) -> None:
     """Place all patches, diagonal by diagonal, and count how often each class is used."""
     uses, placed, total = np.zeros(len(exemplar.shares)), 0, len(rows) * len(columns)
-    for patch_of in _diagonals(len(rows), len(columns), tileable):
+    for patch_of in diagonals(len(rows), len(columns), tileable):
         r, c = patch_of.T
         patches = np.stack([r, c, rows[r], columns[c]], axis=1).astype(np.int32)
         bands = np.zeros_like(patches)
@@ -192,10 +193,10 @@ def _fill(
             bands[:, 2] = np.where(c == len(columns) - 1, columns[c] + patch - labels.shape[1], 0)
             bands[:, 3] = np.where(r == len(rows) - 1, rows[r] + patch - labels.shape[0], 0)
         used = np.zeros(len(patches), np.int32)
-        penalty = ((uses + 1) / (placed * exemplar.shares + 1)) ** _BALANCE
+        penalty = ((uses + 1) / (placed * exemplar.shares + 1)) ** BALANCE
         place_patches(
             sheet, labels, patches, bands, patch, exemplar.vectors, exemplar.slopes,
-            exemplar.starts, exemplar.classes, penalty, exemplar.mean_energy, _CANDIDATES, seed,
+            exemplar.starts, exemplar.classes, penalty, exemplar.mean_energy, CANDIDATES, seed,
             used,
         )  # fmt: skip
         if not placed:  # the first patch waits for the compiler
@@ -206,7 +207,7 @@ def _fill(
         on_progress("synthesising", placed, total)
 
 
-def _diagonals(rows: int, columns: int, tileable: bool) -> Iterator[Whole]:
+def diagonals(rows: int, columns: int, tileable: bool) -> Iterator[Whole]:
     """Yield (row, column) of patches that do not depend on each other, in the order of placing.
 
     The patches of the last column of a sheet for tiling touch those of the first column in the

@@ -41,7 +41,8 @@ def cut_steps(
     Parameters
     ----------
     normals
-        ``(H, W, 3)`` unit vectors; of larger maps, the middle 2048 x 2048 pixels are measured.
+        ``(H, W, 3)`` unit vectors, or 0 where there is no normal; of larger maps, the middle 2048 x
+        2048 pixels are measured.
     labels
         ``(H, W)`` numbers of the patches.
     wrapped
@@ -76,14 +77,20 @@ def _steps(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Return sums of angles in rad and counts of each row, inside patches and across cuts."""
     rows, columns = labels.shape
+    known = np.zeros(labels.shape, np.bool_)
+    for r in numba.prange(rows):
+        for c in range(columns):
+            known[r, c] = normals[r, c, 0] != 0 or normals[r, c, 1] != 0 or normals[r, c, 2] != 0
     sums, counts = np.zeros((rows, 2)), np.zeros((rows, 2), np.int64)
     for r in numba.prange(rows):
         for c in range(columns):
-            if c + 1 < columns:
+            if not known[r, c]:
+                continue
+            if c + 1 < columns and known[r, c + 1]:
                 kind = 0 if labels[r, c] == labels[r, c + 1] else 1
                 sums[r, kind] += _angle(normals[r, c], normals[r, c + 1])
                 counts[r, kind] += 1
-            if r + 1 < rows:
+            if r + 1 < rows and known[r + 1, c]:
                 kind = 0 if labels[r, c] == labels[r + 1, c] else 1
                 sums[r, kind] += _angle(normals[r, c], normals[r + 1, c])
                 counts[r, kind] += 1

@@ -28,7 +28,7 @@ from processing._uncertainty.reference import (
 )
 from processing._uncertainty.residual_structure import neighbour_correlation
 from processing._uncertainty.sample_kind import Reason, SampleKind
-from rig import Progress, short_repr
+from rig import Progress, in_threads, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -233,7 +233,10 @@ class _Solver:
         wide[:, 0] = 1
         if law is not None:
             wide = np.ascontiguousarray(np.broadcast_to(law, (len(law), 2, samples.shape[1])))
-        reference_solutions(
+        starts = _row_starts(pixels, self._width)
+        in_threads(
+            reference_solutions,
+            len(starts) - 1,
             samples,
             vectors,
             wide,
@@ -245,7 +248,7 @@ class _Solver:
             self._points_of(pixels),
             self._view,
             pixels,
-            _row_starts(pixels, self._width),
+            starts,
             kinds,
             counts,
             results,

@@ -252,8 +252,9 @@ def _pixel(
     return True
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def reference_solutions(
+    first_row: int, last_row: int,
     values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Float,
     errors: bool, near: bool, points: Double, view: Double, places: npt.NDArray[np.intp],
     rows: npt.NDArray[np.intp], kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
@@ -262,6 +263,8 @@ def reference_solutions(
 
     Parameters
     ----------
+    first_row, last_row
+        The rows of pixels to solve, without the last one.
     values, vectors, law
         As for an `Estimator`.
     starts
@@ -290,7 +293,7 @@ def reference_solutions(
         rad^2; NaN if the lit lights do not determine the pixel.
     """
     lights = values.shape[1]
-    for row in numba.prange(len(rows) - 1):
+    for row in range(first_row, last_row):
         samples = np.zeros((8, lights), np.float32)
         scratch = np.zeros((4, lights), np.float32)
         index = np.zeros(lights, np.int64)

@@ -1,45 +1,39 @@
-"""``sgp detail synthesize``: continue the detail of a map over a sheet of any size."""
+"""``sgp detail synthesize``: continue the detail of a map over a sheet or over a target."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
 import acquisition
 import processing
 import rig
-from sgp._console import Stages, shown
+from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import Count, Input, Pixels, Region, Seed, image_size
+from sgp._options import Count, Input, OptionalInput, Pixels, Region, Seed, image_size
 from sgp._output import claim_folder, writes_folder
-from sgp._overview import write_overview
-from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_panel
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SeparationOptions
+from sgp._write_synthesis import (
+    measure_texture,
+    measure_transfer,
+    write_sheet_picture,
+    write_target_picture,
+)
 
 _SEPARATION, _MAPS = SeparationOptions(), MapOptions()
 # A detail whose shape component is tilted by more than this share of the detail itself has shape.
 _MOST_SHAPE = 0.5
-_MOST_SHOWN = 700  # pixels of a side of a picture
-_FIGURES = (
-    "detail_angle_deg",
-    "exemplar_angle_deg",
-    "slope_distance",
-    "spectrum_distance",
-    "exemplar_spectrum_distance",
-    "repeat_score",
-    "exemplar_repeat_score",
-)
 
 
 @writes_folder("synthesize.json")
 def synthesize(
     exemplar: Input,
     *,
-    size: str,
+    size: str | None = None,
+    onto: OptionalInput = None,
     out: Path,
     is_detail: bool = False,
     crop: Region | None = None,
@@ -49,31 +43,39 @@ def synthesize(
     rotate: bool = False,
     mirror: bool = False,
     tileable: bool = False,
+    image_space: bool = False,
+    keep_target_detail: bool = False,
     options: SeparationOptions = _SEPARATION,
     green: Literal["up", "down"] = "up",
+    target_green: Literal["up", "down"] = "up",
     maps: MapOptions = _MAPS,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
-    """Continue the detail of a normal map over a sheet of any size.
+    """Continue the detail of a normal map over a sheet of any size, or over a target.
 
-    Patches of the exemplar are joined along cuts where they differ least. The result is a detail
-    component, which `sgp detail combine` puts on a shape of the same size, and it is itself the
-    normal map of a flat sheet.
+    Patches of the exemplar are joined along cuts where they differ least. With --size, the result
+    is a detail component, which `sgp detail combine` puts on a shape of the same size, and it is
+    itself the normal map of a flat sheet. With --onto, the detail covers the mask of the target and
+    follows its surface: on slopes it is foreshortened, not stretched.
 
     For example:
 
         sgp detail synthesize hide.png --size 2048x2048 --tileable --out sheet
+        sgp detail synthesize hide.png --onto cat/normals --out leather-cat
 
     Parameters
     ----------
     exemplar
         Image of normals, or folder with normals.* and mask.png.
     size
-        Width and height of the sheet in pixels (WxH).
+        Width and height of the sheet in pixels (WxH); this or --onto.
+    onto
+        Normal map of the target, whose shape gets the detail.
     out
         Folder for detail.exr and detail.png, mask.png, invented.png (white where a pixel was
-        synthesised: here everywhere), synthesis.png and synthesize.json.
+        synthesised), synthesis.png and synthesize.json; with --onto, also normals.exr and
+        normals.png, the shape of the target with the detail.
     is_detail
         The exemplar is a detail component; it is not separated again.
     crop
@@ -90,10 +92,17 @@ def synthesize(
         Also use the mirrored exemplar.
     tileable
         Let the last column and row continue at the first, so that the sheet can be repeated.
+    image_space
+        With --onto: the pattern follows the pixels of the image instead of arc length on the
+        surface.
+    keep_target_detail
+        With --onto: add the detail to the target's normals instead of its shape component.
     options
-        Low-pass filter that separates the exemplar.
+        Low-pass filter that separates the exemplar and the target.
     green
-        Direction of the green channel in an image file.
+        Direction of the green channel in the exemplar.
+    target_green
+        Direction of the green channel in the target.
     maps
         Form of the PNG.
     max_pixels
@@ -101,31 +110,45 @@ def synthesize(
     force
         Write into an output folder that already contains files.
     """
-    width, height = image_size("--size", size)
+    if (size is None) == (onto is None):
+        raise UsageError("give either --size, for a sheet, or --onto, for a target")
+    if onto is None and (image_space or keep_target_detail):
+        raise UsageError("--image-space and --keep-target-detail require --onto")
+    if onto is not None and tileable:
+        raise UsageError("--tileable is for sheets and cannot be used with --onto")
+    width, height = (0, 0) if size is None else image_size("--size", size)
     read = processing.read_normals(exemplar, green=green, max_pixels=max_pixels)
     result = Result(warnings=list(read.warnings), inputs=list(read.files))
+    shape_filter = options.shape_filter()
+    target = None
+    if onto is not None:
+        second = processing.read_normals(onto, green=target_green, max_pixels=max_pixels)
+        result.warnings += second.warnings
+        result.inputs += second.files
+        target = second.normal_map
     with Stages() as progress:
         detail = read.normal_map
         if not is_detail:
-            parts = processing.separate(
-                detail, shape_filter=options.shape_filter(), on_progress=progress
-            )
+            parts = processing.separate(detail, shape_filter=shape_filter, on_progress=progress)
             detail = parts.detail
         if crop is not None:
             detail = _cropped(detail, crop, exemplar)
         if is_detail:
-            result.warnings += _shape_notice(detail, options.shape_filter(), exemplar)
-        made = processing.synthesize(
-            detail,
-            (height, width),
+            result.warnings += _shape_notice(detail, shape_filter, exemplar)
+        placing = _Placing(
             patch=patch,
             overlap=overlap,
             seed=seed,
             rotate=rotate,
             mirror=mirror,
-            tileable=tileable,
             on_progress=progress,
         )
+        made: processing.Synthesis | processing.TargetSynthesis
+        if target is None:
+            made = processing.synthesize(detail, (height, width), tileable=tileable, **placing)
+        else:
+            shape = shape_filter.shape(target)
+            made = processing.synthesize_onto(detail, shape, image_space=image_space, **placing)
     claim_folder(out, "synthesize.json")
     with Stages() as progress:
         result.outputs = processing.write_normals(
@@ -133,10 +156,32 @@ def synthesize(
         )
     result.outputs["invented"] = out / "invented.png"
     acquisition.write_mask(result.outputs["invented"], made.detail.mask)
-    _measure(made, detail, result)
-    result.outputs["picture"] = out / "synthesis.png"
-    _write_picture(result.outputs["picture"], f"Synthesis from {exemplar.name}", made, detail)
+    metrics: dict[str, Any] = {**measure_texture(made, detail, result)}
+    result.outputs["picture"] = picture = out / "synthesis.png"
+    if isinstance(made, processing.Synthesis):
+        write_sheet_picture(picture, f"Synthesis from {exemplar.name}", made, detail)
+    elif target is not None and onto is not None:
+        normals = processing.combine(target if keep_target_detail else shape, made.detail)
+        with Stages() as progress:
+            result.outputs |= processing.write_normals(
+                out, normals, green=maps.green_out, on_progress=progress
+            )
+        metrics |= measure_transfer(made, shape, normals, shape_filter, result)
+        title = f"Detail of {exemplar.name} on {onto.name}"
+        write_target_picture(picture, title, detail, target, normals)
+    result.metrics = metrics
     return result
+
+
+class _Placing(TypedDict):
+    """Arguments that a synthesis of a sheet and one on a target have in common."""
+
+    patch: int
+    overlap: int | None
+    seed: int
+    rotate: bool
+    mirror: bool
+    on_progress: rig.Progress
 
 
 def _cropped(
@@ -172,53 +217,3 @@ def _shape_notice(
         f"average (separability), the map itself by {whole:.1f}; omit --is-detail to separate it"
     )
     return [rig.Notice("exemplar-with-shape", text, str(path))]
-
-
-def _measure(
-    made: processing.Synthesis,
-    exemplar: processing.NormalMap,
-    result: Result,
-) -> None:
-    """Compare the sheet with the exemplar, and add figures and summary."""
-    figures = processing.texture_figures(made.detail, exemplar, patch=made.patch)
-    values: dict[str, float] = {}
-    for name in shown("measuring", _FIGURES):
-        values[name] = getattr(figures, name)
-    steps = made.steps
-    result.metrics = {
-        **values,
-        "cut_step_deg": steps.across_deg,
-        "inside_step_deg": steps.inside_deg,
-    }
-    height, width = made.detail.size
-    result.summary = [
-        f"{width} x {height} pixels from {np.count_nonzero(exemplar.mask)}",
-        f"detail angle   {figures.detail_angle_deg:.2f} deg (exemplar "
-        f"{figures.exemplar_angle_deg:.2f})",
-        f"slopes differ by {figures.slope_distance:.1%} of their spread",
-        f"spectrum       {_text(figures.spectrum_distance)} from the exemplar's (its halves "
-        f"{_text(figures.exemplar_spectrum_distance)})",
-        f"repeat score   {_text(figures.repeat_score)} (exemplar "
-        f"{_text(figures.exemplar_repeat_score)})",
-        f"steps          {_text(steps.across_deg)} deg across cuts, {_text(steps.inside_deg)} "
-        "inside patches",
-    ]
-
-
-def _text(value: float) -> str:
-    return "unknown" if np.isnan(value) else f"{value:.2f}"
-
-
-def _write_picture(
-    path: Path, title: str, made: processing.Synthesis, exemplar: processing.NormalMap
-) -> None:
-    """Draw the exemplar, a part of the sheet at the same scale, and the complete sheet."""
-    height, width = made.detail.size
-    side = min(*exemplar.size, _MOST_SHOWN)
-    part = Crop(slice(0, min(side, height)), slice(0, min(side, width)))
-    panels = [
-        lit_panel("exemplar", exemplar),
-        lit_panel("upper left part of the sheet", made.detail, part),
-        lit_panel(f"sheet, {width} x {height} pixels", made.detail),
-    ]
-    write_overview(path, title, panels, columns=3)

@@ -12,11 +12,13 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
+from sgp._camera_doubts import camera_notices
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Input, Millimetres, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._sigma_map import read_sigma
 from sgp._stage_options import SurfaceOptions
 from sgp._write import write_surface
 
@@ -91,12 +93,23 @@ def surface(
     if options.height_sigma and sigma is None:
         raise UsageError("--height-sigma needs deviations of the normals: give --sigma too")
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
-    normal_map = read.normal_map
+    normal_map, notices = read.normal_map, [*read.warnings]
     if mask is not None:
-        inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask
+        wanted = acquisition.read_mask(mask, normal_map.size)
+        inside = wanted & normal_map.mask
+        lost = int(np.count_nonzero(wanted & ~inside))
+        if lost:
+            have = "pixel of the mask has", "pixels of the mask have"
+            text = f"{rig.pluralize(lost, *have)} no normal in {normals}, and no height"
+            notices.append(rig.Notice("normals-not-unit", text, str(mask), "info"))
         normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
-    sigma_deg = None if sigma is None else _deviations(sigma, normal_map, max_pixels)
+    if camera is not None and model is not None:
+        notices += camera_notices(camera, model)
+    sigma_deg = None
+    if sigma is not None:
+        sigma_deg, gaps = read_sigma(sigma, normal_map, max_pixels)
+        notices += gaps
     unit, pixel_size = processing.surface_scale(model, options.pixel_mm)
     known = None
     if prior is not None:
@@ -127,7 +140,7 @@ def surface(
         claimed, height_map, normal_map, options, colours=colours, sigma_deg=sigma_deg
     )
     doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
-    result.warnings = [*read.warnings, *doubts]
+    result.warnings = [*notices, *doubts]
     if known is not None:
         _add_prior(result, height_map, known)
     given = [path for path in (mask, albedo, camera, sigma, prior) if path is not None]
@@ -156,26 +169,6 @@ def _with_remedy(
         return notice
     other = "down" if green == "up" else "up"
     return replace(notice, text=f"{notice.text}; if green is the other way round, --green {other}")
-
-
-def _deviations(
-    path: Path, normal_map: processing.NormalMap, max_pixels: int
-) -> npt.NDArray[np.float32]:
-    """Read standard deviations of normals."""
-    image = acquisition.read_image(path, max_pixels=max_pixels)
-    rows, columns = normal_map.size
-    if image.shape != (rows, columns) or not np.issubdtype(image.dtype, np.floating):
-        raise acquisition.DataError(
-            f"{path}: {image.dtype} values of shape {image.shape}: give a map of floats of "
-            f"{columns} x {rows} pixels, the standard deviations of these normals in degrees"
-        )
-    inside = image[normal_map.mask]
-    if not (inside > 0).any() or (inside < 0).any() or np.isinf(inside).any():
-        raise acquisition.DataError(
-            f"{path}: inside the mask, standard deviations are negative, infinite, or not known at "
-            "any pixel: leave the file out, or replace it"
-        )
-    return image.astype(np.float32)
 
 
 def _depth(

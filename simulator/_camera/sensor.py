@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import NoiseModel
+from rig import in_threads
 from simulator._camera.pixel_dice import hashed, log_of, normal_pair, unit
 from simulator._dice import stream
 
@@ -73,7 +74,9 @@ def fixed_pattern(
     if not (noise.prnu or noise.dsnu_e or hot):
         return None
     maps = np.zeros((3, *size), np.float32)
-    _draw_pattern(
+    in_threads(
+        _draw_pattern,
+        size[0],
         np.uint64(stream(seed, _PATTERN_TAG)),
         np.float32(noise.prnu),
         np.float32(noise.dsnu_e),
@@ -130,7 +133,9 @@ def sensor_image(
     state = np.uint64(0 if key is None else stream(*key))
     exposure_s = exposure_us / 1e6
     grey = np.zeros(photons.shape, np.uint16)
-    _expose(
+    in_threads(
+        _expose,
+        len(grey),
         np.ascontiguousarray(photons, np.float32),
         _ALIKE if pattern is None else pattern.maps,
         state,
@@ -148,8 +153,10 @@ def sensor_image(
     return grey
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _expose(
+    first: int,
+    last: int,
     photons: npt.NDArray[np.float32],
     pattern: npt.NDArray[np.float32],
     state: np.uint64,
@@ -164,9 +171,9 @@ def _expose(
     end_dn: np.float32,
     grey: npt.NDArray[np.uint16],
 ) -> None:
-    height, width = photons.shape
+    width = photons.shape[1]
     alike = pattern.shape[1] == 0
-    for row in numba.prange(height):
+    for row in range(first, last):
         for column in range(width):
             value = efficiency * photons[row, column] + dark_e
             offset = _ZERO
@@ -188,8 +195,10 @@ def _expose(
             grey[row, column] = np.uint16(min(max(dn, _ZERO), end_dn))
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _draw_pattern(
+    first: int,
+    last: int,
     state: np.uint64,
     prnu: np.float32,
     dsnu_e: np.float32,
@@ -197,8 +206,8 @@ def _draw_pattern(
     hot_e_per_s: np.float32,
     maps: npt.NDArray[np.float32],
 ) -> None:
-    height, width = maps.shape[1:]
-    for row in numba.prange(height):
+    width = maps.shape[2]
+    for row in range(first, last):
         for column in range(width):
             counter = np.uint64(2 * (row * width + column))
             response, offset = normal_pair(hashed(state, counter))

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig import in_threads
 
 Array = npt.NDArray[np.float64]
 Values = npt.NDArray[np.float32]
@@ -67,8 +68,9 @@ def blur(planes: Values, depth_mm: Array, circle_px: Values, sigma_px: float) ->
         if reach.max():
             spread = cv2.dilate((reach[index] > 0).astype(np.uint8), np.ones((sides, sides)))
             y, x = np.nonzero(spread)
-            middle, widest = _split(depth_mm, index, y, x, sides // 2)
-            _defocus(planes, depth_mm, index, y, x, middle, widest, table)
+            middle, widest = np.zeros(len(y)), np.zeros(len(y), np.int64)
+            in_threads(_split, len(y), depth_mm, index, y, x, sides // 2, middle, widest)
+            in_threads(_defocus, len(planes), planes, depth_mm, index, y, x, middle, widest, table)
     kernel = gaussian(sigma_px)
     for plane in planes:
         cv2.sepFilter2D(plane, -1, kernel, kernel, dst=plane, borderType=cv2.BORDER_REPLICATE)
@@ -115,25 +117,26 @@ def _reach(kernel: Values) -> int:
     return int(np.abs(used - half).max())
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _split(
-    depth: Array, index: npt.NDArray[np.int16], y: Places, x: Places, reach: int
-) -> tuple[Array, Places]:
-    """Return the depth between near and far, and the largest index, around pixels (y, x)."""
+    first: int, last: int, depth: Array, index: npt.NDArray[np.int16], y: Places, x: Places,
+    reach: int, middle: Array, widest: Places,
+) -> None:  # fmt: skip
+    """Write the depth between near and far, and the largest index, around pixels (y, x)."""
     rows, columns = depth.shape
-    middle, widest = np.zeros(len(y)), np.zeros(len(y), np.int64)
-    for i in numba.prange(len(y)):
+    for i in range(first, last):
         near, far, most = depth[y[i], x[i]], depth[y[i], x[i]], 0
         for r in range(max(y[i] - reach, 0), min(y[i] + reach + 1, rows)):
             for c in range(max(x[i] - reach, 0), min(x[i] + reach + 1, columns)):
                 near, far = min(near, depth[r, c]), max(far, depth[r, c])
                 most = max(most, index[r, c])
         middle[i], widest[i] = (near + far) / 2.0, most
-    return middle, widest
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _defocus(
+    first: int,
+    last: int,
     planes: Values,
     depth: Array,
     index: npt.NDArray[np.int16],
@@ -149,7 +152,7 @@ def _defocus(
     """
     reach = table.shape[1] // 2
     rows, columns = planes.shape[1:]
-    for n in numba.prange(len(planes)):
+    for n in range(first, last):
         source = planes[n].copy()
         for i in range(len(y)):
             front, covered = np.float32(0.0), np.float32(0.0)

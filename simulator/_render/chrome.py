@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from rig import short_repr
+from rig import in_threads, short_repr
 from simulator._render.mirror import (
     between,
     image_depth_mm,
@@ -137,7 +137,7 @@ def draw_mirrored_lights(
             disc = circles[:, None, None, None] / 2 * _disc(rings)
             spots = (spots[:, :, None] + disc).reshape(len(spots), -1, 2)
             shares = np.repeat(shares / disc.shape[2], disc.shape[2], axis=1)
-        _draw(planes, spots, shares, gains, sigma)
+        in_threads(_draw, len(planes), planes, spots, shares, gains, sigma)
 
 
 def splat(
@@ -145,7 +145,7 @@ def splat(
 ) -> None:
     """Add a Gaussian spot, integrated over each pixel, whose pixels have the sum ``sum_``."""
     spot, share = np.array([[[x_px, y_px]]]), np.array([[sum_]])
-    _draw(plane[None], spot, share, np.ones((1, 2, 2)), sigma)
+    _draw(0, 1, plane[None], spot, share, np.ones((1, 2, 2)), sigma)
 
 
 def _mirrored(
@@ -257,15 +257,21 @@ def _in_shadow(
     return shadow.ravel()
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _draw(
-    planes: npt.NDArray[np.float32], spots: Array, shares: Array, gains: Array, sigma: float
+    first: int,
+    last: int,
+    planes: npt.NDArray[np.float32],
+    spots: Array,
+    shares: Array,
+    gains: Array,
+    sigma: float,
 ) -> None:
     """Add Gaussian spots (N, K, 2) with shares (N, K), integrated over each pixel, to planes."""
     reach = _REACH_SIGMAS * sigma + 1.0
     scale = sigma * math.sqrt(2.0)
     rows, columns = planes.shape[1:]
-    for n in numba.prange(len(planes)):
+    for n in range(first, last):
         for k in range(spots.shape[1]):
             x, y, share = spots[n, k, 0], spots[n, k, 1], shares[n, k]
             if not (share > 0.0 and -reach < x < columns + reach and -reach < y < rows + reach):

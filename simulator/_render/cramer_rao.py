@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights, NoiseModel
-from rig import short_repr
+from rig import in_threads, short_repr
 
 Array = npt.NDArray[np.float64]
 Values = npt.NDArray[np.float32]
@@ -124,7 +124,9 @@ def cramer_rao_deg(
     electrons_per_dn = noise.electrons_per_dn / 10.0 ** (measurement.gain_db / 20.0)
     white_e = (noise.converter_end_dn - noise.black_level_dn) * electrons_per_dn
     out = np.full(shape, np.nan, np.float32)
-    _bound(
+    in_threads(
+        _bound,
+        len(out),
         np.ascontiguousarray(normals, np.float32),
         np.ascontiguousarray(seen, np.float32),
         np.zeros((1, 1, 3), np.float32)
@@ -211,8 +213,10 @@ def _light_table(lights: Lights) -> Array:
     return np.column_stack([place, axis, mu, squared / cosine**mu])
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _bound(
+    first: int,
+    last: int,
     normals: Values,
     albedo: Values,
     points: Values,
@@ -229,8 +233,8 @@ def _bound(
     white_e: float,
     out: Values,
 ) -> None:
-    height, width = albedo.shape
-    for row in numba.prange(height):
+    width = albedo.shape[1]
+    for row in range(first, last):
         for column in range(width):
             nx = np.float64(normals[row, column, 0])
             ny = np.float64(normals[row, column, 1])

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights
+from rig import in_threads
 from simulator._render.shadow import Occluders
 from simulator._render.trace import Seen
 from simulator._scene.clutter import BALL, BOX
@@ -230,14 +231,17 @@ def irradiance(lamps: Array, points_mm: Array, normals: Array, *, near: bool) ->
         ``(N, n)`` irradiance.
     """
     out = np.zeros((len(lamps), len(points_mm)), np.float32)
-    _irradiance(lamps, near, points_mm, normals, out)
+    blocks = -(-len(points_mm) // _BLOCK)
+    in_threads(_irradiance, blocks, lamps, near, points_mm, normals, out)
     return out
 
 
-@numba.njit(parallel=True, cache=True)
-def _irradiance(lamps: Array, near: bool, points: Array, normals: Array, out: Values) -> None:
+@numba.njit(nogil=True, cache=True)
+def _irradiance(
+    first: int, last: int, lamps: Array, near: bool, points: Array, normals: Array, out: Values
+) -> None:
     count = out.shape[1]
-    for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
+    for block in range(first, last):
         for k in range(len(lamps)):
             dx, dy, dz = lamps[k, 0], lamps[k, 1], lamps[k, 2]
             ax, ay, az = lamps[k, 3], lamps[k, 4], lamps[k, 5]

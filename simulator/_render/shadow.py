@@ -14,7 +14,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from simulator._render.shadow_kernels import TILE, WALL, block
+from rig import in_threads
+from simulator._render.shadow_kernels import BLOCK, TILE, WALL, block
 from simulator._shapes.body import HeightGrid
 from simulator._shapes.bvh import TriangleTree
 
@@ -96,7 +97,9 @@ class Occluders:
         origin, step = (0.0, 0.0), 1.0
         if isinstance(self.body, HeightGrid):
             origin, step = self.body.origin_xy_mm, self.body.step_mm
-        block(
+        in_threads(
+            block,
+            -(-len(points) // BLOCK),
             blocked,
             points,
             solid,

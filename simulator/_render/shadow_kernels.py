@@ -22,7 +22,7 @@ Mask = npt.NDArray[np.bool_]
 TILE = 16
 # Neighbouring heights that differ by more than this many steps are the two sides of a wall.
 WALL = 4.0
-_BLOCK = 1024
+BLOCK = 1024
 
 
 @numba.njit(cache=True)
@@ -159,8 +159,10 @@ def _field_between(
     return False
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def block(
+    first: int,
+    last: int,
     blocked: Mask,
     points: Array,
     solid: Mask,
@@ -182,11 +184,11 @@ def block(
     maximum of each tile, ``top`` the maximum of all heights.
     """
     count = len(points)
-    for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
+    for block in range(first, last):
         for k in range(len(lamps)):
             dx, dy, dz = lamps[k, 0], lamps[k, 1], lamps[k, 2]
             reach = 1.0 if near else math.inf
-            for i in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
+            for i in range(block * BLOCK, min((block + 1) * BLOCK, count)):
                 if blocked[k, i]:
                     continue
                 px, py, pz = points[i, 0], points[i, 1], points[i, 2]

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig import in_threads
 from simulator._scene.clutter import BALL
 from simulator._scene.scene import Scene
 
@@ -101,7 +102,9 @@ def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
     lost, weight = np.zeros(count, np.bool_), np.ones(count)
     item, behind_mm = np.full(count, -1, np.int64), np.zeros(count)
     if scene.spheres or scene.clutter:
-        _follow(
+        in_threads(
+            _follow,
+            len(rays),
             origins_mm, rays, scene.sphere_table, scene.clutter_table,
             sphere, entry_mm, lost, points, normals, weight, item, behind_mm,
         )  # fmt: skip
@@ -150,7 +153,7 @@ def _meet_relief(
 def meets(scene: Scene, origins_mm: Array, rays: Array) -> Mask:
     """Return which camera rays ``(n, 3)`` hit a sphere or clutter."""
     met = np.zeros(len(rays), np.bool_)
-    _meets(origins_mm, rays, scene.sphere_table, scene.clutter_table, met)
+    in_threads(_meets, len(rays), origins_mm, rays, scene.sphere_table, scene.clutter_table, met)
     return met
 
 
@@ -209,9 +212,11 @@ def _clutter_ahead(
     return best, hit
 
 
-@numba.njit(parallel=True, cache=True)
-def _meets(origins: Array, rays: Array, spheres: Array, clutter: Array, met: Mask) -> None:
-    for i in numba.prange(len(rays)):
+@numba.njit(nogil=True, cache=True)
+def _meets(
+    first: int, last: int, origins: Array, rays: Array, spheres: Array, clutter: Array, met: Mask
+) -> None:
+    for i in range(first, last):
         px, py, pz = origins[i, 0], origins[i, 1], origins[i, 2]
         dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
         norm = math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -221,8 +226,10 @@ def _meets(origins: Array, rays: Array, spheres: Array, clutter: Array, met: Mas
         met[i] |= _clutter_ahead(px, py, pz, dx, dy, dz, clutter)[1] >= 0
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _follow(
+    begin: int,
+    end: int,
     origins: Array,
     rays: Array,
     spheres: Array,
@@ -236,7 +243,7 @@ def _follow(
     item: npt.NDArray[np.int64],
     behind: Array,
 ) -> None:
-    for i in numba.prange(len(rays)):
+    for i in range(begin, end):
         px, py, pz = origins[i, 0], origins[i, 1], origins[i, 2]
         dx, dy, dz = rays[i, 0], rays[i, 1], rays[i, 2]
         norm = math.sqrt(dx * dx + dy * dy + dz * dz)

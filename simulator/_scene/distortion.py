@@ -11,6 +11,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from rig import in_threads
+
 Array = npt.NDArray[np.float64]
 
 _NEWTON_STEPS = 60
@@ -28,7 +30,8 @@ def distorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
 def undistorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
     """Return the undistorted positions, to 1e-12; NaN where no solution is inside the fold."""
     out = np.zeros((x.size, 2))
-    _undistort(x.ravel(), y.ravel(), coefficients, _fold(coefficients), out)
+    fold = _fold(coefficients)
+    in_threads(_undistort, x.size, x.ravel(), y.ravel(), coefficients, fold, out)
     return out[:, 0].reshape(x.shape), out[:, 1].reshape(x.shape)
 
 
@@ -66,13 +69,15 @@ def _distort(x: Array, y: Array, k: Array, out: Array) -> None:
         out[i, 0], out[i, 1] = _brown(x[i], y[i], k)[:2]
 
 
-@numba.njit(parallel=True, cache=True)
-def _undistort(x: Array, y: Array, k: Array, fold: float, out: Array) -> None:
+@numba.njit(nogil=True, cache=True)
+def _undistort(
+    first: int, last: int, x: Array, y: Array, k: Array, fold: float, out: Array
+) -> None:
     """Invert the model by Newton's method; NaN if there is no solution inside the fold.
 
     Steps that cross the fold or do not reduce the error are halved.
     """
-    for i in numba.prange(len(x)):
+    for i in range(first, last):
         u, v = x[i], y[i]
         shrink = math.sqrt(min(1.0, 0.9 * fold / max(u * u + v * v, 1e-300)))
         u, v = u * shrink, v * shrink

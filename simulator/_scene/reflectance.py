@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig import in_threads
 
 Array = npt.NDArray[np.float64]
 Values = npt.NDArray[np.float32]
@@ -181,7 +182,9 @@ def reflect(
     material
         ``(n,)`` index of the material of each point; -1 is Lambertian.
     """
-    _reflect(
+    in_threads(
+        _reflect,
+        -(-light.shape[1] // _BLOCK),
         np.array([each.lobes for each in materials], np.float64).reshape(-1, 3),
         light,
         table,
@@ -237,8 +240,10 @@ def _reflectance(
             out[i] = albedo[i] * factor + added
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _reflect(
+    first: int,
+    last: int,
     lobes: Array,
     light: Values,
     table: Array,
@@ -252,7 +257,7 @@ def _reflect(
     material: npt.NDArray[np.int64],
 ) -> None:
     count = light.shape[1]
-    for block in numba.prange((count + _BLOCK - 1) // _BLOCK):
+    for block in range(first, last):
         for k in range(len(light)):
             for i in range(block * _BLOCK, min((block + 1) * _BLOCK, count)):
                 if light[k, i] == 0.0:

@@ -15,12 +15,11 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from rig import in_threads
 from simulator._shapes.bvh_growth import STACK, grow
 
 Array = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.int32]
-
-_BLOCK = 256  # rays that share a stack
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +90,9 @@ class TriangleTree:
         count = len(origins)
         t, weights = np.full(count, np.inf), np.zeros((count, 3))
         face = np.full(count, -1, np.int32)
-        _closest(
+        in_threads(
+            _closest,
+            len(origins),
             np.ascontiguousarray(origins, np.float64),
             np.ascontiguousarray(directions, np.float64),
             self._arrays,
@@ -123,7 +124,9 @@ class TriangleTree:
             ``(n,)`` True if there is a hit at 0 < t < reach.
         """
         hit = np.zeros(len(origins), np.bool_)
-        _any(
+        in_threads(
+            _any,
+            len(origins),
             np.ascontiguousarray(origins, np.float64),
             np.ascontiguousarray(directions, np.float64),
             self._arrays,
@@ -205,8 +208,10 @@ def _search(
     return best, found, u_best, v_best
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def _closest(
+    first: int,
+    last: int,
     origins: Array,
     directions: Array,
     tree: Tree,
@@ -215,17 +220,18 @@ def _closest(
     weights: Array,
     face: Counts,
 ) -> None:
-    for block in numba.prange((len(origins) + _BLOCK - 1) // _BLOCK):
-        stack = np.zeros(depth, np.int32)
-        for i in range(block * _BLOCK, min((block + 1) * _BLOCK, len(origins))):
-            at, k, u, v = _search(origins[i], directions[i], tree, math.inf, False, stack)
-            if k >= 0:
-                t[i], face[i] = at, k
-                weights[i, 0], weights[i, 1], weights[i, 2] = u, v, 1.0 - u - v
+    stack = np.zeros(depth, np.int32)
+    for i in range(first, last):
+        at, k, u, v = _search(origins[i], directions[i], tree, math.inf, False, stack)
+        if k >= 0:
+            t[i], face[i] = at, k
+            weights[i, 0], weights[i, 1], weights[i, 2] = u, v, 1.0 - u - v
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
+@numba.njit(nogil=True, cache=True, error_model="numpy")
 def _any(
+    first: int,
+    last: int,
     origins: Array,
     directions: Array,
     tree: Tree,
@@ -233,7 +239,6 @@ def _any(
     reach: float,
     found: npt.NDArray[np.bool_],
 ) -> None:
-    for block in numba.prange((len(origins) + _BLOCK - 1) // _BLOCK):
-        stack = np.zeros(depth, np.int32)
-        for i in range(block * _BLOCK, min((block + 1) * _BLOCK, len(origins))):
-            found[i] = _search(origins[i], directions[i], tree, reach, True, stack)[1] >= 0
+    stack = np.zeros(depth, np.int32)
+    for i in range(first, last):
+        found[i] = _search(origins[i], directions[i], tree, reach, True, stack)[1] >= 0

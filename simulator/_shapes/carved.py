@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig import in_threads
 from simulator._shapes.carved_kernels import CELLS, leather, scales, textile, wood
 from simulator._shapes.field_trace import FieldBounds
 from simulator._shapes.surface import Surface, drawn
@@ -83,7 +84,7 @@ class LizardScales(_Relief):
         return self.scale_mm
 
     def _draw(self, x: Array, y: Array, out: Array) -> None:
-        scales(x, y, self._table, out)
+        in_threads(scales, len(x), x, y, self._table, out)
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class Textile(_Relief):
         return self.yarn_mm
 
     def _draw(self, x: Array, y: Array, out: Array) -> None:
-        textile(x, y, self._table, out)
+        in_threads(textile, len(x), x, y, self._table, out)
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ class CrackedLeather(_Relief):
         return self.plate_mm
 
     def _draw(self, x: Array, y: Array, out: Array) -> None:
-        leather(x, y, self._table, out)
+        in_threads(leather, len(x), x, y, self._table, out)
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ class WoodCarving(_Relief):
         return random_waves(70.0, self.seed, count=5)
 
     def _draw(self, x: Array, y: Array, out: Array) -> None:
-        wood(x, y, _rosette(), self._waves, out)
+        in_threads(wood, len(x), x, y, _rosette(), self._waves, out)
 
 
 def _rosette() -> Array:

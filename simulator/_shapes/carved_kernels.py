@@ -217,29 +217,31 @@ def _wood_at(x: float, y: float, lenses: Array, waves: Array) -> Point:
     return h + grain, hx + slope * year_x, hy + slope * year_y
 
 
-@numba.njit(parallel=True, cache=True)
-def scales(x: Array, y: Array, table: Array, out: Array) -> None:
+@numba.njit(nogil=True, cache=True)
+def scales(first: int, last: int, x: Array, y: Array, table: Array, out: Array) -> None:
     """Write height and gradient of lizard scales into ``out`` (3, n)."""
-    for i in numba.prange(len(x)):
+    for i in range(first, last):
         out[0, i], out[1, i], out[2, i] = _scale_at(x[i], y[i], table)
 
 
-@numba.njit(parallel=True, cache=True)
-def textile(x: Array, y: Array, table: Array, out: Array) -> None:
+@numba.njit(nogil=True, cache=True)
+def textile(first: int, last: int, x: Array, y: Array, table: Array, out: Array) -> None:
     """Write height and gradient of a plain weave into ``out`` (3, n)."""
-    for i in numba.prange(len(x)):
+    for i in range(first, last):
         out[0, i], out[1, i], out[2, i] = _textile_at(x[i], y[i], table)
 
 
-@numba.njit(parallel=True, cache=True)
-def leather(x: Array, y: Array, table: Array, out: Array) -> None:
+@numba.njit(nogil=True, cache=True)
+def leather(first: int, last: int, x: Array, y: Array, table: Array, out: Array) -> None:
     """Write height and gradient of cracked leather into ``out`` (3, n)."""
-    for i in numba.prange(len(x)):
+    for i in range(first, last):
         out[0, i], out[1, i], out[2, i] = _leather_at(x[i], y[i], table)
 
 
-@numba.njit(parallel=True, cache=True)
-def wood(x: Array, y: Array, lenses: Array, waves: Array, out: Array) -> None:
+@numba.njit(nogil=True, cache=True)
+def wood(
+    first: int, last: int, x: Array, y: Array, lenses: Array, waves: Array, out: Array
+) -> None:
     """Write height and gradient of a wood carving into ``out`` (3, n)."""
-    for i in numba.prange(len(x)):
+    for i in range(first, last):
         out[0, i], out[1, i], out[2, i] = _wood_at(x[i], y[i], lenses, waves)

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from rig import in_threads
 from simulator._shapes.field_trace import FieldBounds
 from simulator._shapes.surface import SphericalCap, Surface, drawn
 from simulator._shapes.waves import random_waves
@@ -88,7 +89,8 @@ class Coin(Surface):
         return z + height, zx + slope_x / scale, zy + slope_y / scale
 
     def _draw(self, x: Array, y: Array, out: Array) -> None:
-        _relief(x, y, self._strokes, self._grain, self.relief_mm, self.grain_mm, out)
+        figure = self._strokes, self._grain, self.relief_mm, self.grain_mm
+        in_threads(_relief, len(x), x, y, *figure, out)
 
 
 # The samples take longer than the rest of a scene, and a rig that is opened again has this coin.
@@ -208,12 +210,20 @@ def _hammered(x: float, y: float, grain: Array) -> tuple[float, float, float]:
     return z * disc, zx * disc - z * fade * x, zy * disc - z * fade * y
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def _relief(
-    x: Array, y: Array, strokes: Array, grain: Array, relief: float, rms: float, out: Array
+    first: int,
+    last: int,
+    x: Array,
+    y: Array,
+    strokes: Array,
+    grain: Array,
+    relief: float,
+    rms: float,
+    out: Array,
 ) -> None:
     """Write height and gradient of everything above the dome into ``out`` (3, n)."""
-    for i in numba.prange(len(x)):
+    for i in range(first, last):
         if x[i] * x[i] + y[i] * y[i] > _REACH**2:
             continue
         u, ux, uy = _stroke_union(x[i], y[i], strokes)

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from rig import in_threads
 from simulator._shapes.patterns import (
     Albedo,
     Pattern,
@@ -165,12 +166,12 @@ class Weave(Pattern):
 
 
 def _drawn(
-    kernel: Callable[[Array, Array, int, Array], None], x: Array, y: Array, seed: int
+    kernel: Callable[[int, int, Array, Array, int, Array], None], x: Array, y: Array, seed: int
 ) -> Array:
     """Return the values of a kernel at positions of one shape."""
     out = np.zeros(np.shape(x))
     flat_x, flat_y = (np.ascontiguousarray(v, np.float64).ravel() for v in (x, y))
-    kernel(flat_x, flat_y, seed % 2**31, out.reshape(-1))
+    in_threads(kernel, out.size, flat_x, flat_y, seed % 2**31, out.reshape(-1))
     return out
 
 
@@ -201,9 +202,9 @@ def _smooth(x: float, y: float, seed: int) -> float:
     return near * (1.0 - v) + far * v
 
 
-@numba.njit(parallel=True, cache=True)
-def _cork(x: Array, y: Array, seed: int, out: Array) -> None:
-    for n in numba.prange(len(x)):
+@numba.njit(nogil=True, cache=True)
+def _cork(begin: int, end: int, x: Array, y: Array, seed: int, out: Array) -> None:
+    for n in range(begin, end):
         column, row = math.floor(x[n]), math.floor(y[n])
         first = second = 9.0
         level = 0.0
@@ -222,9 +223,9 @@ def _cork(x: Array, y: Array, seed: int, out: Array) -> None:
         out[n] = level * min(1.0, (second - first) / 0.12)
 
 
-@numba.njit(parallel=True, cache=True)
-def _wood(x: Array, y: Array, seed: int, out: Array) -> None:
-    for n in numba.prange(len(x)):
+@numba.njit(nogil=True, cache=True)
+def _wood(first: int, last: int, x: Array, y: Array, seed: int, out: Array) -> None:
+    for n in range(first, last):
         across = y[n] + 2.0 * _smooth(x[n] / 18.0, y[n] / 3.0, seed)
         across += 0.5 * _smooth(x[n] / 6.0, y[n], seed + 1)
         ring = math.floor(across)
@@ -235,9 +236,9 @@ def _wood(x: Array, y: Array, seed: int, out: Array) -> None:
         out[n] = tone * (0.8 + 0.2 * fibre)
 
 
-@numba.njit(parallel=True, cache=True)
-def _print(x: Array, y: Array, seed: int, out: Array) -> None:
-    for n in numba.prange(len(x)):
+@numba.njit(nogil=True, cache=True)
+def _print(first: int, last: int, x: Array, y: Array, seed: int, out: Array) -> None:
+    for n in range(first, last):
         column, row = math.floor(x[n]), math.floor(y[n])
         letter, line = math.floor(column / _CELL_COLUMNS), math.floor(row / _CELL_ROWS)
         i, j = column - letter * _CELL_COLUMNS, row - line * _CELL_ROWS
@@ -253,9 +254,9 @@ def _print(x: Array, y: Array, seed: int, out: Array) -> None:
             out[n] = 1.0
 
 
-@numba.njit(parallel=True, cache=True)
-def _weave(x: Array, y: Array, seed: int, out: Array) -> None:
-    for n in numba.prange(len(x)):
+@numba.njit(nogil=True, cache=True)
+def _weave(first: int, last: int, x: Array, y: Array, seed: int, out: Array) -> None:
+    for n in range(first, last):
         i, j = math.floor(x[n]), math.floor(y[n])
         u, v = 2.0 * (x[n] - i) - 1.0, 2.0 * (y[n] - j) - 1.0
         weft = (i + j) % 2 == 0

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig import in_threads
 from simulator._shapes.body import BodyHits, HeightGrid
 from simulator._shapes.field_trace import FieldBounds, meet_field
 from simulator._shapes.waves import add_waves, random_waves
@@ -320,7 +321,11 @@ class BandNoise(Surface):
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         waves = random_waves(self.wavelength_mm, self.seed, _WAVES)
         gain = self.rms_mm * math.sqrt(2 / _WAVES)
-        z, zx, zy = drawn(lambda x, y, out: add_waves(x, y, waves, gain, out), x_mm, y_mm)
+
+        def draw(x: Array, y: Array, out: Array) -> None:
+            in_threads(add_waves, len(x), x, y, waves, gain, out)
+
+        z, zx, zy = drawn(draw, x_mm, y_mm)
         return self.height_mm + z, zx, zy
 
     @cached_property

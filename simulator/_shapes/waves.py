@@ -24,10 +24,12 @@ def random_waves(wavelength_mm: float, seed: int, count: int) -> Array:
     return np.stack([k * np.cos(angle), k * np.sin(angle), phase], axis=1)
 
 
-@numba.njit(parallel=True, cache=True)
-def add_waves(x: Array, y: Array, waves: Array, gain: float, out: Array) -> None:
+@numba.njit(nogil=True, cache=True)
+def add_waves(
+    first: int, last: int, x: Array, y: Array, waves: Array, gain: float, out: Array
+) -> None:
     """Add the height and gradient of plane waves to ``out`` (3, n)."""
-    for i in numba.prange(len(x)):
+    for i in range(first, last):
         for j in range(len(waves)):
             kx, ky, phase = waves[j, 0], waves[j, 1], waves[j, 2]
             angle = kx * x[i] + ky * y[i] + phase

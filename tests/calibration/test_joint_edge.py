@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -9,11 +10,13 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration._spheres.confirmed import confirmed
+from calibration._spheres.average_directions import orthographic_lights
+from calibration._spheres.confirmed import confirmed, in_all_images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_edge import joint_outline, part_covariance
 from calibration._spheres.joint_search import joint_near
+from calibration._spheres.seen_together import SeenTogether
 from calibration._spheres.sphere_image import SphereImage
 
 TRUE = np.array([80.0, 78.0, 50.0])
@@ -136,6 +139,39 @@ def test_edges_of_all_images_decide_about_outlines_from_a_plane(values):
     assert confirmed(values, [wrong, elsewhere, right]) == [wrong, elsewhere, right]
 
 
+def test_an_edge_that_a_ball_mirrors_leads_to_its_outline(values):
+    found = in_all_images(values, mirroring(values, (1.0, -4.0, -9.0)))
+    assert np.abs(change_px(found.outline)).max() < 0.25
+    assert np.trace(found.covariance_px2) < 0.7**2
+    even = np.full_like(values, 0.3)
+    assert in_all_images(even, mirroring(even, (0, 0, 0))) is None
+
+
+def with_highlights(values):
+    """Return images to which highlights that move with the light are added."""
+    shining = values.copy()
+    rows, columns = np.mgrid[:160, :160]
+    for k, image in enumerate(shining):
+        image += 2 * np.exp(-(np.hypot(columns - 70 - 4 * k, rows - 70) ** 2) / 4)
+    return shining
+
+
+@pytest.mark.parametrize(
+    ("sigma_px", "known"),
+    [pytest.param(0.3, True, id="known"), pytest.param(14.0, False, id="not known")],
+)
+def test_directions_that_are_hardly_known_are_refused(values, sigma_px, known):
+    shining = with_highlights(values)
+    sphere = replace(mirroring(shining, (0, 0, 0)), covariance_px2=np.eye(3) * sigma_px**2)
+    names = tuple(f"L{k:02d}" for k in range(len(values)))
+    shown = SeenTogether(names, np.full((len(names), 3), np.nan), [sphere], [0], ("",), [True])
+    if known:
+        assert len(orthographic_lights(shown, []).lights.unit_directions) == len(values)
+        return
+    with pytest.raises(EstimateError, match=r"at \(80, 78\) px: .* directions only to \d\d degree"):
+        orthographic_lights(shown, [])
+
+
 @pytest.mark.slow
 def test_outlines_that_few_edges_support_state_the_difference(values):
     hidden = values.copy()
@@ -147,11 +183,11 @@ def test_outlines_that_few_edges_support_state_the_difference(values):
 
 
 def lone_ball(seed):
-    """Return the drawn recording of `benchmarks/lone_balls.py`."""
-    path = Path(__file__).parents[2] / "benchmarks" / "lone_balls.py"
-    spec = importlib.util.spec_from_file_location("lone_balls", path)
+    """Return the drawn recording of `benchmarks/drawn_lone_balls.py`."""
+    path = Path(__file__).parents[2] / "benchmarks" / "drawn_lone_balls.py"
+    spec = importlib.util.spec_from_file_location("drawn_lone_balls", path)
     module = importlib.util.module_from_spec(spec)
-    sys.modules["lone_balls"] = module
+    sys.modules["drawn_lone_balls"] = module
     spec.loader.exec_module(module)
     return module.lone_ball(seed)
 

@@ -136,14 +136,33 @@ def test_a_sample_that_is_saturated_in_one_colour_is_made_of_the_others():
     assert (solution[0].used == COUNT - 1).all()
 
 
+def shadowed(seed):
+    """Return values with cast shadows in up to 30 % of the samples."""
+    values, _ = recorded(False, seed=seed)
+    rng = np.random.default_rng(seed + 1)
+    blocked = rng.uniform(size=values.shape[:3]) < rng.uniform(0, 0.3, SIZE)
+    dark = rng.normal(size=values.shape) * np.sqrt(FLOOR) / INTENSITIES[:, None, None]
+    return np.where(blocked[..., None], dark, values).astype(np.float32)
+
+
+def test_a_saturated_colour_with_nearly_all_the_light_is_no_worse_than_solved_apart():
+    """Samples of the dim colours are as noisy as outliers, and lights without red are shadows."""
+    gray, red = (list(STRIPES).index(name) for name in ("gray", "red"))
+    some = shadowed(119)
+    everywhere = some.copy()
+    some[::3, ..., 0] = np.nan
+    everywhere[..., 0][everywhere[..., 0] > 0.4] = np.nan
+    for values, stripes in ((some, [red]), (everywhere, [gray, red])):
+        for method in ("trimmed", "best"):
+            joint = errors(solved(values, method=method))[stripes]
+            apart = errors(solved(values, method=method, by=stereo_of_colours))[stripes]
+            assert (joint < 1.1 * apart).all(), (method, joint, apart)
+
+
 @pytest.mark.parametrize(("known", "method"), [(True, "cauchy"), (False, "best")])
 def test_errors_are_as_large_as_predicted(known, method):
     """With cast shadows, and with red that is saturated under every third light."""
-    values, _ = recorded(False, seed=17)
-    rng = np.random.default_rng(18)
-    blocked = rng.uniform(size=values.shape[:3]) < rng.uniform(0, 0.3, SIZE)
-    dark = rng.normal(size=values.shape) * np.sqrt(FLOOR) / INTENSITIES[:, None, None]
-    values = np.where(blocked[..., None], dark, values).astype(np.float32)
+    values = shadowed(17)
     values[::3, ..., 0] = np.nan
     stereo, albedo = solved(values, method=method, known=known)
     found = uncertainty_of_colours(

@@ -16,6 +16,7 @@ from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry, view_rotation
 from processing._projection import rasterize_kernels as kernels
+from rig import in_threads
 from simulator._shapes.bvh import TriangleTree
 from tests.quick_sample import quick
 
@@ -29,7 +30,8 @@ def _drawn(screen, faces, rows, columns):
     bands = kernels.face_bands(screen, faces, rows, columns)
     members, begin = kernels.sort_into_bands(*bands, -(-rows // kernels.BAND_ROWS))
     view = np.full((rows, columns), -1, np.int32)
-    kernels.draw(screen, faces, members, begin, np.full(view.shape, -np.inf, np.float32), view)
+    nearest = np.full(view.shape, -np.inf, np.float32)
+    in_threads(kernels.draw, len(begin) - 1, screen, faces, members, begin, nearest, view)
     return view
 
 

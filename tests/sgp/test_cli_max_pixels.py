@@ -26,6 +26,7 @@ def normals(tmp_path):
         "detail transfer n.exr n.exr --out o",
         "detail properties n.exr --out o",
         "detail synthesize n.exr --size 20x20 --patch 6 --out o",
+        "detail synthesize n.exr --onto n.exr --patch 6 --out o",
         "detail fill n.exr --holes n.exr --out o",
         "normals images --out o",
         "run images --out o",

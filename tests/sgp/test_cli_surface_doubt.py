@@ -77,6 +77,8 @@ def test_input_that_is_refused(sgp, folder: Path) -> None:
     bad("none.exr", np.full(size, np.nan))
     bad("negative.exr", np.full(size, -1))
     bad("shape.exr", np.ones((7, 30)))
+    bad("large.exr", np.full(size, 91))
+    assert sgp("surface", "n", "--out", "earlier").code == 0
     write_png("sigma.png", np.ones(size, np.uint16))
     Path("px.csv").write_text("x_px,y_px,height_px\n26,20,7.5\n")
     Path("far.csv").write_text("x_px,y_px,height_px\n900,20,7.5\n")
@@ -91,6 +93,8 @@ def test_input_that_is_refused(sgp, folder: Path) -> None:
         (["--sigma", "none.exr"], "none.exr", 4),
         (["--sigma", "negative.exr"], "negative.exr", 4),
         (["--sigma", "sigma.png"], "sigma.png", 4),
+        (["--sigma", "large.exr"], "values up to 91", 4),
+        (["--sigma", "earlier/height.exr"], "surface.json says that this is height", 4),
         (["--sigma", "missing.exr"], "missing.exr", 2),
         (["--prior", "px.csv", "--pixel-mm", "1"], "px.csv: the heights are in px", 4),
         (["--prior", "points.csv"], "points.csv: the heights are in mm", 4),
@@ -116,6 +120,16 @@ def test_input_that_is_refused(sgp, folder: Path) -> None:
     assert failed == []
 
 
+def test_normals_without_a_deviation_are_counted(sgp, folder: Path) -> None:
+    sigma = read_image(Path("sigma.exr")).copy()
+    sigma[20, 20:23] = np.nan
+    bad("gaps.exr", sigma)
+    answer = sgp("surface", "n", "--sigma", "gaps.exr", "--out", "s")
+    assert answer.code == 0
+    assert "gaps.exr: 3 of " in answer.err
+    assert " have no standard deviation, and count as the least certain ones" in answer.err
+
+
 def test_normals_that_are_doubtful_are_reported(sgp, folder: Path) -> None:
     flat = np.tile([0.0, 0.0, 1.0], (ROWS, COLUMNS, 1)).astype(np.float32)
     away, holes, lengths = -flat, flat.copy(), flat.copy()
@@ -130,6 +144,9 @@ def test_normals_that_are_doubtful_are_reported(sgp, folder: Path) -> None:
         if notice:
             stored = json.loads(Path(f"out{number}/surface.json").read_text(encoding="utf-8"))
             assert notice in {found["code"] for found in stored["notices"]}
+    answer = sgp("surface", "n", "--mask", "mask.png", "--out", "larger")
+    lost = ROWS * COLUMNS - np.count_nonzero(read_image(Path("n/mask.png")))
+    assert f"mask.png: {lost} pixels of the mask have no normal in n, and no height" in answer.err
     write_png("flat.png", np.full((ROWS, COLUMNS, 3), (128, 128, 255), np.uint8))
     answer = sgp("surface", "flat.png", "--out", "quantised")
     assert answer.code == 0
@@ -151,3 +168,20 @@ def test_a_run_without_known_noise_says_that_heights_have_no_deviations(sgp, tmp
     assert answer.code == 0, answer.err
     assert "height-sigma-unknown" in [one["code"] for one in json.loads(answer.out)["notices"]]
     assert not (tmp_path / "out" / "surface" / "height_sigma.exr").exists()
+
+
+def test_a_camera_of_another_size_is_doubted(sgp, folder: Path) -> None:
+    """A matrix without an image size: of twice and half the size, in mm, and the right one."""
+    cases = [
+        ((120, 51.5, 39.5), "far from the middle of an image of 52 x 40"),
+        ((30, 13, 10), "far from the middle"),
+        ((8, 25.5, 19.5), "too short for an image of 52 x 40"),
+        ((60, 27, 18), None),
+    ]
+    for number, ((focal, cx, cy), text) in enumerate(cases):
+        Path("K.txt").write_text(f"{focal} 0 {cx}\n0 {focal} {cy}\n0 0 1\n", encoding="ascii")
+        answer = sgp("surface", "n", "--camera", "K.txt", "--out", f"out{number}", "--json")
+        assert answer.code == 0, answer.err
+        doubts = [one for one in json.loads(answer.out)["notices"] if one["where"] == "K.txt"]
+        assert [one["code"] for one in doubts] == ([] if text is None else ["camera-doubtful"])
+        assert text is None or text in doubts[0]["text"]

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from acquisition import read_image
-from processing import NormalMap, read_normals, write_normals
+from processing import NormalMap, combine, read_normals, separate, write_normals
+
+NAMES = ("normals", "detail")
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +45,46 @@ def test_a_sheet_with_its_record(sgp, exemplar: Path, tmp_path: Path) -> None:
     assert again.code == 0
     same = read_normals(tmp_path / "again" / "detail.exr").normal_map
     np.testing.assert_array_equal(same.normals, sheet.normals)
+
+
+def test_detail_on_a_target(sgp, exemplar: Path, tmp_path: Path) -> None:
+    y, x = np.mgrid[1:-1:60j, -1:1:70j]
+    bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]), np.hypot(x, y) < 1)
+    target, out = tmp_path / "bowl", tmp_path / "out"
+    target.mkdir()
+    write_normals(target, bowl)
+    words = ("detail", "synthesize", exemplar, "--onto", target, "--patch", 20)
+    answer = sgp(*words, "--out", out, "--json")
+    assert answer.code == 0, answer.err
+    normals, detail = (read_normals(out / f"{name}.exr").normal_map for name in NAMES)
+    np.testing.assert_array_equal(normals.mask, bowl.mask)
+    np.testing.assert_array_equal(read_image(out / "invented.png") > 0, bowl.mask)
+    shape = separate(bowl).shape
+    np.testing.assert_allclose(normals.normals, combine(shape, detail).normals, atol=1e-6)
+    record = json.loads((out / "synthesize.json").read_text(encoding="utf-8"))
+    assert record["metrics"]["shape_mae_deg"] < 3
+    assert record["metrics"]["compressed_share"] == 0
+    kept = tmp_path / "kept"
+    assert sgp(*words, "--keep-target-detail", "--image-space", "--out", kept).code == 0
+    normals, detail = (read_normals(kept / f"{name}.exr").normal_map for name in NAMES)
+    np.testing.assert_allclose(normals.normals, combine(bowl, detail).normals, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        pytest.param([], "either --size", id="neither"),
+        pytest.param(["--size", "9x9", "--onto", "."], "either --size", id="both"),
+        pytest.param(["--size", "9x9", "--image-space"], "require --onto", id="image space"),
+        pytest.param(["--size", "9x9", "--keep-target-detail"], "require --onto", id="detail"),
+        pytest.param(["--onto", ".", "--tileable"], "--tileable", id="tileable"),
+        pytest.param(["--onto", "nowhere"], "nowhere", id="missing target"),
+    ],
+)
+def test_sheet_or_target(sgp, exemplar: Path, tmp_path: Path, options, text: str) -> None:
+    line = sgp("detail", "synthesize", exemplar, *options, "--out", tmp_path / "o").error_line(2)
+    assert text in line
+    assert not (tmp_path / "o").exists()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,68 @@
+"""Read the standard deviations of normals, and check that the file holds nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+import acquisition
+import processing
+import rig
+from sgp._record import read_record
+
+_NAME = "normal_sigma_deg"
+_LARGEST_DEG = 90.0
+
+
+def read_sigma(
+    path: Path, normal_map: processing.NormalMap, max_pixels: int
+) -> tuple[npt.NDArray[np.float32], list[rig.Notice]]:
+    """Read standard deviations of normals in degrees; return them, and notices about gaps."""
+    _check_record(path)
+    image = acquisition.read_image(path, max_pixels=max_pixels)
+    rows, columns = normal_map.size
+    if image.shape != (rows, columns) or not np.issubdtype(image.dtype, np.floating):
+        raise acquisition.DataError(
+            f"{path}: {image.dtype} values of shape {image.shape}: give a map of floats of "
+            f"{columns} x {rows} pixels, the standard deviations of these normals in degrees"
+        )
+    inside = image[normal_map.mask]
+    if not (inside > 0).any() or (inside < 0).any() or np.isinf(inside).any():
+        raise acquisition.DataError(
+            f"{path}: inside the mask, standard deviations are negative, infinite, or not known at "
+            "any pixel: leave the file out, or replace it"
+        )
+    largest = float(np.nanmax(inside))
+    if largest > _LARGEST_DEG:
+        raise acquisition.DataError(
+            f"{path}: values up to {largest:.4g} inside the mask are no standard deviations of "
+            f"normals, which are 0 to {_LARGEST_DEG:g} degrees: give {_NAME}.exr"
+        )
+    unknown = int(np.count_nonzero(np.isnan(inside)))
+    notices = [_gaps(path, unknown, len(inside))] if unknown else []
+    return image.astype(np.float32), notices
+
+
+def _check_record(path: Path) -> None:
+    """Raise `DataError` if a record next to the file says that it is another map."""
+    for record in sorted(path.parent.glob("*.json")):
+        try:
+            outputs = read_record(record).outputs
+        except (acquisition.DataError, acquisition.MissingPathError):
+            continue  # not a record
+        names = [name for name, file in outputs.items() if Path(file).name == path.name]
+        if names and _NAME not in names:
+            raise acquisition.DataError(
+                f"{path}: {record.name} says that this is {names[0]}, not the standard deviations "
+                f"of normals: give {_NAME}.exr"
+            )
+
+
+def _gaps(path: Path, unknown: int, count: int) -> rig.Notice:
+    text = (
+        f"{unknown} of {rig.pluralize(count, 'normal')} have no standard deviation, and count as "
+        "the least certain ones"
+    )
+    return rig.Notice("normal-sigma-gaps", text, str(path), "info")

@@ -1,0 +1,127 @@
+"""Figures and pictures of synthesised detail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import processing
+from sgp._console import Stages, shown
+from sgp._detail_metrics import SynthesisMetrics
+from sgp._overview import write_overview
+from sgp._panels.crop import Crop
+from sgp._panels.maps import lit_panel
+from sgp._result import Result
+
+_MOST_SHOWN = 700  # pixels of a side of a picture
+_FIGURES = (
+    "detail_angle_deg",
+    "exemplar_angle_deg",
+    "slope_distance",
+    "spectrum_distance",
+    "exemplar_spectrum_distance",
+    "repeat_score",
+    "exemplar_repeat_score",
+)
+
+
+def measure_texture(
+    made: processing.Synthesis | processing.TargetSynthesis,
+    exemplar: processing.NormalMap,
+    result: Result,
+) -> SynthesisMetrics:
+    """Compare synthesised detail with its exemplar, add the summary, and return the figures."""
+    figures = processing.texture_figures(made.detail, exemplar, patch=made.patch)
+    # Each figure is computed when it is first used.
+    for name in shown("measuring", _FIGURES):
+        getattr(figures, name)
+    steps = made.steps
+    height, width = made.detail.size
+    pixels = np.count_nonzero(made.detail.mask)
+    size = f"{width} x {height} pixels" if made.detail.mask.all() else f"{pixels} pixels"
+    result.summary = [
+        f"{size} from {np.count_nonzero(exemplar.mask)}",
+        f"detail angle   {figures.detail_angle_deg:.2f} deg (exemplar "
+        f"{figures.exemplar_angle_deg:.2f})",
+        f"slopes differ by {figures.slope_distance:.1%} of their spread",
+        f"spectrum       {_text(figures.spectrum_distance)} from the exemplar's (its halves "
+        f"{_text(figures.exemplar_spectrum_distance)})",
+        f"repeat score   {_text(figures.repeat_score)} (exemplar "
+        f"{_text(figures.exemplar_repeat_score)})",
+        f"steps          {_text(steps.across_deg)} deg across cuts, {_text(steps.inside_deg)} "
+        "inside patches",
+    ]
+    return SynthesisMetrics(
+        detail_angle_deg=figures.detail_angle_deg,
+        exemplar_angle_deg=figures.exemplar_angle_deg,
+        slope_distance=figures.slope_distance,
+        spectrum_distance=figures.spectrum_distance,
+        exemplar_spectrum_distance=figures.exemplar_spectrum_distance,
+        repeat_score=figures.repeat_score,
+        exemplar_repeat_score=figures.exemplar_repeat_score,
+        cut_step_deg=steps.across_deg,
+        inside_step_deg=steps.inside_deg,
+    )
+
+
+def measure_transfer(
+    made: processing.TargetSynthesis,
+    shape: processing.NormalMap,
+    normals: processing.NormalMap,
+    shape_filter: processing.ShapeFilter,
+    result: Result,
+) -> dict[str, float]:
+    """Separate the result again, add to the summary, and return the figures."""
+    with Stages() as progress:
+        again = processing.separate(normals, shape_filter=shape_filter, on_progress=progress)
+    fidelity = processing.TransferFidelity(shape, made.detail, again)
+    pair = (fidelity.result.detail, fidelity.detail)
+    result.summary += [
+        f"shape error    {fidelity.shape_mae_deg:.2f} deg, detail error "
+        f"{fidelity.detail_mae_deg:.2f}",
+        f"compressed     {made.compressed:.1%} of the pixels: the exemplar is too small for them",
+    ][: 2 if made.compressed else 1]
+    return {
+        "shape_mae_deg": fidelity.shape_mae_deg,
+        "detail_mae_deg": fidelity.detail_mae_deg,
+        "detail_ssim": processing.ssim(*pair, made.detail.mask),
+        "detail_ssim_paper": processing.ssim(*pair, protocol="paper"),
+        "compressed_share": made.compressed,
+    }
+
+
+def _text(value: float) -> str:
+    return "unknown" if np.isnan(value) else f"{value:.2f}"
+
+
+def write_sheet_picture(
+    path: Path, title: str, made: processing.Synthesis, exemplar: processing.NormalMap
+) -> None:
+    """Draw the exemplar, a part of the sheet at the same scale, and the complete sheet."""
+    height, width = made.detail.size
+    side = min(*exemplar.size, _MOST_SHOWN)
+    part = Crop(slice(0, min(side, height)), slice(0, min(side, width)))
+    panels = [
+        lit_panel("exemplar", exemplar),
+        lit_panel("upper left part of the sheet", made.detail, part),
+        lit_panel(f"sheet, {width} x {height} pixels", made.detail),
+    ]
+    write_overview(path, title, panels, columns=3)
+
+
+def write_target_picture(
+    path: Path,
+    title: str,
+    exemplar: processing.NormalMap,
+    target: processing.NormalMap,
+    normals: processing.NormalMap,
+) -> None:
+    """Draw the exemplar, the target, and the target with the synthesised detail."""
+    crop = Crop.around(target.mask)
+    panels = [
+        lit_panel("exemplar", exemplar),
+        lit_panel("target", target, crop),
+        lit_panel("result", normals, crop),
+    ]
+    write_overview(path, title, panels, columns=3)

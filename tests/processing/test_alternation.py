@@ -1,0 +1,86 @@
+"""Weights and surface in turn, on steps whose surfaces are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from processing._surface.alternation import Alternation, Pair
+from processing._surface.anchors import Anchors
+
+Double = npt.NDArray[np.float64]
+ROWS, COLUMNS = 24, 30
+SLOPE = 0.4
+
+
+def plane(scale: float = 1.0) -> tuple[Alternation, Double]:
+    """Return the problem of a plane that rises to the right, and its heights in pixels."""
+    right, down = np.zeros((2, ROWS + 2, COLUMNS + 2), np.float32)
+    right[1:-1, 1:-2], down[1:-2, 1:-1] = 1, 1
+    to_right, to_down = np.zeros((2, ROWS + 2, COLUMNS + 2))
+    to_right[1:-1, 1:-2] = SLOPE / scale
+    facing = np.zeros_like(right)
+    facing[1:-1, 1:-1] = 1 / np.hypot(1, SLOPE)
+    heights = np.zeros((ROWS + 2, COLUMNS + 2))
+    heights[1:-1, 1:-1] = SLOPE * np.arange(COLUMNS)
+    problem = Alternation((right, down, to_right, to_down), facing, 4.0, scale, None, None, None)
+    return problem, heights
+
+
+def indifferent(problem: Alternation) -> tuple[Pair, Pair]:
+    one = np.ones_like(problem.facing), np.ones_like(problem.facing)
+    return one, one
+
+
+def within(u: Double) -> Double:
+    inner = u[1:-1, 1:-1]
+    return inner - inner.mean()
+
+
+@pytest.mark.parametrize("scale", [1.0, 500.0])
+def test_a_plane_needs_no_round_after_the_gate_is_narrow(scale: float) -> None:
+    problem, heights = plane(scale)
+    found = problem.solved(indifferent(problem))
+    np.testing.assert_allclose(within(scale * found.u), within(heights), atol=0.02)
+    # The turn of the normals counts in 10 rounds; the next one changes nothing.
+    assert found.rounds == 11
+    assert found.last_change < 0.01
+    assert found.relative_residual < 0.01
+    assert found.width == pytest.approx(8 * 0.02)
+    # Both pixels trust each other: the weight is the squared cosine.
+    np.testing.assert_allclose(found.weights[0][1:-1, 2:-3], 1 / (1 + SLOPE**2), rtol=1e-2)
+
+
+def test_the_misfit_counts_edges_that_differ() -> None:
+    problem, heights = plane()
+    assert problem.misfit(heights, 0.5) == pytest.approx(0, abs=1e-12)
+    jump = heights.copy()
+    jump[1:-1, 11:-1] += 3
+    assert problem.misfit(jump, 0.5) == pytest.approx(ROWS * 9 / 9.25)
+    larger = replace(problem, scale=2.0)
+    assert larger.misfit(heights / 2, 0.5) > problem.misfit(heights, 0.5)
+
+
+def test_edges_that_contradict_the_others_end_with_the_least_weight() -> None:
+    """Along a short seam, the steps are wrong by 5 px; other edges go around it."""
+    problem, heights = plane()
+    problem.edges[2][9:15, 15] += 5
+    found = problem.solved(indifferent(problem))
+    np.testing.assert_allclose(within(found.u), within(heights), atol=0.5)
+    usual = np.median(found.weights[0][1:-1, 1:-2])
+    assert np.all(found.weights[0][10:14, 15] < 0.05 * usual)
+
+
+def test_factors_multiply_weights_and_heights_hold_the_surface() -> None:
+    problem, heights = plane()
+    factors = np.full_like(problem.facing, 0.25), np.full_like(problem.facing, 0.25)
+    weights, target = np.zeros_like(problem.facing), np.zeros(problem.facing.shape)
+    weights[5, 5], target[5, 5] = 10, 77
+    held = replace(problem, factors=factors, held=Anchors(weights, target))
+    found, free = held.solved(indifferent(problem)), problem.solved(indifferent(problem))
+    assert found.u[5, 5] == pytest.approx(77, abs=0.05)
+    np.testing.assert_allclose(within(found.u), within(heights), atol=0.05)
+    np.testing.assert_allclose(found.weights[1], 0.25 * free.weights[1], rtol=1e-2, atol=1e-6)
