@@ -21,7 +21,7 @@ class Table:
     columns, rows
         Measured figures: rows with one figure per column; None for a missing figure.
     paper_columns, paper_rows
-        Figures that the paper prints; empty if there are none.
+        Figures that the paper prints; may be empty.
     note
         Differences between the two that a reader must know.
     """
