@@ -387,6 +387,13 @@ class BenchMetrics(TypedDict):
     quick: Annotated[bool, "", "whether `--quick` was given"]
 
 
+class SheetBenchMetrics(TypedDict):
+    """Figures of the tables of synthesis; the tables are in tables.json."""
+
+    tables: Annotated[int, "", "tables that were computed"]
+    quick: Annotated[bool, "", "whether `--quick` was given"]
+
+
 class ExportMetrics(TypedDict):
     """Figures of an export of a session."""
 
@@ -427,6 +434,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),
+    "sgp bench synthesis": (SheetBenchMetrics,),
     "sgp capture export": (ExportMetrics,),
     "sgp calibrate spheres": (SpheresMetrics,),
     "sgp calibrate intensities": (IntensitiesMetrics,),

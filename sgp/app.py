@@ -105,10 +105,11 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "bench": (
         page(
-            "Recompute the paper's tables and compare them with the published figures.",
+            "Recompute the paper's tables, and compare synthesised sheets with their exemplars.",
             "sgp bench paper --out tables --quick",
+            "sgp bench synthesis --out sheets --quick",
         ),
-        {"bench": ("paper",)},
+        {"bench": ("paper", "synthesis")},
     ),
 }
 

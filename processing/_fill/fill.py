@@ -133,7 +133,7 @@ def fill_holes(
     overlap = max(patch // 3, 2) if overlap is None else overlap
     known = _checked(normal_map, holes, patch, overlap, seed)
     given = NormalMap(np.where(known[..., None], normal_map.normals, 0), known)
-    on_progress("filling", 0, 1)
+    on_progress("filling", 0, int(np.count_nonzero(holes)))
     shape = _continued_shape(given, holes, shape_filter)
     everything = known | holes
     detail = NormalMap(np.where(known[..., None], rotate_to_z(given.normals, shape), 0), known)

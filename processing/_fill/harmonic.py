@@ -33,6 +33,17 @@ def harmonic_normals(normals: Float, known: Mask, holes: Mask) -> Float:
     Float
         ``(H, W, 3)`` float32: `normals`, with unit vectors in the holes.
     """
+    rows, columns = np.flatnonzero(holes.any(axis=1)), np.flatnonzero(holes.any(axis=0))
+    box = (
+        slice(max(rows[0] - 1, 0), rows[-1] + 2),
+        slice(max(columns[0] - 1, 0), columns[-1] + 2),
+    )
+    continued = normals.copy()
+    continued[box] = _solved(normals[box], known[box], holes[box])
+    return continued
+
+
+def _solved(normals: Float, known: Mask, holes: Mask) -> Float:
     inside, given = np.pad(holes, 1), np.pad(known, 1)
     right, down = np.zeros(inside.shape, np.float32), np.zeros(inside.shape, np.float32)
     right[:, :-1] = inside[:, :-1] & inside[:, 1:]

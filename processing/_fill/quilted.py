@@ -57,7 +57,7 @@ def fill_detail(
     blend_px
         Distance from the rim at which the difference of patches and known detail has fallen to 1/e.
     on_progress
-        Receives the stage ``filling``: the number of pixels in holes.
+        Receives the stage ``filling``: pixels in filled holes, after each group of holes.
 
     Returns
     -------
@@ -71,7 +71,6 @@ def fill_detail(
     """
     normals, used = detail.normals.copy(), np.zeros(holes.shape, np.bool_)
     total, done = int(np.count_nonzero(holes)), 0
-    on_progress("filling", 0, total)
     for group, box in _groups(holes, patch):
         box, around = _surroundings(detail.mask, group, box, patch)
         part = NormalMap(np.where(around[..., None], detail.normals[box], 0), around)

@@ -208,7 +208,7 @@ def _peak_begins() -> int | None:
     return resident
 
 
-def _timed(work: Callable[[], Any], runs: int) -> list[float]:
+def timed(work: Callable[[], Any], runs: int) -> list[float]:
     cpu_s = []
     for _ in range(runs):
         begun = time.process_time()
@@ -217,7 +217,7 @@ def _timed(work: Callable[[], Any], runs: int) -> list[float]:
     return cpu_s
 
 
-def _peaks(work: Callable[[], Any], runs: int) -> list[int]:
+def peaks(work: Callable[[], Any], runs: int) -> list[int]:
     """Measure memory in separate runs, since requesting pages from the system costs time."""
     peaks = []
     for _ in range(runs):
@@ -265,13 +265,13 @@ def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS)
             return bench.prepare(method)()
 
         prepared = bench.prepare(method)
-        cpu_s, again_cpu_s = _timed(first, runs), _timed(prepared, runs)
+        cpu_s, again_cpu_s = timed(first, runs), timed(prepared, runs)
         results.append(bench.normals(prepared()))
         del prepared
         figures[method] = {
             "cpu_s": cpu_s,
             "again_cpu_s": again_cpu_s,
-            "peak_bytes": _peaks(first, min(runs, _MEMORY_RUNS)),
+            "peak_bytes": peaks(first, min(runs, _MEMORY_RUNS)),
         }
     np.save(outputs, np.stack(results))
     print(json.dumps(figures))

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import NamedTuple
-
-import processing
 import rig
 from rig import Progress
-from sgp._overview import Panel
 from sgp._paper import figures as paper
+from sgp._paper.comparison import Comparison, Picture
 from sgp._paper.heights import height_profiles
 from sgp._paper.local import local_transfers
 from sgp._paper.properties import chain, exchange, of_textures
 from sgp._paper.sources import Sources
-from sgp._paper.tables import Table
 from sgp._paper.transfer import by_resolution, onto_diligent
 
 _QUICK_POINTS = 50_000
@@ -28,38 +22,6 @@ _PREFACE = (
     "comparison. The rows 'from the same surfaces' and 'as surfaces' compare the methods under "
     "equal conditions."
 )
-
-
-class Picture(NamedTuple):
-    """A sheet of panels: its title, its panels and the number of columns."""
-
-    title: str
-    panels: list[Panel]
-    columns: int
-
-
-@dataclass
-class Comparison:
-    """The results of the comparison.
-
-    Parameters
-    ----------
-    preface
-        Introduction to the tables.
-    tables, pictures, profiles
-        Results; pictures and profiles by name.
-    left_out
-        Results that could not be computed, with reasons.
-    files
-        Data files that were read.
-    """
-
-    preface: str = _PREFACE
-    tables: list[Table] = field(default_factory=list)
-    pictures: dict[str, Picture] = field(default_factory=dict)
-    profiles: dict[str, processing.HeightProfile] = field(default_factory=dict)
-    left_out: list[rig.Notice] = field(default_factory=list)
-    files: list[Path] = field(default_factory=list)
 
 
 def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
@@ -75,7 +37,7 @@ def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
         Called before each step: what it does, and how much of this table is done.
     """
     sources = Sources.found()
-    comparison = Comparison()
+    comparison = Comparison(_PREFACE)
     textures = sources.textures()
     alike, apart, again, panels = of_textures(textures, advance)
     comparison.tables += [alike, apart, again]

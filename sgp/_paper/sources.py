@@ -46,9 +46,9 @@ class Sources:
             {} if self.data is None else {name: self.given(name) for name in ("owl", "plant")}
         )
         return measured | {
-            "scales (simulated)": _relief(simulator.LizardScales(_SKIN_MM, outline="square")),
-            "cloth (simulated)": _relief(simulator.Textile(_CLOTH_MM, outline="square")),
-            "carving (simulated)": _relief(simulator.WoodCarving(_WOOD_MM, outline="square")),
+            "scales (simulated)": relief(simulator.LizardScales(_SKIN_MM, outline="square")),
+            "cloth (simulated)": relief(simulator.Textile(_CLOTH_MM, outline="square")),
+            "carving (simulated)": relief(simulator.WoodCarving(_WOOD_MM, outline="square")),
         }
 
     def targets(self) -> dict[str, processing.NormalMap]:
@@ -84,7 +84,11 @@ class Sources:
 
     def cracks(self) -> processing.NormalMap:
         """Read a dense relief that is larger than all targets, so that it is not repeated."""
-        return self._read("reliefs/160.jpg")
+        return self.relief("160")
+
+    def relief(self, name: str) -> processing.NormalMap:
+        """Read a relief of the data."""
+        return self._read(f"reliefs/{name}.jpg")
 
     def _read(self, name: str) -> processing.NormalMap:
         read = processing.read_normals((self.data or Path()) / name)
@@ -106,12 +110,12 @@ class Sources:
 def bowl(points: int) -> processing.NormalMap:
     """Return a spherical cap, cut at 60 degrees, with about this number of points."""
     radius = math.sqrt(points / math.pi)
-    return _relief(
+    return relief(
         simulator.SphericalCap(radius, radius / math.sqrt(3)), round(2 * radius) + 2, radius + 1
     )
 
 
-def _relief(
+def relief(
     surface: simulator.Surface, side_px: int = _SIDE_PX, reach_mm: float | None = None
 ) -> processing.NormalMap:
     """Return the normals of a height field seen from above, computed from its exact gradients."""

@@ -21,7 +21,7 @@ class Table:
     columns, rows
         Measured figures: rows with one figure per column; None for a missing figure.
     paper_columns, paper_rows
-        Figures that the paper prints.
+        Figures that the paper prints; may be empty.
     note
         Differences between the two that a reader must know.
     """
@@ -44,16 +44,10 @@ def flattened(table: Mapping[str, Mapping[str, Sequence[Number]]]) -> dict[str, 
 
 def markdown(table: Table) -> str:
     """Return a table as Markdown: first the measured figures, then those of the paper."""
-    return "\n\n".join(
-        [
-            f"## {table.title}",
-            "Here:",
-            _grid(table.columns, table.rows),
-            "The paper:",
-            _grid(table.paper_columns, table.paper_rows),
-            table.note,
-        ]
-    )
+    parts = [f"## {table.title}", "Here:", _grid(table.columns, table.rows)]
+    if table.paper_rows:
+        parts += ["The paper:", _grid(table.paper_columns, table.paper_rows)]
+    return "\n\n".join([*parts, table.note])
 
 
 def _grid(columns: tuple[str, ...], rows: Mapping[str, Sequence[Number]]) -> str:

@@ -1,16 +1,20 @@
-"""``sgp bench``: recompute the paper's tables."""
+"""``sgp bench``: recompute the paper's tables, and compare synthesised sheets."""
 
 from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import acquisition
 from sgp._console import note
-from sgp._metrics import BenchMetrics
-from sgp._options import Count
+from sgp._metrics import BenchMetrics, SheetBenchMetrics
+from sgp._options import Count, Seed
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result, dumps
+
+if TYPE_CHECKING:
+    from sgp._paper.comparison import Comparison
 
 
 @writes_folder("bench.json")
@@ -43,15 +47,57 @@ def paper(
     force
         Write into an output folder that already contains files.
     """
-    from dataclasses import asdict
-
-    from sgp._overview import write_overview
     from sgp._paper.run import run_all
-    from sgp._paper.tables import markdown
-    from sgp._write_profile import write_profile_data
 
     count = runs or (1 if quick else 10)
     comparison = run_all(quick=quick, runs=count, advance=_Steps())
+    result = _written(comparison, out)
+    metrics: BenchMetrics = {"tables": len(comparison.tables), "runs": count, "quick": quick}
+    result.metrics = metrics
+    return result
+
+
+@writes_folder("bench.json")
+def synthesis(*, out: Path, quick: bool = False, seed: Seed = 7, force: bool = False) -> Result:
+    """Compare synthesised sheets with their exemplars, and with repeated and mirrored exemplars.
+
+    The exemplars are simulated materials, drawn structures, and the reliefs and normal maps in the
+    folder in SGP_DATA. Time and memory are measured for as many pixels as the paper's target has.
+
+    For example:
+
+        sgp bench synthesis --out tables --quick
+
+    Parameters
+    ----------
+    out
+        Folder for tables.md, tables.json, pictures of the sheets, the height profiles as .csv, and
+        bench.json.
+    quick
+        Make sheets of 1024 x 1024 instead of 2048 x 2048 pixels, and leave out complete maps as
+        exemplars: about two minutes.
+    seed
+        Seed of the simulated materials.
+    force
+        Write into an output folder that already contains files.
+    """
+    from sgp._paper.sheets import run_sheets
+
+    comparison = run_sheets(quick=quick, seed=seed, advance=_Steps())
+    result = _written(comparison, out)
+    metrics: SheetBenchMetrics = {"tables": len(comparison.tables), "quick": quick}
+    result.metrics = metrics
+    return result
+
+
+def _written(comparison: Comparison, out: Path) -> Result:
+    """Write tables, pictures and profiles into a folder."""
+    from dataclasses import asdict
+
+    from sgp._overview import write_overview
+    from sgp._paper.tables import markdown
+    from sgp._write_profile import write_profile_data
+
     claim_folder(out, "bench.json")
     result = Result(warnings=list(comparison.left_out), inputs=comparison.files)
     result.outputs = {"tables": out / "tables.md", "tables_json": out / "tables.json"}
@@ -66,8 +112,6 @@ def paper(
     acquisition.write_durably(result.outputs["tables"], f"{text}\n".encode())
     tables = {table.key: asdict(table) for table in comparison.tables}
     acquisition.write_durably(result.outputs["tables_json"], f"{dumps(tables)}\n".encode())
-    metrics: BenchMetrics = {"tables": len(comparison.tables), "runs": count, "quick": quick}
-    result.metrics = metrics
     result.summary = [f"{len(comparison.tables)} tables in {result.outputs['tables']}"]
     return result
 

@@ -14,6 +14,7 @@ from processing import NormalMap, ShapeFilter, angle_deg, combine, separate
 from sgp import read_record
 from sgp._paper import figures as paper
 from sgp._paper import run as _paper_run
+from sgp._paper.comparison import Comparison
 from sgp._paper.faces import FACES
 from sgp._paper.measure import METHODS, measure
 from sgp._paper.sources import Sources, bowl
@@ -112,7 +113,7 @@ def small(monkeypatch):
 
 
 def test_the_record_has_the_numbers_of_tables_and_runs(sgp, tmp_path, monkeypatch):
-    monkeypatch.setattr(_paper_run, "run_all", lambda **_: _paper_run.Comparison())
+    monkeypatch.setattr(_paper_run, "run_all", lambda **_: Comparison("# Tables"))
     assert sgp("bench", "paper", "--out", tmp_path, "--quick").code == 0
     found = read_record(tmp_path / "bench.json")
     assert found.command == "sgp bench paper"
@@ -198,7 +199,7 @@ def test_another_number_of_runs_is_used(monkeypatch, sgp, tmp_path):
 
     def note_runs(*, quick, runs, advance):
         asked.append((quick, runs))
-        return _paper_run.Comparison()
+        return Comparison("# Tables")
 
     monkeypatch.setattr(_paper_run, "run_all", note_runs)
     for index, words in enumerate(([], ["--quick"], ["--runs", 3], ["--quick", "--runs", 4])):

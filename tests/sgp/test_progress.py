@@ -89,6 +89,16 @@ def test_points_report_fits_and_drawing() -> None:
     ]
 
 
+def test_filled_holes_are_reported_in_pixels() -> None:
+    holes = np.zeros((48, 48), bool)
+    holes[8:11, 8:11] = holes[30:34, 38:42] = True
+    reported: list[tuple[str, int, int]] = []
+    processing.fill_holes(
+        dome(), holes, patch=8, on_progress=lambda *report: reported.append(report)
+    )
+    assert reported == [("filling", 0, 25), ("filling", 9, 25), ("filling", 25, 25)]
+
+
 def stages_of(monkeypatch, call) -> dict[str, tuple[int, int]]:
     """Return the last report of each stage that is shown while a function runs."""
     last: dict[str, tuple[int, int]] = {}
