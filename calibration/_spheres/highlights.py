@@ -255,7 +255,7 @@ class _Search:
     def spot(self, k: int, blob: Blob) -> Spot:
         """Return the centre of a blob.
 
-        Nobody knows how much brighter than white saturated pixels are. If what the images share is
+        How much brighter than white saturated pixels are is not known. If what the images share is
         subtracted from them, it may cut through a highlight; otherwise, a reflection that is
         saturated, too, may seem a part of it. The rounder one of the two is the highlight. If the
         other one is nearly as round, their difference is in the error.
