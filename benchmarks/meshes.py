@@ -1,8 +1,9 @@
 """Cost of meshes: writing, simplifying and closing a surface of five million vertices.
 
-The surface is a relief of waves on a bowl. Each line is a process of its own: CPU seconds, the
-highest memory above that of the height map and its normals, and both as multiples of the file. The
-yardstick is a copy of the same bytes into a file with fsync.
+The surface is a relief of waves on a bowl. "close" writes the solid as STL, "simplify" the mesh as
+PLY. Each line is a process of its own: CPU seconds, the highest memory above that of the height map
+and its normals, and both as multiples of the file. The yardstick is a copy of the same bytes into a
+file with fsync.
 
     python benchmarks/meshes.py --side 2236
 """
@@ -70,10 +71,14 @@ def carry_out(task: str, side: int, folder: Path) -> None:
             os.fsync(file.fileno())
         size = len(data)
     elif task == "close":
-        size = solid_mesh(height_mesh(surface)).faces.nbytes
+        solid = solid_mesh(height_mesh(surface))
+        (path,) = write_mesh(folder / "solid.stl", surface, mesh=solid)
+        size = path.stat().st_size
     elif task.startswith("simplify"):
         count = len(height_mesh(surface).faces) // 20
-        size = height_mesh(surface, normals=normal_map, triangles=count).faces.nbytes
+        simple = height_mesh(surface, normals=normal_map, triangles=count)
+        (path,) = write_mesh(folder / "simple.ply", surface, mesh=simple)
+        size = path.stat().st_size
     else:
         (path,) = write_mesh(folder / f"a.{task}", surface, normals=normal_map)
         size = path.stat().st_size

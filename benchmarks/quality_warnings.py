@@ -7,8 +7,8 @@ gloss and ambient light.
     python benchmarks/quality_warnings.py --trials 10
 
 Each part has its own random numbers; with one trial and ten objects all parts take about twenty
-minutes of CPU time. ``height_warnings.py`` counts what
-shows only when the height under near lights is found.
+minutes of CPU time. ``height_warnings.py`` counts what shows only when the height under near lights
+is found.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ Mistake = Callable[[Recording, np.random.Generator], Recording]
 
 
 def simulated(name: str, leds: int, rng: np.random.Generator) -> Recording:
-    """Render a scene of the simulator with photon noise."""
+    """Render a scene of the simulator with photon noise; its points are where the surface is."""
     rendering = render(scene_named(name, width=240, height=200, leds=leds))
     truth = rendering.truth
     planes = rendering.planes if rendering.planes.ndim == 3 else rendering.planes.mean(axis=-1)
     full = np.quantile(planes[:, truth.mask], 0.999) / 0.8
     values = rng.poisson(np.clip(planes / full, 0, 1) * 1e4) / 1e4
     values = np.where(values >= 1, np.nan, values).astype(np.float32)
-    return Recording(values, truth.lights, truth.mask, truth.camera.points_on_plane())
+    return Recording(values, truth.lights, truth.mask, truth.points_mm)
 
 
 def random_object(leds: int, rng: np.random.Generator) -> Recording:

@@ -86,8 +86,12 @@ from ._surface.prior import HeightPrior as HeightPrior
 from ._surface.prior_file import read_prior as read_prior
 from ._surface.scale import surface_scale as surface_scale
 from ._surface.solid import solid_mesh as solid_mesh
+from ._synthesis.efros_leung import efros_leung as efros_leung
 from ._synthesis.figures import TextureFigures as TextureFigures
 from ._synthesis.figures import texture_figures as texture_figures
+from ._synthesis.method import SYNTHESIZERS as SYNTHESIZERS
+from ._synthesis.method import SynthesisMethod as SynthesisMethod
+from ._synthesis.method import Synthesizer as Synthesizer
 from ._synthesis.onto import TargetSynthesis as TargetSynthesis
 from ._synthesis.onto import synthesize_onto as synthesize_onto
 from ._synthesis.quilting import Synthesis as Synthesis

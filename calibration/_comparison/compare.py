@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from acquisition import DataError, Lights, angle_deg
 from calibration._comparison.difference import covariances_3d, deviations
@@ -246,7 +246,7 @@ def _changed(ids: Sequence[str], sigmas: Array, freedom: int) -> Iterator[Notice
     known = np.isfinite(sigmas) | np.isposinf(sigmas)
     if not known.any():
         return
-    limit = float(np.sqrt(chi2.isf(_FALSE_ALARM / np.count_nonzero(known), freedom)))
+    limit = float(np.sqrt(chdtri(freedom, _FALSE_ALARM / np.count_nonzero(known))))
     order = [n for n in np.argsort(-np.where(known, sigmas, 0), kind="stable") if known[n]]
     beyond = [int(n) for n in order if sigmas[n] > limit]
     if not beyond:

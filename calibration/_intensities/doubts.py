@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from acquisition import Lights
 from calibration._intensities.blocks import Blocks
@@ -80,5 +80,5 @@ def _height(fit: Fit, blocks: Blocks, lights: Lights) -> tuple[float, float] | N
     freedom = 2 * count - 1
     rest = float(np.sum((tilts - height * pattern) ** 2)) / freedom
     deviation = float(np.sqrt(rest / power))
-    limit = float(student.ppf((1 + _CONFIDENCE) / 2, freedom)) * deviation
+    limit = float(stdtrit(freedom, (1 + _CONFIDENCE) / 2)) * deviation
     return (height, deviation) if abs(height) > max(limit, _LEAST_MM) else None

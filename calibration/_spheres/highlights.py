@@ -11,6 +11,7 @@ from calibration._radiance.raw_stack import Images
 from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
+from calibration._spheres.spot import Spot
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.
@@ -19,6 +20,8 @@ _FAINTEST_FLUX = 0.03
 _RIVAL_FLUX = 0.5
 # A spot at one place under several lights is a lamp, unless most lights share their places.
 _SAME_PX, _SAME_SHARE = 0.5, 0.01
+# Two parts of a highlight that a bright reflection cuts in two have the same centre.
+_ONE_SPOT_PX = 1.0
 _LEAST_SHARED, _MORE_SHARED = 3, 2
 _LAMPS, _AS_BRIGHT = 3, 0.6
 # Pixels from which the median brightness of a large sphere is taken.
@@ -160,12 +163,14 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
         return _none(len(values))
     # Parts of raw frames are new arrays.
     filled = crop.copy() if isinstance(values, np.ndarray) else crop
-    filled[saturated] = np.fmax.reduce(crop, axis=None)
+    white = float(np.fmax.reduce(crop, axis=None))
+    filled[saturated] = white
     if len(filled) >= 3:
         _subtract_shared(filled)
+        saturated &= 4 * saturated.sum(axis=0) <= 3 * len(filled)
     last = np.array(values.shape[:0:-1]) - 1
     border = np.any((places == 0) | (places == last), axis=-1)
-    search = _Search(filled, saturated, within, border, outline, (int(x0), int(y0)))
+    search = _Search(filled, saturated, within, border, outline, (int(x0), int(y0)), white)
     blobs = [search.blobs(k) for k in range(len(filled))]
     typical = float(np.median([of_one[0].flux for of_one in blobs if of_one] or [0.0]))
     found = search.located(blobs, typical)
@@ -184,7 +189,11 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Images ``(N, h, w)`` around a sphere, and the pixels on which highlights are searched for."""
+    """Images ``(N, h, w)`` around a sphere, and the pixels on which highlights are searched for.
+
+    What the images share is subtracted from them. Pixels that are saturated in most images count as
+    not saturated, because nothing is left of them.
+    """
 
     images: npt.NDArray[np.float32]
     saturated: npt.NDArray[np.bool_]
@@ -192,6 +201,7 @@ class _Search:
     border: Region
     outline: Ellipse
     corner: tuple[int, int]
+    white: float
 
     def blobs(self, k: int) -> list[Blob]:
         sample = np.flatnonzero(self.within)
@@ -221,23 +231,44 @@ class _Search:
         of = result.candidates
         for k, of_one in enumerate(blobs):
             rank = 0
-            for n, blob in enumerate(of_one):
+            for blob in of_one:
                 if blob.flux < _FAINTEST_FLUX * typical or np.any(blob.region & self.border):
                     continue
-                spot = blob.locate(self.images[k], self.saturated[k])
+                spot = self.spot(k, blob)
                 place = spot.centre + np.array(self.corner)
                 if not np.linalg.norm(self.outline.unit(place)) < _LARGEST_RADIUS:
                     continue
+                share = blob.flux / of_one[0].flux
+                off = np.linalg.norm(of.pixels[k, :rank] - place, axis=1)
+                if np.any(off < _ONE_SPOT_PX):
+                    of.share[k, int(np.argmin(off))] += share
+                    continue
                 of.pixels[k, rank], of.sigma_px[k, rank] = place, spot.sigma_px
-                of.saturated[k, rank], of.share[k, rank] = (
-                    blob.saturated,
-                    blob.flux / of_one[0].flux,
-                )
-                if n == 0 and blob.rival <= _RIVAL_FLUX * blob.flux:
-                    result.pixels[k], result.sigma_px[k] = place, spot.sigma_px
-                    result.saturated[k] = blob.saturated
+                of.saturated[k, rank], of.share[k, rank] = blob.saturated, share
                 rank += 1
+            largest = of.share[k, 0]
+            if largest >= 1 and of_one[0].rival <= _RIVAL_FLUX * largest * of_one[0].flux:
+                result.pixels[k], result.sigma_px[k] = of.pixels[k, 0], of.sigma_px[k, 0]
+                result.saturated[k] = of.saturated[k, 0]
         return result
+
+    def spot(self, k: int, blob: Blob) -> Spot:
+        """Return the centre of a blob.
+
+        Nobody knows how much brighter than white saturated pixels are. If what the images share is
+        subtracted from them, it may cut through a highlight; otherwise, a reflection that is
+        saturated, too, may seem a part of it. The rounder one of the two is the highlight. If the
+        other one is nearly as round, their difference is in the error.
+        """
+        image, clipped = self.images[k], self.saturated[k]
+        spot = blob.locate(image, clipped)
+        if not blob.saturated:
+            return spot
+        whole = blob.locate(np.where(clipped, np.float32(self.white), image), clipped)
+        best, other = sorted((spot, whole), key=lambda one: one.sigma_px)
+        weight = best.sigma_px / (best.sigma_px + other.sigma_px)
+        doubt = weight * float(np.sum((best.centre - other.centre) ** 2)) / 2
+        return Spot(best.centre, float(np.sqrt(best.sigma_px**2 + doubt)))
 
 
 def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array] | None:

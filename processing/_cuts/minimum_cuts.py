@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 Float = npt.NDArray[np.float32]
 Cut = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 Bands = tuple[int, int, int, int]
 
 _FAST = {"contract"}
@@ -58,6 +59,16 @@ def _cut(old: Float, new: Float, cut: Cut) -> None:
 
 
 @numba.njit(cache=True)
+def _keep(old: Float, new: Float, taken: Mask) -> None:
+    """Mark the pixels of a strip before its cut as not taken."""
+    cut = np.zeros(len(old), np.int64)
+    _cut(old, new, cut)
+    for i in range(len(cut)):
+        for j in range(cut[i]):
+            taken[i, j] = False
+
+
+@numba.njit(cache=True)
 def taken_pixels(window: Float, patch: Float, bands: Bands) -> npt.NDArray[np.bool_]:
     """Return which pixels of a window a patch replaces.
 
@@ -69,25 +80,17 @@ def taken_pixels(window: Float, patch: Float, bands: Bands) -> npt.NDArray[np.bo
         Widths of the parts of the window that are known: left, top, right, bottom; 0 for none. A
         band of 1 pixel is replaced completely.
     """
-    height, width = window.shape[0], window.shape[1]
     left, top, right, bottom = bands
-    taken = np.ones((height, width), np.bool_)
-    down, across = np.zeros(height, np.int64), np.zeros(width, np.int64)
+    taken = np.ones(window.shape[:2], np.bool_)
     if left > 1:
-        _cut(window[:, :left], patch[:, :left], down)
-        for r in range(height):
-            taken[r, : down[r]] = False
+        _keep(window[:, :left], patch[:, :left], taken[:, :left])
     if right > 1:
-        _cut(window[:, ::-1][:, :right], patch[:, ::-1][:, :right], down)
-        for r in range(height):
-            taken[r, width - down[r] :] = False
-    old, new = window.transpose(1, 0, 2), patch.transpose(1, 0, 2)
+        _keep(
+            window[:, : -right - 1 : -1], patch[:, : -right - 1 : -1], taken[:, : -right - 1 : -1]
+        )
+    old, new, across = window.transpose(1, 0, 2), patch.transpose(1, 0, 2), taken.T
     if top > 1:
-        _cut(old[:, :top], new[:, :top], across)
-        for c in range(width):
-            taken[: across[c], c] = False
+        _keep(old[:, :top], new[:, :top], across[:, :top])
     if bottom > 1:
-        _cut(old[:, ::-1][:, :bottom], new[:, ::-1][:, :bottom], across)
-        for c in range(width):
-            taken[height - across[c] :, c] = False
+        _keep(old[:, : -bottom - 1 : -1], new[:, : -bottom - 1 : -1], across[:, : -bottom - 1 : -1])
     return taken

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from processing._cuts.minimum_cuts import taken_pixels
 
-# Compiled in: processing/_cuts/minimum_cuts.py f2a94c19d629
+# Compiled in: processing/_cuts/minimum_cuts.py a65f518b5540
 Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]

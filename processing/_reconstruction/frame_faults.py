@@ -33,10 +33,14 @@ _SOLID = 0.8
 # Least shares of the rows, inside the object and at its ends.
 _THICK = 0.02
 _AT_END = 0.1
-# A shift is at least this large, in cells and relative to the typical one, and explains this much.
+# A shift is at least this large, in cells and relative to the typical one, explains this much, and
+# the image deviates by this multiple of what is typical: gloss and shadows deviate less. A smaller
+# part of the object does not distinguish them.
 _SHIFT = 0.5
 _SHIFT_FACTOR = 6.0
 _EXPLAINED = 0.9
+_SHIFT_DEVIATION = 5.0
+_FEWEST_INSIDE = 400
 _STEPS = 5
 
 
@@ -101,18 +105,23 @@ class PredictedCells:
     def shifts_px(self) -> Double:
         """Return ``(N, 2)`` shifts right and down in pixels, 0 if an image fits."""
         count = len(self._left)
-        shifts, better = np.zeros((count, 2)), np.zeros(count, np.bool_)
+        shifts, before, after = np.zeros((count, 2)), np.zeros(count), np.zeros(count)
         for i in range(count):
-            shifts[i], better[i] = self._shift(i)
+            shifts[i], before[i], after[i] = self._shift(i)
         size = np.hypot(*shifts.T)
         large = size > max(_SHIFT, _SHIFT_FACTOR * float(np.median(size)))
-        return np.where((better & large)[:, None], shifts * self._cells.size, 0.0)
+        deviates = before > _SHIFT_DEVIATION * float(np.median(before))
+        found = large & deviates & (after < _EXPLAINED * before)
+        return np.where(found[:, None], shifts * self._cells.size, 0.0)
 
-    def _shift(self, i: int) -> tuple[Double, bool]:
-        """Return the shift in cells along the slopes of the prediction, and whether it helps."""
+    def _shift(self, i: int) -> tuple[Double, float, float]:
+        """Return the shift in cells along the slopes of the prediction.
+
+        Then come the median absolute deviations before and after.
+        """
         inside = cv2.erode(self._lit[i].view(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        if np.count_nonzero(inside) < _FEWEST_CELLS**2:
-            return np.zeros(2), False
+        if np.count_nonzero(inside) < _FEWEST_INSIDE:
+            return np.zeros(2), 0.0, 0.0
         down, right = np.gradient(self._predicted[i])
         slopes = -np.stack([right[inside], down[inside]], axis=1)
         left = self._left[i][inside]
@@ -125,8 +134,7 @@ class PredictedCells:
             after = left - slopes @ shift
             scale = max(2 * float(np.median(np.abs(after))), 1e-6)
             weight = 1 / (1 + (after / scale) ** 2)
-        before = float(np.median(np.abs(left)))
-        return shift, float(np.median(np.abs(after))) < _EXPLAINED * before
+        return shift, float(np.median(np.abs(left))), float(np.median(np.abs(after)))
 
 
 def _block(foreign: Mask, quiet: Mask, rows: npt.NDArray[np.intp]) -> tuple[int, int] | None:

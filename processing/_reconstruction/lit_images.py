@@ -13,7 +13,9 @@ from rig import Notice
 
 # An image shows no light if its brightest parts are below this fraction of those of the others.
 _BLACK = 0.02
-_THREADS = 2  # each takes the memory of two images
+_THREADS = 2
+# Pixels of the object, spread over it, whose brightness counts.
+_PIXELS = 100_000
 
 
 def lit_images(values: Images, mask: npt.NDArray[np.bool_]) -> list[int]:
@@ -28,9 +30,10 @@ def lit_images(values: Images, mask: npt.NDArray[np.bool_]) -> list[int]:
     mask
         ``(H, W)`` bool, the object.
     """
+    pixels = _spread(mask)
     with ThreadPoolExecutor(_THREADS) as pool:
         bright = np.array(
-            list(pool.map(lambda i: _brightness(values[i], mask), range(len(values))))
+            list(pool.map(lambda i: _brightness(values[i], pixels), range(len(values))))
         )
     return [int(i) for i in np.flatnonzero(bright > _BLACK * np.median(bright))]
 
@@ -44,7 +47,8 @@ def unlit_notices(
     zero by more than that is no image of light: more was subtracted than recorded.
     """
     out = [i for i in range(len(values)) if i not in lit]
-    least = -_BLACK * float(np.median([_brightness(values[i], mask) for i in lit]))
+    pixels = _spread(mask)
+    least = -_BLACK * float(np.median([_brightness(values[i], pixels) for i in lit]))
     negative = [i for i in out if np.nanmedian(values[i][mask]) < least]
     dark = [i for i in out if i not in negative]
     reasons = {
@@ -60,6 +64,14 @@ def unlit_notices(
     ]
 
 
-def _brightness(image: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> np.float32:
-    inside = np.nan_to_num(image[mask], copy=False, nan=1.0)
+def _spread(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Return flat indices of pixels of the object, at most `_PIXELS`."""
+    inside = np.flatnonzero(mask)
+    if len(inside) <= _PIXELS:
+        return inside
+    return inside[np.linspace(0, len(inside) - 1, _PIXELS).astype(np.intp)]
+
+
+def _brightness(image: npt.NDArray[np.float32], pixels: npt.NDArray[np.intp]) -> np.float32:
+    inside = np.nan_to_num(image.reshape(-1)[pixels], copy=False, nan=1.0)
     return np.float32(np.quantile(inside, 0.99, overwrite_input=True))

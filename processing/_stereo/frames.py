@@ -87,27 +87,37 @@ class Frames:
         return values
 
 
-@numba.njit(cache=True)
-def _raw(flat: Flat, at: int) -> np.float32:
-    if len(flat[0]):
-        return np.float32(flat[0][at])
-    return np.float32(flat[1][at]) if len(flat[1]) else np.float32(flat[2][at])
-
-
 @numba.njit(nogil=True, cache=True)
 def _gather(
     first: int, end: int,
     flat: Flat, image_step: int, row_step: int, width: int,
     gain: Float, dark: Float, limit: np.float32, pixels: Index, values: Float,
 ) -> None:  # fmt: skip
+    at, shift = np.zeros(256, np.int64), np.zeros(256, np.float32)
     for block in range(first, end):
-        last = min(256 * (block + 1), len(pixels))
+        begin = 256 * block
+        count = min(256, len(pixels) - begin)
+        for k in range(count):
+            row, column = divmod(pixels[begin + k], width)
+            at[k] = row * row_step + column
+            shift[k] = dark[0, 0] if dark.size == 1 else dark[row, column]
         for i in range(len(gain)):
-            for p in range(256 * block, last):
-                row, column = divmod(pixels[p], width)
-                raw = _raw(flat, i * image_step + row * row_step + column)
-                shift = dark[0, 0] if dark.size == 1 else dark[row, column]
-                values[p, i] = (raw - shift) * gain[i] if raw < limit else np.float32(np.nan)
+            out = values[begin : begin + count, i]
+            if len(flat[0]):
+                _gather_image(flat[0][i * image_step :], at, shift, gain[i], limit, out)
+            elif len(flat[1]):
+                _gather_image(flat[1][i * image_step :], at, shift, gain[i], limit, out)
+            else:
+                _gather_image(flat[2][i * image_step :], at, shift, gain[i], limit, out)
+
+
+@numba.njit(cache=True)
+def _gather_image(
+    image: Samples, at: Index, shift: Float, gain: np.float32, limit: np.float32, out: Float
+) -> None:
+    for k in range(len(out)):
+        raw = np.float32(image[at[k]])
+        out[k] = (raw - shift[k]) * gain if raw < limit else np.float32(np.nan)
 
 
 @numba.njit()

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from processing._stereo.frames import TILE
 
-# Compiled in: processing/_stereo/frames.py b6ba89fe2beb
+# Compiled in: processing/_stereo/frames.py f4d8103bce6f
 
 Float = npt.NDArray[np.float32]
 

@@ -29,8 +29,8 @@ from processing._stereo.tile_kernels import (
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py b6ba89fe2beb
-# Compiled in: processing/_stereo/tile_kernels.py 70dad0e3c683
+# Compiled in: processing/_stereo/frames.py f4d8103bce6f
+# Compiled in: processing/_stereo/tile_kernels.py 1c5207ebfade
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

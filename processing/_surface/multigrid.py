@@ -33,7 +33,7 @@ _ROUNDING = 1e-14
 # After this number of iterations, graphs on thin masks are solved by elimination.
 _PATIENCE = 30
 # Maximum size of the coarsest grid, which is solved exactly by its pseudo-inverse.
-_COARSEST_PIXELS = 100
+_COARSEST_PIXELS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,17 +186,20 @@ def _cycle(levels: list[_Level], residual: Double) -> Float:
     """Return the correction of one V-cycle for a residual; the operator is symmetric positive."""
     levels[0].b[...] = residual
     for fine, coarse in pairwise(levels):
-        smooth, restrict = (
-            (kernels.smooth_serial, kernels.restrict_serial)
+        begin, smooth, restrict = (
+            (kernels.begin_serial, kernels.smooth_serial, kernels.restrict_serial)
             if fine.serial
-            else (kernels.smooth, kernels.restrict)
+            else (kernels.begin, kernels.smooth, kernels.restrict)
         )
-        fine.x[...] = 0
-        for colour in (0, 1) * _SWEEPS:
+        begin(fine.inverse, fine.b, fine.x)
+        for colour in ((0, 1) * _SWEEPS)[1:]:
             smooth(fine.right, fine.down, fine.inverse, fine.b, fine.x, colour)
         restrict(fine.right, fine.down, fine.b, fine.x, coarse.b)
         if fine.anchors is not None:
-            coarse.b[...] -= _sums_of_blocks(fine.anchors * fine.x, coarse.b.shape)
+            held = fine.anchors * fine.x
+            # Pixels of colour 1 have no residual.
+            held[::2, ::2] = held[1::2, 1::2] = 0
+            coarse.b[...] -= _sums_of_blocks(held, coarse.b.shape)
     last = levels[-1]
     if last.dense is not None:
         inner = last.b[1:-1, 1:-1]

@@ -52,6 +52,12 @@ def _smooth_row(
         )
 
 
+@numba.njit(cache=True)
+def _begin_row(inverse: Float, b: Float, x: Float, r: int) -> None:
+    for c in range(1, x.shape[1] - 1):
+        x[r, c] = inverse[r, c] * b[r, c] if (r + c) % 2 else 0
+
+
 @numba.njit(parallel=True, cache=True)
 def smooth(right: Float, down: Float, inverse: Float, b: Float, x: Float, colour: int) -> None:
     """Relax the pixels of one colour of the checkerboard (Gauss-Seidel)."""
@@ -66,6 +72,20 @@ def smooth_serial(
     """Relax like `smooth`, on one thread."""
     for r in range(1, right.shape[0] - 1):
         _smooth_row(right, down, inverse, b, x, r, 1 + (r + colour) % 2)
+
+
+@numba.njit(parallel=True, cache=True)
+def begin(inverse: Float, b: Float, x: Float) -> None:
+    """Replace x by 0, with the pixels of colour 0 relaxed."""
+    for r in numba.prange(1, x.shape[0] - 1):
+        _begin_row(inverse, b, x, r)
+
+
+@numba.njit(cache=True)
+def begin_serial(inverse: Float, b: Float, x: Float) -> None:
+    """Begin like `begin`, on one thread."""
+    for r in range(1, x.shape[0] - 1):
+        _begin_row(inverse, b, x, r)
 
 
 @numba.njit(cache=True)
@@ -84,17 +104,24 @@ def _residual_at(right: Float, down: Float, b: Float, x: Float, r: int, c: int) 
 @numba.njit(cache=True)
 def _restrict_row(right: Float, down: Float, b: Float, x: Float, coarse: Float, R: int) -> None:
     rows, columns = right.shape
+    r = 2 * R - 1
+    paired = r + 1 < rows - 1
     for C in range(1, coarse.shape[1] - 1):
+        c = 2 * C - 1
         total = np.float32(0)
-        for r in range(2 * R - 1, min(2 * R + 1, rows - 1)):
-            for c in range(2 * C - 1, min(2 * C + 1, columns - 1)):
-                total += _residual_at(right, down, b, x, r, c)
+        if c + 1 < columns - 1:
+            total += _residual_at(right, down, b, x, r, c + 1)
+        if paired:
+            total += _residual_at(right, down, b, x, r + 1, c)
         coarse[R, C] = total
 
 
 @numba.njit(parallel=True, cache=True)
 def restrict(right: Float, down: Float, b: Float, x: Float, coarse: Float) -> None:
-    """Sum the residual b - L x over 2 x 2 pixels into `coarse`."""
+    """Sum the residual b - L x of the pixels of colour 0 of each 2 x 2 pixels into `coarse`.
+
+    After a relaxation of colour 1, the residual of its pixels is 0.
+    """
     for R in numba.prange(1, coarse.shape[0] - 1):
         _restrict_row(right, down, b, x, coarse, R)
 

@@ -19,16 +19,24 @@ def rim(faces: Ints, count: int) -> Edges:
     DataError
         If two triangles have an edge in the same direction.
     """
-    codes = np.sort(_codes(faces, count))
+    # Twice the number of an edge, the smaller end first; 1 is added if it runs to the smaller end.
+    sides = np.zeros((3, len(faces)), np.int64)
+    for side, code in enumerate(sides):
+        start, end = faces[:, side], faces[:, (side + 1) % 3]
+        np.multiply(np.minimum(start, end), 2 * count, out=code, dtype=np.int64)
+        code += 2 * np.maximum(start, end)
+        code += start > end
+    codes = sides.ravel()
+    codes.sort()
     if (codes[1:] == codes[:-1]).any():
         raise DataError("an edge of the mesh belongs to more than two triangles")
-    backward = np.sort(codes % count * count + codes // count)
-    places = np.searchsorted(backward, codes).clip(max=len(codes) - 1)
-    open_ = codes[backward[places] != codes]
-    return np.stack([open_ // count, open_ % count], axis=1)
-
-
-def _codes(faces: Ints, count: int) -> Edges:
-    """Return each edge of each triangle as one number."""
-    corners = faces.astype(np.int64)
-    return (corners * count + np.roll(corners, -1, axis=1)).ravel()
+    # The two directions of an edge follow each other.
+    there = np.flatnonzero((codes[1:] == codes[:-1] + 1) & (codes[1:] % 2 == 1))
+    alone = np.ones(len(codes), bool)
+    alone[there] = alone[there + 1] = False
+    codes, backward = np.divmod(codes[alone], 2)
+    ends = np.stack([codes // count, codes % count], axis=1)
+    ends[backward == 1] = ends[backward == 1, ::-1]
+    # A triangle without an area may have the same corner twice.
+    directed: Edges = ends[ends[:, 0] != ends[:, 1]]
+    return directed

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.stats import wasserstein_distance
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
@@ -65,7 +64,8 @@ class TextureFigures:
         a, b = (_angles_deg(part) for part in (self.detail, self.exemplar))
         spread = float(b.std(dtype=np.float64))
         levels = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
-        distance = wasserstein_distance(np.quantile(a, levels), np.quantile(b, levels))
+        # Of equally many values each, the mean difference of those of the same rank.
+        distance = np.abs(np.quantile(a, levels) - np.quantile(b, levels)).mean()
         return float(distance) / spread if spread else math.nan
 
     @cached_property

@@ -41,6 +41,9 @@ class Places(NamedTuple):
         Factor on the costs of each class.
     mean_energy
         Mean of n_x^2 + n_y^2.
+    guide
+        ``(copies * h * w,)`` scalar map that places are compared by; empty without guidance. A
+        difference of 1 costs as much as two unrelated patches.
     """
 
     vectors: Float
@@ -50,10 +53,11 @@ class Places(NamedTuple):
     holes: Whole
     penalty: Double
     mean_energy: float
+    guide: Float
 
 
 class Wanted(NamedTuple):
-    """The known pixels of a patch.
+    """What a patch should continue: its known pixels, and samples of its guide.
 
     Parameters
     ----------
@@ -61,10 +65,16 @@ class Wanted(NamedTuple):
         ``(n, 2)`` n_x and n_y in the frame of the exemplar.
     offsets
         ``(n,)`` places in the exemplar relative to the centre of the patch, as flat indices.
+    guide
+        ``(m,)`` values of the guide in the complete patch; 0 values without guidance.
+    guide_offsets
+        ``(m,)`` their places, as `offsets`.
     """
 
     slopes: Float
     offsets: Whole
+    guide: Float
+    guide_offsets: Whole
 
 
 @numba.njit(cache=True)
@@ -88,7 +98,11 @@ def _cost(places: Places, wanted: Wanted, base: int, ground: float, step: int) -
         a, b = wanted.slopes[i, 0] - found[0], wanted.slopes[i, 1] - found[1]
         difference += a * a + b * b
         energy += found[0] * found[0] + found[1] * found[1]
-    return float(difference / (energy + ground))
+    apart = np.float32(0)
+    for i in range(wanted.guide.size):
+        d = wanted.guide[i] - places.guide[base + wanted.guide_offsets[i]]
+        apart += d * d
+    return float(difference / (energy + ground) + apart / max(wanted.guide.size, 1))
 
 
 @numba.njit(cache=True)

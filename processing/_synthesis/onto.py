@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,13 @@ import numpy.typing as npt
 from processing._normal_map import NormalMap, check_normal_map
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
 from processing._synthesis.footprint_search import Places
+from processing._synthesis.guidance import (
+    checked_map,
+    checked_scale,
+    curvature_direction_deg,
+    guide_copies,
+    guide_pair,
+)
 from processing._synthesis.pattern_field import PatternField, pattern_field
 from processing._synthesis.quilting import (
     BALANCE,
@@ -21,7 +29,7 @@ from processing._synthesis.quilting import (
 )
 from processing._synthesis.seam_steps import CutSteps, cut_steps
 from processing._synthesis.warped_kernels import place_warped
-from rig import Progress, no_progress
+from rig import Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -72,6 +80,11 @@ def synthesize_onto(
     rotate: bool = False,
     mirror: bool = False,
     image_space: bool = False,
+    direction_deg: npt.ArrayLike | Literal["curvature"] | None = None,
+    scale: npt.ArrayLike | None = None,
+    guide: npt.ArrayLike | None = None,
+    exemplar_guide: npt.ArrayLike | None = None,
+    guide_weight: float = 1.0,
     on_progress: Progress = no_progress,
 ) -> TargetSynthesis:
     """Synthesise a detail component over the mask of a target by image quilting on its surface.
@@ -103,6 +116,19 @@ def synthesize_onto(
         with their normals.
     image_space
         The pattern follows the pixels of the image instead of arc length.
+    direction_deg
+        ``(H, W)`` direction in the image, in degrees counter-clockwise from X, that the x axis of
+        the exemplar follows; or ``"curvature"``: the direction of the largest curvature of the
+        shape. Directions that differ by 180 degrees are the same grain.
+    scale
+        ``(H, W)`` size of the pattern relative to the exemplar, 0.1 to 10.
+    guide, exemplar_guide
+        ``(H, W)`` of the target and ``(h, w)`` of the exemplar, in the same unit: parts of the
+        exemplar are placed where the target has similar values. How often flat and steep parts are
+        used then follows the guide, not the exemplar.
+    guide_weight
+        Weight of the guide, up to 100: with 1, a difference of one standard deviation of the
+        exemplar's guide costs as much as a patch that does not continue its neighbours at all.
     on_progress
         Receives the stages ``preparing`` and ``synthesising``, the latter with numbers of patches.
 
@@ -115,8 +141,10 @@ def synthesize_onto(
     Raises
     ------
     DataError
-        If the exemplar is smaller than a patch, flat, or its mask has no room for a patch, or if a
-        number is out of range.
+        If the exemplar is smaller than a patch, flat, or its mask has no room for a patch; if a
+        number is out of range; if a map has another size or no number at a pixel of its mask.
+    EstimateError
+        If the shape has no curvature that the pattern could follow.
 
     Examples
     --------
@@ -134,14 +162,24 @@ def synthesize_onto(
     overlap = max(patch // 4, 2) if overlap is None else overlap
     check_options(patch, overlap, seed)
     on_progress("preparing", 0, 1)
-    made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
-    places = _places(made)
+    pair = guide_pair(guide, exemplar_guide, guide_weight, shape.mask, exemplar.mask)
     window = _bounding_box(shape.mask)
     mask = shape.mask[window]
     part = NormalMap.of_unit_vectors(shape.normals[window], mask)
-    field = pattern_field(part, image_space=image_space)
+    turned = None
+    if isinstance(direction_deg, str):
+        turned = curvature_direction_deg(part, patch)
+    elif direction_deg is not None:
+        turned = checked_map("direction map", direction_deg, shape.mask)[window]
+    sizes = None if scale is None else checked_scale(scale, shape.mask)[window]
+    field = pattern_field(part, image_space=image_space, direction_deg=turned, scale=sizes)
+    made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
+    places, aim = _places(made), np.zeros((0, 0), np.float32)
+    if pair is not None:
+        aim = pair[0][window]
+        places = places._replace(guide=guide_copies(pair[1], rotate=rotate, mirror=mirror))
     sheet, labels, shrunk = _fill(
-        field, mask, places, made.shares, patch, overlap, seed, on_progress
+        field, mask, aim, places, made.shares, patch, overlap, seed, on_progress
     )
     normals = np.zeros((*shape.size, 3), np.float32)
     normals[window] = np.where(mask[..., None], sheet, 0)
@@ -159,7 +197,7 @@ def _places(exemplar: Exemplar) -> Places:
     slopes, penalty = exemplar.slopes.reshape(-1, 2), np.ones(len(exemplar.shares))
     return Places(
         exemplar.vectors, slopes, exemplar.classes, exemplar.starts, holes, penalty,
-        exemplar.mean_energy,
+        exemplar.mean_energy, np.zeros(0, np.float32),
     )  # fmt: skip
 
 
@@ -171,6 +209,7 @@ def _bounding_box(mask: Mask) -> tuple[slice, slice]:
 def _fill(
     field: PatternField,
     mask: Mask,
+    guide: Float,
     places: Places,
     shares: npt.NDArray[np.float64],
     patch: int,
@@ -187,6 +226,7 @@ def _fill(
     beyond = [(0, int(p[-1]) + patch - n) for p, n in zip((rows, columns), mask.shape, strict=True)]
     steps = np.pad(field.steps, [*beyond, (0, 0), (0, 0)], mode="edge")
     turn = np.pad(field.turn, beyond, mode="edge")
+    guide = np.pad(guide, beyond, mode="edge") if guide.size else guide
     sheet = np.zeros((*turn.shape, 3), np.float32)
     labels, shrunk = np.zeros(turn.shape, np.uint8), np.zeros(turn.shape, np.bool_)
     wanted = np.array(
@@ -203,10 +243,12 @@ def _fill(
         bands[:, 0] = np.where((c > 0) & wanted[r, c - 1], overlap, 0)
         bands[:, 1] = np.where((r > 0) & wanted[r - 1, c], overlap, 0)
         used, factors = np.zeros(len(r), np.int32), np.ones(len(r), np.float32)
-        penalty = ((uses + 1) / (placed * shares + 1)) ** BALANCE
-        place_warped(
-            sheet, labels, steps, turn, patches, bands, patch, places._replace(penalty=penalty),
-            CANDIDATES, seed, used, factors,
+        # A guide decides how often each class is used.
+        balance = 0.0 if guide.size else BALANCE
+        penalty = ((uses + 1) / (placed * shares + 1)) ** balance
+        in_threads(
+            place_warped, len(r), sheet, labels, steps, turn, guide, patches, bands, patch,
+            places._replace(penalty=penalty), CANDIDATES, seed, used, factors,
         )  # fmt: skip
         if not placed:  # the first patch waits for the compiler
             on_progress("preparing", 1, 1)

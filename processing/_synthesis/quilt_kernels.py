@@ -9,7 +9,7 @@ import numpy.typing as npt
 from processing._cuts.minimum_cuts import taken_pixels
 from processing._synthesis.patch_search import Bands, Double, Float, Whole, find_place, stream
 
-# Compiled in: processing/_cuts/minimum_cuts.py f2a94c19d629
+# Compiled in: processing/_cuts/minimum_cuts.py a65f518b5540
 # Compiled in: processing/_synthesis/patch_search.py f774940a9c88
 Bytes = npt.NDArray[np.uint8]
 
@@ -60,8 +60,10 @@ def _place(
     return int(classes[copy, y, x])
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def place_patches(
+    first: int,
+    last: int,
     sheet: Float,
     labels: Bytes,
     patches: Whole,
@@ -77,10 +79,12 @@ def place_patches(
     seed: int,
     used: Whole,
 ) -> None:
-    """Place patches that touch no common pixel, in parallel.
+    """Place patches that touch no common pixel, see `rig.in_threads`.
 
     Parameters
     ----------
+    first, last
+        Range of the patches to place.
     sheet, labels
         ``(H, W, 3)`` and ``(H, W)``, written.
     patches
@@ -97,7 +101,7 @@ def place_patches(
 
     For the others see `find_place`.
     """
-    for i in numba.prange(patches.shape[0]):
+    for i in range(first, last):
         known = (bands[i, 0], bands[i, 1], bands[i, 2], bands[i, 3])
         used[i] = _place(
             sheet, labels, patches[i], known, size, vectors, slopes, starts, classes, penalty,

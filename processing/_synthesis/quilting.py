@@ -15,7 +15,7 @@ from processing._synthesis.exemplar import Exemplar, prepare_exemplar
 from processing._synthesis.quilt_kernels import place_patches
 from processing._synthesis.seam_steps import CutSteps, cut_steps
 from processing._synthesis.spectrum import match_spectrum
-from rig import Progress, no_progress
+from rig import Progress, in_threads, no_progress
 
 Whole = npt.NDArray[np.int32]
 
@@ -194,10 +194,10 @@ def _fill(
             bands[:, 3] = np.where(r == len(rows) - 1, rows[r] + patch - labels.shape[0], 0)
         used = np.zeros(len(patches), np.int32)
         penalty = ((uses + 1) / (placed * exemplar.shares + 1)) ** BALANCE
-        place_patches(
-            sheet, labels, patches, bands, patch, exemplar.vectors, exemplar.slopes,
-            exemplar.starts, exemplar.classes, penalty, exemplar.mean_energy, CANDIDATES, seed,
-            used,
+        in_threads(
+            place_patches, len(r), sheet, labels, patches, bands, patch, exemplar.vectors,
+            exemplar.slopes, exemplar.starts, exemplar.classes, penalty, exemplar.mean_energy,
+            CANDIDATES, seed, used,
         )  # fmt: skip
         if not placed:  # the first patch waits for the compiler
             on_progress("preparing", 1, 1)

@@ -9,6 +9,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from rig import in_threads
+
 # Steps are measured on at most this many rows and columns, in the middle.
 _MOST = 2048
 
@@ -57,7 +59,10 @@ def cut_steps(
         normals = np.concatenate([normals, normals[:, :1]], axis=1)
         labels = np.concatenate([labels, labels[:1]])
         labels = np.concatenate([labels, labels[:, :1]], axis=1)
-    sums, counts = _steps(np.ascontiguousarray(normals), np.ascontiguousarray(labels))
+    rows = len(labels)
+    sums, counts = np.zeros((rows, 2)), np.zeros((rows, 2), np.int64)
+    normals, labels = np.ascontiguousarray(normals), np.ascontiguousarray(labels)
+    in_threads(_steps, rows, normals, labels, sums, counts)
     totals, numbers = sums.sum(axis=0), counts.sum(axis=0)
     means = [math.degrees(t / n) if n else math.nan for t, n in zip(totals, numbers, strict=True)]
     return CutSteps(means[1], means[0])
@@ -71,27 +76,31 @@ def _angle(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
     return 2 * math.asin(min(math.sqrt(chord) / 2, 1.0))
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(cache=True)
+def _known(normal: npt.NDArray[np.float32]) -> bool:
+    return bool(normal[0] != 0 or normal[1] != 0 or normal[2] != 0)
+
+
+@numba.njit(nogil=True, cache=True)
 def _steps(
-    normals: npt.NDArray[np.float32], labels: npt.NDArray[np.uint8]
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Return sums of angles in rad and counts of each row, inside patches and across cuts."""
+    first: int,
+    last: int,
+    normals: npt.NDArray[np.float32],
+    labels: npt.NDArray[np.uint8],
+    sums: npt.NDArray[np.float64],
+    counts: npt.NDArray[np.int64],
+) -> None:
+    """Write sums of angles in rad and counts of each row, inside patches and across cuts."""
     rows, columns = labels.shape
-    known = np.zeros(labels.shape, np.bool_)
-    for r in numba.prange(rows):
+    for r in range(first, last):
         for c in range(columns):
-            known[r, c] = normals[r, c, 0] != 0 or normals[r, c, 1] != 0 or normals[r, c, 2] != 0
-    sums, counts = np.zeros((rows, 2)), np.zeros((rows, 2), np.int64)
-    for r in numba.prange(rows):
-        for c in range(columns):
-            if not known[r, c]:
+            if not _known(normals[r, c]):
                 continue
-            if c + 1 < columns and known[r, c + 1]:
+            if c + 1 < columns and _known(normals[r, c + 1]):
                 kind = 0 if labels[r, c] == labels[r, c + 1] else 1
                 sums[r, kind] += _angle(normals[r, c], normals[r, c + 1])
                 counts[r, kind] += 1
-            if r + 1 < rows and known[r + 1, c]:
+            if r + 1 < rows and _known(normals[r + 1, c]):
                 kind = 0 if labels[r, c] == labels[r + 1, c] else 1
                 sums[r, kind] += _angle(normals[r, c], normals[r + 1, c])
                 counts[r, kind] += 1
-    return sums, counts

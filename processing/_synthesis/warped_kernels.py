@@ -14,12 +14,15 @@ from processing._synthesis.footprint_search import Places, Wanted, box_of, find_
 from processing._synthesis.patch_search import stream
 
 # Compiled in: processing/_synthesis/footprint_kernels.py a31f4cd2cf9b
-# Compiled in: processing/_synthesis/footprint_search.py f25e2e865c8d
+# Compiled in: processing/_synthesis/footprint_search.py d00669b44992
 # Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-# Compiled in: processing/_cuts/minimum_cuts.py f2a94c19d629
+# Compiled in: processing/_cuts/minimum_cuts.py a65f518b5540
 Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Bytes = npt.NDArray[np.uint8]
+
+# A guide is compared at this many rows and columns of a patch.
+_GUIDE_SAMPLES = 6
 
 
 @numba.njit(cache=True)
@@ -28,6 +31,7 @@ def _place(
     labels: Bytes,
     steps: Float,
     turn: Float,
+    guide: Float,
     patch: Whole,
     bands: tuple[int, int, int, int],
     size: int,
@@ -49,8 +53,21 @@ def _place(
                 for m in range(2):
                     jacobian[r, c, k, m] *= factor
     count = size * size - (size - bands[0]) * (size - bands[1])
-    wanted = Wanted(np.zeros((count, 2), np.float32), np.zeros(count, np.int32))
+    stride = max(size // _GUIDE_SAMPLES, 1)
+    samples = len(range(stride // 2, size, stride)) if guide.size else 0
+    wanted = Wanted(
+        np.zeros((count, 2), np.float32),
+        np.zeros(count, np.int32),
+        np.zeros(samples * samples, np.float32),
+        np.zeros(samples * samples, np.int32),
+    )
     columns, i = places.classes.shape[2], 0
+    for r in range(samples):
+        for c in range(samples):
+            q, d = stride // 2 + r * stride, stride // 2 + c * stride
+            down, right = math.floor(offsets[q, d, 0] + 0.5), math.floor(offsets[q, d, 1] + 0.5)
+            wanted.guide[r * samples + c] = guide[top + q, left + d]
+            wanted.guide_offsets[r * samples + c] = down * columns + right
     for r in range(size):
         for c in range(size):
             if c < bands[0] or r < bands[1]:
@@ -74,12 +91,15 @@ def _place(
     return int(places.classes[copy, y - size // 2, x - size // 2]), factor
 
 
-@numba.njit(parallel=True, cache=True)
+@numba.njit(nogil=True, cache=True)
 def place_warped(
+    first: int,
+    last: int,
     sheet: Float,
     labels: Bytes,
     steps: Float,
     turn: Float,
+    guide: Float,
     patches: Whole,
     bands: Whole,
     size: int,
@@ -89,14 +109,18 @@ def place_warped(
     used: Whole,
     factors: Float,
 ) -> None:
-    """Place patches that touch no common pixel, in parallel.
+    """Place patches that touch no common pixel, see `rig.in_threads`.
 
     Parameters
     ----------
+    first, last
+        Range of the patches to place.
     sheet, labels
         ``(H, W, 3)`` and ``(H, W)``, written. All patches are inside.
     steps, turn
         The field, see `PatternField`.
+    guide
+        ``(H, W)`` in the unit of the guide of the exemplar, or ``(0, 0)`` without guidance.
     patches
         ``(n, 4)``: row and column in the grid, first row and column in the sheet.
     bands
@@ -110,8 +134,8 @@ def place_warped(
     used, factors
         ``(n,)``, written: classes of the places, and factors on the footprints.
     """
-    for i in numba.prange(patches.shape[0]):
+    for i in range(first, last):
         known = (bands[i, 0], bands[i, 1], bands[i, 2], bands[i, 3])
         used[i], factors[i] = _place(
-            sheet, labels, steps, turn, patches[i], known, size, places, candidates, seed
+            sheet, labels, steps, turn, guide, patches[i], known, size, places, candidates, seed
         )

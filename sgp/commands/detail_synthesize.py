@@ -12,6 +12,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._guidance import GuidanceOptions
 from sgp._options import Count, Input, OptionalInput, Pixels, Region, Seed, image_size
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -23,7 +24,7 @@ from sgp._write_synthesis import (
     write_target_picture,
 )
 
-_SEPARATION, _MAPS = SeparationOptions(), MapOptions()
+_SEPARATION, _MAPS, _GUIDANCE = SeparationOptions(), MapOptions(), GuidanceOptions()
 # A detail whose shape component is tilted by more than this share of the detail itself has shape.
 _MOST_SHAPE = 0.5
 
@@ -37,7 +38,8 @@ def synthesize(
     out: Path,
     is_detail: bool = False,
     crop: Region | None = None,
-    patch: Count = 48,
+    method: processing.SynthesisMethod = "quilting",
+    patch: Count | None = None,
     overlap: Count | None = None,
     seed: Seed = 0,
     rotate: bool = False,
@@ -45,6 +47,7 @@ def synthesize(
     tileable: bool = False,
     image_space: bool = False,
     keep_target_detail: bool = False,
+    guidance: GuidanceOptions = _GUIDANCE,
     options: SeparationOptions = _SEPARATION,
     green: Literal["up", "down"] = "up",
     target_green: Literal["up", "down"] = "up",
@@ -80,8 +83,12 @@ def synthesize(
         The exemplar is a detail component; it is not separated again.
     crop
         Region x,y,w,h of the exemplar to use, in pixels.
+    method
+        With --size: quilting (patches, joined along cuts) or efros-leung (pixel by pixel, the
+        reference of the paper; slow, for small sheets).
     patch
-        Side of the square patches in pixels; it should exceed the largest structures.
+        Side of the square patches in pixels; it should exceed the largest structures. With
+        efros-leung, side of the neighbourhood, odd. Default: 48, with efros-leung 11.
     overlap
         Width of the overlap of patches in pixels; default: a quarter of the patch.
     seed
@@ -97,6 +104,8 @@ def synthesize(
         surface.
     keep_target_detail
         With --onto: add the detail to the target's normals instead of its shape component.
+    guidance
+        Maps that guide the pattern on a target.
     options
         Low-pass filter that separates the exemplar and the target.
     green
@@ -116,10 +125,17 @@ def synthesize(
         raise UsageError("--image-space and --keep-target-detail require --onto")
     if onto is not None and tileable:
         raise UsageError("--tileable is for sheets and cannot be used with --onto")
+    guidance.check(onto=onto is not None)
+    if method != "quilting" and (onto or rotate or mirror or tileable or overlap is not None):
+        raise UsageError(
+            "--onto, --rotate, --mirror, --tileable and --overlap require --method quilting"
+        )
     width, height = (0, 0) if size is None else image_size("--size", size)
     read = processing.read_normals(exemplar, green=green, max_pixels=max_pixels)
-    result = Result(warnings=list(read.warnings), inputs=list(read.files))
+    result = Result(warnings=list(read.warnings), inputs=[*read.files, *guidance.files()])
     shape_filter = options.shape_filter()
+    window = _window(read.normal_map, crop, exemplar)
+    guides = guidance.read(window, read.normal_map.size, max_pixels)
     target = None
     if onto is not None:
         second = processing.read_normals(onto, green=target_green, max_pixels=max_pixels)
@@ -131,12 +147,11 @@ def synthesize(
         if not is_detail:
             parts = processing.separate(detail, shape_filter=shape_filter, on_progress=progress)
             detail = parts.detail
-        if crop is not None:
-            detail = _cropped(detail, crop, exemplar)
+        detail = processing.NormalMap(detail.normals[window], detail.mask[window])
         if is_detail:
             result.warnings += _shape_notice(detail, shape_filter, exemplar)
         placing = _Placing(
-            patch=patch,
+            patch=patch or 48,
             overlap=overlap,
             seed=seed,
             rotate=rotate,
@@ -144,11 +159,17 @@ def synthesize(
             on_progress=progress,
         )
         made: processing.Synthesis | processing.TargetSynthesis
-        if target is None:
+        if method != "quilting":
+            synthesizer = processing.SYNTHESIZERS[method]
+            sides = {} if patch is None else {"patch": patch}
+            made = synthesizer(detail, (height, width), seed=seed, on_progress=progress, **sides)
+        elif target is None:
             made = processing.synthesize(detail, (height, width), tileable=tileable, **placing)
         else:
             shape = shape_filter.shape(target)
-            made = processing.synthesize_onto(detail, shape, image_space=image_space, **placing)
+            made = processing.synthesize_onto(
+                detail, shape, image_space=image_space, **guides, **placing
+            )
     claim_folder(out, "synthesize.json")
     with Stages() as progress:
         result.outputs = processing.write_normals(
@@ -184,11 +205,14 @@ class _Placing(TypedDict):
     on_progress: rig.Progress
 
 
-def _cropped(
-    detail: processing.NormalMap, crop: tuple[int, int, int, int], path: Path
-) -> processing.NormalMap:
-    x, y, width, height = crop
+def _window(
+    detail: processing.NormalMap, crop: tuple[int, int, int, int] | None, path: Path
+) -> tuple[slice, slice]:
+    """Return the part of the exemplar to use."""
     rows, columns = detail.size
+    if crop is None:
+        return slice(0, rows), slice(0, columns)
+    x, y, width, height = crop
     if min(x, y) < 0 or min(width, height) < 1 or x + width > columns or y + height > rows:
         raise UsageError(
             f"--crop {x},{y},{width},{height} leaves the {columns} x {rows} pixels of {path}: give "
@@ -197,7 +221,7 @@ def _cropped(
     window = slice(y, y + height), slice(x, x + width)
     if not detail.mask[window].any():
         raise UsageError(f"--crop {x},{y},{width},{height}: no normal of {path} is inside")
-    return processing.NormalMap(detail.normals[window], detail.mask[window])
+    return window
 
 
 def _shape_notice(

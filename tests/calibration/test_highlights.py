@@ -62,6 +62,22 @@ def test_a_saturated_blob_on_a_reflection_next_to_a_brighter_area():
     assert np.abs(result.pixels - PLACES).max() < 0.2
 
 
+@pytest.mark.parametrize(
+    ("top", "bottom"),
+    [
+        pytest.param(44, 45, id="through its middle, into two parts"),
+        pytest.param(39, 45, id="over its upper part"),
+    ],
+)
+def test_a_reflection_does_not_cut_a_saturated_blob(top, bottom):
+    """It is bright under all lights, so that it is subtracted from the images."""
+    values = np.stack([spot(x, y, 50.0, sigma=2.0) for x, y in PLACES]).astype(np.float32)
+    values[:, top:bottom, 30:90] += 0.8
+    values[values >= 1] = np.nan
+    result = find_highlights(values, OUTLINE)
+    assert np.linalg.norm(result.pixels[0] - PLACES[0]) < min(3 * result.sigma_px[0], 0.5)
+
+
 @pytest.mark.parametrize("at", [0.87, 0.93])
 def test_secondary_reflection_near_the_rim_is_rejected(at):
     """The flank of the nearer one is within 0.85 of the radius, but not its centre."""

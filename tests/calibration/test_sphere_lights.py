@@ -118,9 +118,10 @@ def test_an_orthographic_view_without_a_camera(monkeypatch):
     """A highlight half-way to the rim shows a light at 60 degrees."""
     x = y = np.zeros(3)
     pixels = np.array([[100.0, 100], [120, 100], [100, 80]])
+    outline = Ellipse((100.0, 100.0), (40.0, 40.0))
     image = SphereImage(
-        Ellipse((100.0, 100.0), (40.0, 40.0)),
-        np.zeros((5, 2)),
+        outline,
+        outline.point(np.arange(6.0)),
         1.0,
         Highlights(pixels, x > y, np.full(len(x), 0.05)),
     )

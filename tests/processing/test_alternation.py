@@ -8,8 +8,11 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from processing._surface import alternation
 from processing._surface.alternation import Alternation, Pair
 from processing._surface.anchors import Anchors
+from processing._surface.grid_graph import divergence
+from processing._surface.multigrid import solve
 
 Double = npt.NDArray[np.float64]
 ROWS, COLUMNS = 24, 30
@@ -84,3 +87,48 @@ def test_factors_multiply_weights_and_heights_hold_the_surface() -> None:
     assert found.u[5, 5] == pytest.approx(77, abs=0.05)
     np.testing.assert_allclose(within(found.u), within(heights), atol=0.05)
     np.testing.assert_allclose(found.weights[1], 0.25 * free.weights[1], rtol=1e-2, atol=1e-6)
+
+
+def test_the_gate_narrows_from_the_residuals_of_the_first_surface(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Wrong steps of thousands of pixels, in a part of its own: the others stay consistent."""
+    monkeypatch.setattr(alternation, "TOLERANCE", 1e-8)
+    monkeypatch.setattr(alternation, "_ITERATIONS", 50)
+    problem, _ = plane()
+    problem.edges[0][:, 25] = 0
+    problem.edges[2][1:-1, 26:-2] += np.random.default_rng(5).normal(0, 5000, (ROWS, COLUMNS - 26))
+    found = problem.solved(indifferent(problem))
+    # Without a surface, all edges are trusted: their weights are equal.
+    right, down = (edges / np.float32(1 + SLOPE**2) for edges in problem.edges[:2])
+    b = divergence(right, down, *problem.edges[2:])
+    first = solve(right, down, b, tolerance=1e-8, max_iterations=50)
+    residuals = np.zeros_like(right), np.zeros_like(down)
+    problem._residuals(first.u, residuals)
+    assert found.rounds == 15
+    assert found.width == pytest.approx(0.7**13 * problem._spread(residuals)[1], rel=1e-3)
+
+
+def test_the_least_weight_grows_with_the_square_of_the_noise() -> None:
+    problem, heights = plane()
+    rng = np.random.default_rng(6)
+    for steps, edges in zip(problem.edges[2:], problem.edges[:2], strict=True):
+        steps += 0.01 * rng.normal(size=steps.shape) * (edges > 0)
+    # Known heights, with a jump that the steps do not show. Of its two pixels, the first has no
+    # other neighbour in its row: it does not distrust the edge.
+    known = np.where(problem.facing > 0, np.float32(1000), np.float32(0))
+    heights[1:-1, 2:-1] += 20
+    held = replace(problem, held=Anchors(known, heights))
+    found = held.solved(indifferent(problem))
+    np.testing.assert_allclose(found.u, heights, atol=0.05)
+    least = found.weights[0][1:-1, 1] * (1 + SLOPE**2)
+    np.testing.assert_allclose(least, 0.5 * 0.03 * 0.5**2, rtol=0.2)
+
+
+def test_a_round_has_twelve_iterations_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(alternation, "TOLERANCE", 0.0)
+    problem, _ = plane()
+    problem.edges[2][9:15, 15] += 5
+    found = problem.solved(indifferent(problem))
+    # Rounding errors may end one of them.
+    assert 12 * found.rounds - 3 <= found.iterations <= 12 * found.rounds

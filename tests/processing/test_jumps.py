@@ -146,8 +146,9 @@ def test_captured_objects() -> None:
         depth = truth[truth.files[0]].astype(np.float64)
         normals = NormalMap.from_vectors(read.normals, mask)
         camera = read_camera(folder / "K.txt", read.size)
-        for noise_deg in (0, 3):
-            noise = np.random.default_rng(7).normal(
+        # Not the seeds of the noise with which the mode was developed.
+        for noise_deg, seed in ((0, 0), (3, 11), (3, 12)):
+            noise = np.random.default_rng(seed).normal(
                 scale=np.radians(noise_deg), size=(*mask.shape, 3)
             )
             given_normals = NormalMap.from_vectors(normals.normals + noise, mask)
@@ -156,10 +157,11 @@ def test_captured_objects() -> None:
                 assert surface.depth is not None
                 known = surface.mask
                 scale = np.median(depth[known] / surface.depth[known])
-                errors[name, noise_deg, discontinuity] = np.abs(depth - scale * surface.depth)[
+                errors[name, seed, discontinuity] = np.abs(depth - scale * surface.depth)[
                     known
                 ].mean()
         assert errors[name, 0, True] < CAPTURED[name]
-        assert errors[name, 3, True] < errors[name, 3, False]
+        for seed in (11, 12):
+            assert errors[name, seed, True] < errors[name, seed, False]
     four = [errors[name, 0, True] for name in ("bear", "buddha", "cat", "cow")]
     assert np.mean(four) < 0.24

@@ -10,7 +10,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from processing._surface.grid_graph import apply_laplacian, divergence, label_parts
-from processing._surface.multigrid import solve
+from processing._surface.multigrid import _cycle, coarsened, solve
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -75,6 +75,26 @@ def test_solves_any_weighted_graph(
         off = (solution.u - truth)[inside]
         assert np.abs(off - off.mean()).max() <= 1e-5 * np.ptp(truth[inside])
     assert not solution.u[labels < 0].any()
+
+
+@pytest.mark.parametrize("size", [(40, 40), (31, 57), (1, 90), (5, 4)])
+@pytest.mark.parametrize("held", [False, True])
+def test_the_cycle_is_symmetric(size: tuple[int, int], held: bool) -> None:
+    """Conjugate gradients require it, and the sums of one colour's residual rely on the other."""
+    rng = np.random.default_rng(sum(size))
+    right, down = graph(rng.random(size) < 0.8, 3, -1)
+    labels, count = label_parts(right, down)
+    anchors = None
+    if held:
+        anchors = np.where(labels >= 0, rng.random(labels.shape), 0).astype(np.float32)
+    vectors = np.where(labels >= 0, rng.normal(size=(2, *labels.shape)), 0)
+    for part in range(0 if held else count):
+        vectors[:, labels == part] -= vectors[:, labels == part].mean(axis=1, keepdims=True)
+    levels = coarsened(right, down, anchors)
+    one, other = (_cycle(levels, vector).astype(np.float64) for vector in vectors)
+    size_of = np.linalg.norm(one) * np.linalg.norm(vectors[1])
+    assert np.vdot(vectors[1], one) == pytest.approx(np.vdot(vectors[0], other), abs=1e-5 * size_of)
+    assert np.vdot(vectors[0], one) > 0
 
 
 def test_inconsistent_steps_are_solved_by_least_squares() -> None:

@@ -190,6 +190,35 @@ def test_too_few_images_or_pixels_are_not_judged() -> None:
         image_quality(IMAGES, LIGHTS, np.zeros_like(MASK))
 
 
+def test_one_image_whose_removal_helps_is_named_without_the_scheme_check() -> None:
+    """The scheme check needs 100 pixels."""
+    small = np.zeros_like(MASK)
+    small[40:49, 40:49] = True
+    values = IMAGES.copy()
+    values[5] = values[5][::-1]
+    values[5, small] += 0.3
+    found = image_quality(values, LIGHTS, small)
+    assert not found.scheme.checked
+    (notice,) = found.warnings
+    assert (notice.code, notice.where) == ("image-disagrees", "L05")
+    assert "without it" in notice.text
+
+
+def test_gloss_on_a_small_part_of_an_object_is_no_shift_and_a_shift_is() -> None:
+    def shifted(values: np.ndarray, row: int, column: int, size: int) -> list[int]:
+        part = np.zeros_like(MASK)
+        part[row : row + size, column : column + size] = True
+        found = image_quality(values, LIGHTS, part).scheme.found
+        return [one.image for one in found if one.kind == "shifted"]
+
+    # Too few pixels, and deviations that are not larger than those of other images.
+    assert shifted(IMAGES, 40, 40, 11) == []
+    assert shifted(images(LIGHTS, 5), 40, 40, 24) == []
+    moved = images(LIGHTS, 32)
+    moved[5] = np.roll(moved[5], (3, -2), (0, 1))
+    assert shifted(moved, 32, 32, 32) == [5]
+
+
 def test_saturated_samples_and_large_images_change_little() -> None:
     large = np.repeat(np.repeat(IMAGES, 4, axis=1), 4, axis=2)
     large[:, 100:120, 100:120] = np.nan

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import read_image
+from acquisition import read_image, write_exr, write_png
 from processing import NormalMap, combine, read_normals, separate, write_normals
 
 NAMES = ("normals", "detail")
@@ -70,6 +70,49 @@ def test_detail_on_a_target(sgp, exemplar: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(normals.normals, combine(bowl, detail).normals, atol=1e-6)
 
 
+def test_pixel_by_pixel(sgp, exemplar: Path, tmp_path: Path) -> None:
+    words = ("detail", "synthesize", exemplar, "--crop", "20,20,24,24", "--method", "efros-leung")
+    answer = sgp(*words, "--size", "20x14", "--patch", 5, "--out", tmp_path / "out", "--json")
+    assert answer.code == 0, answer.err
+    assert read_normals(tmp_path / "out" / "detail.exr").normal_map.size == (14, 20)
+    assert json.loads(answer.out)["metrics"]["cut_step_deg"] is None
+    assert "odd" in sgp(*words, "--size", "9x9", "--patch", 6, "--out", "o").error_line(4)
+
+
+def test_maps_that_guide_a_pattern(sgp, exemplar: Path, tmp_path: Path, monkeypatch) -> None:
+    """Painted maps and maps of floats with the same values give the same detail."""
+    monkeypatch.chdir(tmp_path)
+    size = (60, 70)
+    write_normals(tmp_path, NormalMap.from_vectors(np.tile([0.0, 0, 1], (*size, 1))), "flat")
+    steps = np.where(np.arange(70) < 35, 51, 102).astype(np.uint8)
+    painted = np.ascontiguousarray(np.broadcast_to(steps, size))
+    write_png("painted.png", painted)
+    write_exr("degrees.exr", np.float32(180 / 255) * painted)
+    write_exr("factors.exr", np.exp2(2 * np.float32(1 / 255) * painted - 1))
+    write_png("guide.png", np.tile(np.arange(90, dtype=np.uint8), (80, 1)))
+    words = ("detail", "synthesize", exemplar, "--onto", "flat.exr", "--patch", 16)
+    for out, direction, scale in (
+        ("a", "painted.png", "painted.png"),
+        ("b", "degrees.exr", "factors.exr"),
+    ):
+        options = ("--direction", direction, "--scale-map", scale, "--out", out)
+        guides = ("--guide", "painted.png", "--guide-exemplar", "guide.png")
+        assert sgp(*words, *options, *guides).code == 0
+    first, second = (read_normals(tmp_path / out / "detail.exr").normal_map for out in "ab")
+    np.testing.assert_allclose(first.normals, second.normals, atol=1e-3)
+    record = json.loads((tmp_path / "a" / "synthesize.json").read_text(encoding="utf-8"))
+    assert {Path(path).name for path in record["inputs"]} >= {"painted.png", "guide.png"}
+    assert sgp(*words, "--direction", "curvature", "--out", "c").code == 0
+    assert "70 x 60" in sgp(*words, "--scale-map", "guide.png", "--out", "d").error_line(4)
+    pair = ("--guide", "painted.png", "--guide-exemplar")
+    assert "90 x 80" in sgp(*words, *pair, "painted.png", "--out", "d").error_line(4)
+    assert "floats" in sgp(
+        *words, "--guide", "degrees.exr", "--guide-exemplar", "guide.png", "--out", "d"
+    ).error_line(4)
+    assert "channels" in sgp(*words, "--direction", "flat.png", "--out", "d").error_line(4)
+    assert not (tmp_path / "d").exists()
+
+
 @pytest.mark.parametrize(
     ("options", "text"),
     [
@@ -79,6 +122,16 @@ def test_detail_on_a_target(sgp, exemplar: Path, tmp_path: Path) -> None:
         pytest.param(["--size", "9x9", "--keep-target-detail"], "require --onto", id="detail"),
         pytest.param(["--onto", ".", "--tileable"], "--tileable", id="tileable"),
         pytest.param(["--onto", "nowhere"], "nowhere", id="missing target"),
+        pytest.param(
+            ["--size", "9x9", "--method", "efros-leung", "--mirror"],
+            "require --method",
+            id="method",
+        ),
+        pytest.param(
+            ["--size", "9x9", "--direction", "curvature"], "require --onto", id="direction"
+        ),
+        pytest.param(["--onto", ".", "--guide", "."], "require each other", id="one guide"),
+        pytest.param(["--onto", ".", "--scale-map", "absent.exr"], "absent", id="missing map"),
     ],
 )
 def test_sheet_or_target(sgp, exemplar: Path, tmp_path: Path, options, text: str) -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 from simulator._camera.pixel_dice import hashed, log_of, unit
 from simulator._camera.pixel_dice import normal_pair as pixel_pair
@@ -37,6 +36,8 @@ def test_streams_of_similar_keys_are_independent():
 
 
 def test_uniform_and_normal_numbers_have_their_distributions():
+    from scipy import stats
+
     state = stream(7, 8)
     even = [uniform(state, i) for i in range(20_000)]
     assert stats.kstest(even, stats.uniform.cdf).pvalue > 1e-3

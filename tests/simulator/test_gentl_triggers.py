@@ -262,10 +262,14 @@ def test_the_free_running_camera_keeps_the_frame_rate(bench):
     device = bench.camera(trigger=None, frame_rate_hz=200.0)
     device.set("AcquisitionFrameRateEnable", 1)
     device.set("AcquisitionFrameRate", 100.0)
-    starts = np.array([device.fetch().start_ns for _ in range(10)])
-    # A busy computer may delay a frame, but never advance one.
-    assert np.diff(starts).min() >= 10 * MS
-    assert np.median(np.diff(starts)) < 12 * MS
+    starts = [device.fetch().start_ns for _ in range(10)]
+    # A busy computer may delay frames, but it advances none, and the rate recovers: the starts are
+    # exact again as soon as the camera is less than 1 ms late.
+    while len(starts) < 500 and np.diff(starts[-3:]).tolist() != [10 * MS] * 2:
+        starts.append(device.fetch().start_ns)
+    assert np.diff(starts[-3:]).tolist() == [10 * MS] * 2
+    periods = np.diff(starts)
+    assert ((periods == 10 * MS) | (periods >= 11 * MS)).all()
 
 
 def test_the_maximum_frame_rate_is_that_of_the_camera(bench):

@@ -5,7 +5,6 @@ import time
 import numba
 import numpy as np
 import pytest
-from scipy import stats
 
 from acquisition import NoiseModel
 from simulator._camera.sensor import EXACT_BELOW_E, fixed_pattern, sensor_image
@@ -54,6 +53,8 @@ def test_mean_and_variance_are_those_of_the_noise_model(mean, read_noise_e):
 
 @pytest.mark.parametrize("mean", [0.5, 4.0, 11.99, 12.0, 25.0, 200.0])
 def test_shot_noise_is_poisson_distributed(mean):
+    from scipy import stats
+
     # One electron per grey value without read noise: the grey values are the electrons.
     image = sensor_image(flat(mean), NoiseModel(1.0, 0.0, 100.0, 16), key=(2, 3))
     values, counts = np.unique(image, return_counts=True)
@@ -64,6 +65,8 @@ def test_shot_noise_is_poisson_distributed(mean):
 
 
 def test_read_noise_is_gaussian_and_reaches_below_the_black_level():
+    from scipy import stats
+
     image = sensor_image(flat(0), NoiseModel(1.0, 10.0, 100.0, 12), key=(4,)).astype(float)
     distance = stats.kstest(
         image.ravel() + np.random.default_rng(0).uniform(-0.5, 0.5, image.size),
@@ -73,6 +76,8 @@ def test_read_noise_is_gaussian_and_reaches_below_the_black_level():
 
 
 def test_grey_values_are_clipped_at_zero():
+    from scipy import stats
+
     image = sensor_image(flat(0), NoiseModel(1.0, 10.0, 0.0, 12), key=(4,))
     # Half of the distribution, and values that are rounded to zero.
     expected = stats.norm(0, 10).cdf(0.5)
@@ -184,6 +189,8 @@ def test_twice_the_exposure_is_twice_the_signal():
 
 
 def test_the_fixed_pattern_is_recovered_from_means_of_frames():
+    from scipy import stats
+
     noise = NoiseModel(1.0, 3.0, 200.0, 16, prnu=0.015, dsnu_e=8.0)
     pattern = fixed_pattern(noise, SHAPE, seed=3)
     count, photons = 16, 20_000.0
