@@ -43,8 +43,8 @@ def efros_leung(
 
     The sheet grows around 3 x 3 pixels of the exemplar. Each pixel is copied from a place whose
     neighbourhood agrees with the known neighbours, drawn from all that are at most 10 % worse than
-    the best (Efros and Leung, *Texture Synthesis by Non-parametric Sampling*, 1999). It is here for
-    comparison: `synthesize` is thousands of times faster.
+    the best (Efros and Leung, *Texture Synthesis by Non-parametric Sampling*, 1999). It is the
+    reference with which `synthesize` is compared; it compares every pixel with every place.
 
     Parameters
     ----------

@@ -118,7 +118,7 @@ def normal_uncertainty(
     >>> mask = images[0] > 0
     >>> found = normal_uncertainty(images, lights, mask, photometric_stereo(images, lights, mask))
     >>> found.samples[:, 0, 0], f"{np.median(found.sigma_deg):.1f}"
-    (array([5, 0, 0, 0, 0, 0], dtype=uint8), '0.7')
+    (array([5, 0, 0, 0, 0, 0], dtype=uint8), '0.8')
     """
     check_linear("values", values)
     check_type("lights", lights, Lights, "Lights(directions)")
