@@ -78,8 +78,12 @@ def _extrapolate(
             if min(before, edges[r + 1, c + 1], after) <= 0:
                 continue
             a, b, e, f = r - down, c - right, r + 2 * down, c + 2 * right
-            three = _chord(normals, rays, a, b, r, c) + steps[r + 1, c + 1]
-            three += _chord(normals, rays, r + down, c + right, e, f)
-            error = (_chord(normals, rays, a, b, e, f) - three) / 24
-            if abs(error) < largest:
-                steps[r + 1, c + 1] -= error
+            q, d, middle = r + down, c + right, steps[r + 1, c + 1]
+            first, last = _chord(normals, rays, a, b, r, c), _chord(normals, rays, q, d, e, f)
+            # Chords over two edges show on which side a jump is: they have 8 times the error.
+            one = (_chord(normals, rays, a, b, q, d) - first - middle) / 6
+            other = (_chord(normals, rays, r, c, e, f) - middle - last) / 6
+            both = (_chord(normals, rays, a, b, e, f) - first - middle - last) / 24
+            # Each is false for NaN.
+            if abs(one) < largest and abs(other) < largest and abs(both) < largest:
+                steps[r + 1, c + 1] -= both
