@@ -232,7 +232,9 @@ class _Solver:
         wide = np.zeros((1, 2, samples.shape[1]), np.float32)
         wide[:, 0] = 1
         if law is not None:
-            wide = np.ascontiguousarray(np.broadcast_to(law, (len(law), 2, samples.shape[1])))
+            wide = np.broadcast_to(law, (len(law), 2, samples.shape[1]))
+            # A kernel is compiled again for arrays that cannot be written.
+            wide = np.require(law if law.shape == wide.shape else wide, requirements=("C", "W"))
         starts = _row_starts(pixels, self._width)
         in_threads(
             reference_solutions,
