@@ -88,7 +88,7 @@ def synthesize(
         reference of the paper; slow, for small sheets).
     patch
         Side of the square patches in pixels; it should exceed the largest structures. With
-        efros-leung, side of the neighbourhood, odd. Default: 48, with efros-leung 11.
+        efros-leung, side of the neighbourhood, odd. default: 48, with efros-leung: 11.
     overlap
         Width of the overlap of patches in pixels; default: a quarter of the patch.
     seed
