@@ -40,6 +40,7 @@ def both(camera):
     )
 
 
+@pytest.mark.slow
 def test_two_recordings_are_better_than_one(both, camera):
     alone = [
         calibrate_spheres(planes(k), masks=masks(k), camera=camera, radius_mm=RADII_MM)

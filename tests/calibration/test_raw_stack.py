@@ -104,6 +104,7 @@ def recorded(folder, width, height):
     return read_source(folder), rendering.truth
 
 
+@pytest.mark.slow
 def test_marked_spheres_in_raw_frames_are_those_in_linear_images(tmp_path):
     source, truth = recorded(tmp_path, 160, 128)
     options = {"masks": list(truth.sphere_masks), "camera": truth.camera}

@@ -131,6 +131,7 @@ def test_spheres_of_another_size_are_left_out(one):
         calibrate_spheres(values, camera=truth.camera, radius_mm=14.0)
 
 
+@pytest.mark.slow
 def test_a_radius_that_places_the_spheres_off_the_plane_is_reported(few):
     """Two spheres with the same wrong radius agree; only their height shows the error."""
     values, truth = few

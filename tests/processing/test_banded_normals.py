@@ -35,7 +35,9 @@ def arrays(result: Reconstruction) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("distant", "law", "rows_of_sample"),
     [
-        pytest.param(False, True, 10_000, id="near lights, all rows in the sample"),
+        pytest.param(
+            False, True, 10_000, id="near lights, all rows in the sample", marks=pytest.mark.slow
+        ),
         pytest.param(True, False, 4, id="distant lights, unknown noise, some rows in the sample"),
     ],
 )

@@ -102,6 +102,7 @@ def test_intensities_and_exposures_are_considered(dtype: type) -> None:
             assert bool(doubts(source)) == (true != taken)
 
 
+@pytest.mark.slow
 def test_near_lights() -> None:
     camera = CameraModel(np.array([[300.0, 0, 31.5], [0, 300, 31.5], [0, 0, 1]]), SIZE, SIZE, 300.0)
     near = Lights(positions_mm=250 * dome().unit_directions)
@@ -143,7 +144,7 @@ def test_floats_have_no_white_and_are_not_doubted() -> None:
     assert doubts(recording(samples, lights, LINEAR, np.inf)) == []
 
 
-@pytest.mark.parametrize("name", quick(sorted(set(SCENES) - {"spheres"}), every=8))
+@pytest.mark.parametrize("name", quick(sorted(set(SCENES) - {"spheres"}), every=16))
 def test_simulated_scenes_are_quiet_and_found_with_a_display_curve(name: str) -> None:
     rendering = render(scene_named(name, width=96, height=80, leds=12))
     truth = rendering.truth

@@ -155,6 +155,7 @@ def coin():
     return np.float32(np.where(photons < 1e4, photons / 1e4, np.nan) / strengths), truth
 
 
+@pytest.mark.slow
 def test_lights_that_are_off_alike_are_reported_or_in_the_deviation():
     """All lights are 10 mm too high. The common part of stated errors is in the deviation."""
     values, truth = coin()

@@ -188,6 +188,7 @@ def saved(source: Path, folder: Path, suffix: str, *, encoded: bool) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @needs_data
 def test_display_ready_photographs_of_buddha_agree_with_its_linear_images(
     sgp, uw_lights, tmp_path

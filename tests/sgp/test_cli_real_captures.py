@@ -22,7 +22,7 @@ def data() -> Path:
 @pytest.mark.parametrize(
     ("name", "method", "low", "high"),
     [
-        pytest.param("bearPNG", "ls", 8.34, 8.44, id="bear ls"),
+        pytest.param("bearPNG", "ls", 8.34, 8.44, id="bear ls", marks=pytest.mark.slow),
         pytest.param("catPNG", "ls", 8.36, 8.46, id="cat ls", marks=pytest.mark.slow),
         pytest.param("bearPNG", "cauchy", 0.0, 6.4, id="bear cauchy", marks=pytest.mark.slow),
         pytest.param("catPNG", "cauchy", 0.0, 7.2, id="cat cauchy", marks=pytest.mark.slow),

@@ -59,7 +59,9 @@ def test_a_calibration_records_its_setup(spheres, lights):
     ("change", "code"),
     [
         pytest.param(None, None, id="same"),
-        pytest.param(("rig", "another dome"), "lights-of-another-rig", id="rig"),
+        pytest.param(
+            ("rig", "another dome"), "lights-of-another-rig", id="rig", marks=pytest.mark.slow
+        ),
         pytest.param(
             ("camera", {"model": "virtual camera", "serial": "0815"}),
             "lights-of-another-camera",
