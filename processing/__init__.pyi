@@ -65,6 +65,7 @@ from ._stereo.method import Method as Method
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult
 from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._stereo.stereo_maps import StereoMaps as StereoMaps
+from ._surface.consistency import axes_notices as axes_notices
 from ._surface.curl import NormalCurl as NormalCurl
 from ._surface.curl import curl_notices as curl_notices
 from ._surface.curl import normal_curl as normal_curl
