@@ -107,7 +107,7 @@ def _inputs(arguments: Mapping[str, Any]) -> list[Path]:
     return [*paths_of(flat.values()), *transfer_files(flat.get("gamma", "auto"))]
 
 
-def _figures(metrics: Mapping[str, Any]) -> dict[str, float | None]:
+def _figures(metrics: Mapping[str, Any]) -> dict[str, int | float | None]:
     """Return the figures of the normals for the table."""
     normals = metrics.get("normals", metrics)
     names = ("pixels", "images", "normal_sigma_deg", "residual_relative", "mae_deg")

@@ -74,7 +74,7 @@ def _check(place: str, key: str, value: object) -> None:
     values = value if isinstance(value, list) else [value]
     if not all(isinstance(one, (bool, int, float, str)) for one in values):
         raise acquisition.DataError(
-            f"{place}: is neither text, a number, true or false, nor a list"
+            f"{place}: give text, a number, true, false, or a list of these"
         )
 
 

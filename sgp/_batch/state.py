@@ -51,7 +51,7 @@ class State(BaseModel):
     files: dict[str, Stamp]
     outputs: list[str]
     notices: dict[str, int]
-    figures: dict[str, float | None]
+    figures: dict[str, int | float | None]
 
 
 @dataclass(frozen=True)
