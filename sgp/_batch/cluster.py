@@ -1,4 +1,4 @@
-"""Workers of a Dask cluster that somebody has started with Dask's own commands."""
+"""Workers of a Dask cluster, which Dask's own commands have started."""
 
 from __future__ import annotations
 

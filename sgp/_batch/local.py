@@ -1,4 +1,4 @@
-"""Workers on this computer: each a process with one pipe, started anew when it dies."""
+"""Workers on this computer: each a process with one pipe, replaced when it dies."""
 
 from __future__ import annotations
 
