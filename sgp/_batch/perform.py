@@ -143,6 +143,8 @@ def _write_thumbnail(outputs: Mapping[str, Path], path: Path) -> None:
     if source is None:
         return
     values = acquisition.read_image(source)
+    if values.dtype == np.uint16:
+        values = np.right_shift(values, 8).astype(np.uint8)
     scale = _THUMBNAIL_PX / max(values.shape[:2])
     small = cv2.resize(values, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     acquisition.make_folder(path.parent)
