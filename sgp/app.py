@@ -45,6 +45,7 @@ _TOP = (
     "project",
     "compare",
     "simulate",
+    "report",
     "doctor",
 )
 _COMPLETION = "completion"
