@@ -39,8 +39,7 @@ def page(
         body=joined(*body),
         report=script_json(report),
         planes="\n".join(
-            tag("script", Html(plane.encoded()), type="text/plain", id=name)
-            for name, plane in planes
+            tag("script", Html(plane.encoded), type="text/plain", id=name) for name, plane in planes
         ),
         scripts="\n".join(f"<script>{script}</script>" for script in scripts),
     )

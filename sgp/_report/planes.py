@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import zlib
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -70,8 +71,9 @@ class Plane:
             "shown": list(self.shown),
         }
 
+    @cached_property
     def encoded(self) -> str:
-        """Return the samples as base64 of deflated differences."""
+        """The samples as base64 of deflated differences."""
         return base64.b64encode(zlib.compress(_differences(self.samples), _DEFLATE)).decode()
 
 

@@ -10,6 +10,7 @@ export class Pane {
   constructor(renderer, maps, results, index) {
     Object.assign(this, { renderer, maps, mode: "", textures: new Map(), smoothing: 0 });
     this.result = results[Math.min(index, results.length - 1)];
+    this.columns = results[0].columns;
     const offered = modesOf(this.result).map(([key]) => key);
     const wanted = index === 0 ? ["shaded", "matte"] : ["detail", "matte", "normals"];
     this.mode = wanted.find((key) => offered.includes(key)) ?? offered[0];
@@ -84,6 +85,9 @@ export class Pane {
       uScalar: scalar && texture(scalar.name),
       uColours: this.colours(scalar ? scalar.colours : "signed"),
     };
+    // All results are shown as wide as the first one.
+    const scale = this.columns / result.columns;
+    view = { x: view.x, y: view.y, zoom: view.zoom * scale };
     this.renderer.draw({ left, right, mode: scalar ? "scalar" : mode, textures, uniforms, size: result, levels: levels(result), view });
   }
 

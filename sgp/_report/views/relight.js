@@ -1,5 +1,6 @@
 // The relightable view: one or two panes of a canvas under one light.
 
+import { remember, remembered } from "../js/address.js";
 import { colourMap, scale } from "../js/colours.js";
 import { element, selection, slider } from "../js/elements.js";
 import { Place, gestures } from "../js/gestures.js";
@@ -104,6 +105,7 @@ export function mount(body, { results, report }) {
     });
   const pickers = panes.map((pane, i) => picker(pane, i, results, async () => {
     await pane.prepare(look);
+    canvas.dataset.shown = panes.map((one) => one.shown?.mode ?? "").join(" ");
     showLegends();
     redraw();
   }));
@@ -172,7 +174,17 @@ export function mount(body, { results, report }) {
     if (place.fitted) place.fit();
     draw();
   }).observe(canvas);
-  pickers.forEach((one) => one.begin());
+  const recall = () => {
+    const [azimuth, elevation] = (remembered("light") ?? "").split(",").map(Number);
+    if (Number.isFinite(azimuth) && Number.isFinite(elevation)) light.set({ azimuth, elevation: Math.min(90, Math.max(1, elevation)) });
+    panes.forEach((pane, i) => pickers[i].choose(remembered(i === 0 ? "show" : "right")));
+    if (remembered("zoom") === "1") place.zoomTo(1);
+    redraw();
+  };
+  window.addEventListener("hashchange", recall);
+  const keep = later(() => remember("light", `${light.azimuth.toFixed(1)},${light.elevation.toFixed(1)}`), 500);
+  recall();
+  light.listeners.push(keep);
   setDivider(0.5);
   return { hide: turning.stop };
 }
@@ -187,9 +199,15 @@ function picker(pane, index, results, changed) {
     if (!known) pane.mode = offered[Math.min(index, offered.length - 1)][0];
     const made = selection(side, offered, pane.mode, (value) => {
       pane.mode = value;
+      remember(index === 0 ? "show" : "right", value);
       changed();
     });
     modes.replaceChildren(made.row);
+  };
+  const choose = (mode) => {
+    if (modesOf(pane.result).some(([key]) => key === mode)) pane.mode = mode;
+    fill();
+    changed();
   };
   const rows = [modes];
   if (results.length > 1) {
@@ -203,7 +221,7 @@ function picker(pane, index, results, changed) {
     );
   }
   fill();
-  return { row: element("div", { class: "picker" }, ...rows), begin: changed };
+  return { row: element("div", { class: "picker" }, ...rows), choose };
 }
 
 /** Return a button that lets the light circle. */
@@ -231,10 +249,10 @@ function animation(light) {
 }
 
 /** Return a function that waits until its value stands still. */
-function later(action) {
+function later(action, milliseconds = 120) {
   let timer = 0;
   return (value) => {
     clearTimeout(timer);
-    timer = setTimeout(() => action(value), 120);
+    timer = setTimeout(() => action(value), milliseconds);
   };
 }
