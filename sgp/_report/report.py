@@ -18,6 +18,7 @@ from sgp._report.planes import Plane
 from sgp._report.prerendered import prerendered
 from sgp._report.recording import Recording, read_recording
 from sgp._report.sections import image_id, sections
+from sgp._result import Result
 
 _PIXELS: Final = 1_300_000
 _FEWEST_PIXELS: Final = 10_000
@@ -60,6 +61,16 @@ def make_report(paths: Sequence[Path], *, max_pixels: int, most_bytes: int = MOS
         pixels *= _MARGIN * most_bytes / size
     notices = [notice for part in parts for notice in part.notices]
     return Report(html, notices, [one.crop.step for one in maps if one is not None])
+
+
+def write_report(path: Path, folder: Path, result: Result, max_pixels: int) -> None:
+    """Write the page of a folder whose result is complete but for its record, and add it."""
+    made = make_report([folder], max_pixels=max_pixels)
+    acquisition.write_durably(path, made.html.encode())
+    result.outputs["report"] = path
+    known = set(result.warnings)
+    result.warnings += [notice for notice in made.notices if notice not in known]
+    result.summary.append(f"turn the light in {path}")
 
 
 @dataclass(frozen=True, eq=False)
