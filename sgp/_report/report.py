@@ -159,7 +159,11 @@ def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
         else dict(zip(lights.ids, lights.unit_directions.tolist(), strict=True))
     )
     images = [
-        {"id": image_id(part.number, place), "direction": directions[image.light_id]}
+        {
+            "id": image_id(part.number, place),
+            "name": image.light_id,
+            "direction": directions[image.light_id],
+        }
         for place, image in enumerate(part.recording.images)
         if part.recording.aligned
         and (image.role, image.status) == ("light", "kept")

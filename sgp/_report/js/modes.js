@@ -14,6 +14,7 @@ const SHADED = [
 /** Return [key, label] of each mode that the planes of a result allow. */
 export function modesOf(result) {
   const found = SHADED.filter(([, , needs]) => needs.every((name) => result.has(name))).map(([key, label]) => [key, label]);
+  if (result.images.length >= 3) found.push(["captured", "Captured images"]);
   const scalars = result.planes.filter((plane) => plane.kind === "scalar").map((plane) => [`map:${plane.name}`, plane.label]);
   return [...found, ...scalars];
 }

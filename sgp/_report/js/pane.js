@@ -1,5 +1,6 @@
 // One pane of the canvas: a result in a mode.
 
+import { nearest } from "./captured.js";
 import { modesOf } from "./modes.js";
 import { decodeVectors, encodeVectors, smoothed } from "./vectors.js";
 
@@ -25,6 +26,7 @@ export class Pane {
       const header = result.header(name);
       if (header) await this.load(result, header, header.kind === "vectors" ? smoothing : 0);
     }
+    if (this.mode === "captured") await this.loadImages(result);
     if (this.mode === "curvature") this.curvature = spread(await this.vectors(result, smoothing), result);
     this.smoothing = smoothing;
     this.shown = { result, mode: this.mode };
@@ -49,6 +51,23 @@ export class Pane {
     this.textures.set(key, this.renderer.planeTexture({ ...plane, samples }));
   }
 
+  async loadImages(result) {
+    for (const { id } of result.images) {
+      if (this.textures.has(id)) continue;
+      const image = document.getElementById(id);
+      await image.decode();
+      this.textures.set(id, this.renderer.imageTexture(image));
+    }
+  }
+
+  /** Return the recorded images that are nearest to the light, as [image, share]. */
+  captured(light) {
+    const { result, mode } = this.shown ?? {};
+    if (mode !== "captured") return [];
+    const found = nearest(result.images.map((image) => image.direction), light.direction);
+    return found.map(([index, share]) => [result.images[index], share]);
+  }
+
   async vectors(result, smoothing, name = "normals") {
     const plane = await result.plane(name);
     const decoded = decodeVectors(plane.samples);
@@ -62,7 +81,9 @@ export class Pane {
     const scalar = mode.startsWith("map:") ? result.header(mode.slice(4)) : null;
     const height = result.header("height");
     const diagonal = Math.hypot(result.columns, result.rows);
+    const images = this.captured(light);
     const uniforms = {
+      uFrameWeights: [0, 1, 2].map((i) => images[i]?.[1] ?? 0),
       uLight: light.near ? light.direction.map((v) => v * light.distance * diagonal) : light.direction,
       uNear: light.near,
       uReference: light.distance * diagonal,
@@ -83,6 +104,7 @@ export class Pane {
       uAlbedo: texture("albedo"),
       uHeight: texture("height"),
       uScalar: scalar && texture(scalar.name),
+      ...Object.fromEntries(images.map(([image], i) => [`uFrame${"ABC"[i]}`, this.textures.get(image.id)])),
       uColours: this.colours(scalar ? scalar.colours : "signed"),
     };
     // All results are shown as wide as the first one.

@@ -38,6 +38,8 @@ export function mount(body, { results, report }) {
     if (state.compare) panes[1].draw({ left: middle, right: width, view: place, light, look });
     canvas.dataset.drawn = String(Number(canvas.dataset.drawn ?? 0) + 1);
     zoomed.textContent = `${(100 * place.zoom).toFixed(0)} %`;
+    const images = panes[0].captured(light).map(([image, share]) => `${image.name} ${(100 * share).toFixed(0)} %`);
+    status.textContent = images.length > 0 ? `Images ${images.join(", ")}` : `Light: ${light.text}`;
   };
   light.listeners.push(redraw);
 
@@ -160,8 +162,9 @@ export function mount(body, { results, report }) {
     drags.row,
     zoomBar,
   );
+  const status = element("p", { class: "caption status" });
   const note = element("p", { class: "caption" }, "Shading of the embedded maps: cast shadows and reflections are not shown.");
-  body.append(element("div", { class: "relight" }, element("div", { class: "picture" }, stage, element("div", { class: "legends" }, ...legends), note), element("div", { class: "controls" }, viewBox, lightBox, surfaceBox)));
+  body.append(element("div", { class: "relight" }, element("div", { class: "picture" }, stage, status, element("div", { class: "legends" }, ...legends), note), element("div", { class: "controls" }, viewBox, lightBox, surfaceBox)));
   document.getElementById("prerendered")?.classList.add("replaced");
 
   new ResizeObserver(() => {
