@@ -14,6 +14,7 @@ from sgp._record import ResultRecord, read_record
 
 # Of the folders of `sgp run`; the first one that has a map counts.
 _STAGES: Final = ("", "normals", "detail", "surface", "curvature")
+_PIPELINE: Final = ("normals", "detail", "surface")
 _MOST_RECORDS: Final = 40
 
 
@@ -66,8 +67,10 @@ def read_folder(path: Path) -> ResultFolder:
     Raises
     ------
     DataError
-        If the folder contains neither a record nor a map that a report can show.
+        If the path is a file.
     """
+    if not path.is_dir():
+        raise acquisition.DataError(f"{path}: is a file: give the folder of a result")
     records: dict[str, ResultRecord] = {}
     notices: list[rig.Notice] = []
     for stage in _STAGES:
@@ -79,7 +82,26 @@ def read_folder(path: Path) -> ResultFolder:
                 records[name] = read_record(file)
             except (acquisition.DataError, acquisition.MissingPathError) as error:
                 notices.append(rig.Notice("record-unreadable", str(error), severity="error"))
-    return ResultFolder(path, records, notices)
+    folder = ResultFolder(path, records, notices)
+    notices += _unfinished(folder)
+    return folder
+
+
+def _unfinished(folder: ResultFolder) -> list[rig.Notice]:
+    """Return what is missing of a folder of several stages."""
+    present = [stage for stage in _PIPELINE if (folder.path / stage).is_dir()]
+    if not present:
+        return []
+    missing = [stage for stage in _PIPELINE if stage not in present]
+    begun = [one for one in present if not (folder.path / one / f"{one}.json").exists()]
+    texts = [
+        *(f"{stage}: is missing" for stage in missing),
+        *(
+            f"{stage}: has no record: the command that writes it has not finished"
+            for stage in begun
+        ),
+    ]
+    return [rig.Notice("result-unfinished", text) for text in texts]
 
 
 def _is_record(path: Path) -> bool:

@@ -21,7 +21,7 @@ from sgp._report.sections import image_id, sections
 from sgp._result import Result
 
 _PIXELS: Final = 1_300_000
-_FEWEST_PIXELS: Final = 10_000
+_FEWEST_PIXELS: Final = 1000
 MOST_BYTES: Final = 8_000_000
 _MARGIN: Final = 0.93  # of the limit: the size of a reduced page is predicted roughly
 
@@ -56,9 +56,12 @@ def make_report(paths: Sequence[Path], *, max_pixels: int, most_bytes: int = MOS
         parts = [_Part(*part) for part in zip(count(), folders, maps, recordings, strict=False)]
         html = _page(parts)
         size = len(html.encode())
-        if size <= most_bytes or pixels < _FEWEST_PIXELS:
+        embedded = [one for one in maps if one is not None]
+        planes = sum(len(plane.encoded) for one in embedded for plane in one.planes.values())
+        if size <= most_bytes or pixels < _FEWEST_PIXELS or not planes:
             break
-        pixels *= _MARGIN * most_bytes / size
+        share = max(0.1, _MARGIN * (most_bytes - size + planes) / planes)
+        pixels = min(pixels, max(one.size[0] * one.size[1] for one in embedded)) * share
     notices = [notice for part in parts for notice in part.notices]
     return Report(html, notices, [one.crop.step for one in maps if one is not None])
 
