@@ -9,12 +9,22 @@ import numpy as np
 import numpy.typing as npt
 
 import acquisition
+from sgp._report.charts import bar_chart
 from sgp._report.folder import ResultFolder
 from sgp._report.html import Html, tag
 
 _RADIUS: Final = 100
 _RINGS_DEG: Final = (30, 60, 90)
 _MOST_ROWS: Final = 400
+_SD_MM: Final = "Standard deviation of the position, mm"
+_SD_DEG: Final = "Standard deviation of the direction, deg"
+_RESIDUAL: Final = "Distance of highlights from the calibration, px"
+_OF_IMAGES: Final = {
+    "light_errors_deg": "Angle between light and image, deg",
+    "image_residuals": "Residual of the image, % of the signal",
+    "light_gains": "Brightness of the image, relative",
+}
+_CHARTS: Final = (_SD_MM, _SD_DEG, _RESIDUAL, *_OF_IMAGES.values())
 
 
 def lights_section(folder: ResultFolder, lights: acquisition.Lights) -> Html:
@@ -40,7 +50,19 @@ def lights_section(folder: ResultFolder, lights: acquisition.Lights) -> Html:
             ),
             class_="lights",
         ),
-        tag("div", _table(lights.ids, columns), class_="scroll"),
+        tag(
+            "div",
+            (
+                bar_chart(title, lights.ids, columns[title].tolist())
+                for title in _CHARTS
+                if title in columns
+            ),
+            tag(
+                "details",
+                tag("summary", f"Table of {len(lights)} lights"),
+                tag("div", _table(lights.ids, columns), class_="scroll"),
+            ),
+        ),
         class_="columns",
     )
 
@@ -59,11 +81,11 @@ def _errors(lights: acquisition.Lights) -> dict[str, npt.NDArray[np.float64]]:
     if errors.covariances is not None:
         spread = np.sqrt(np.trace(errors.covariances, axis1=1, axis2=2))
         if lights.near:
-            found["SD of position, mm"] = spread
+            found[_SD_MM] = spread
         else:
-            found["SD of direction, deg"] = np.degrees(spread)
+            found[_SD_DEG] = np.degrees(spread)
     if errors.residual_px is not None:
-        found["Residual, px"] = errors.residual_px
+        found[_RESIDUAL] = errors.residual_px
     return found
 
 
@@ -71,15 +93,10 @@ def _of_images(
     folder: ResultFolder, lights: acquisition.Lights
 ) -> dict[str, npt.NDArray[np.float64]]:
     """Return the figures of agreement that a record has for each image, if they fit the lights."""
-    named = {
-        "image_residuals": "Residual of image, %",
-        "light_errors_deg": "Angle to image, deg",
-        "light_gains": "Brightness of image",
-    }
     found = {}
     for record in folder.records.values():
         metrics: Mapping[str, Any] = record.metrics
-        for name, title in named.items():
+        for name, title in _OF_IMAGES.items():
             values = metrics.get(name)
             if isinstance(values, list) and len(values) == len(lights):
                 factor = 100 if name == "image_residuals" else 1

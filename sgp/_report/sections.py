@@ -28,6 +28,10 @@ def sections(
     for record in folder.records.values():
         notices += record.notices
     found = [tag("section", tag("h2", "Notices", heading), notices_list(notices))]
+    if embedded and any(plane.kind == "scalar" for plane in embedded.planes.values()):
+        lead = tag("p", "Colour scales leave out .5 % of the pixels at each end.", class_="lead")
+        maps = tag("div", id=f"maps-{number}", class_="maps")
+        found.append(tag("section", tag("h2", "Maps", heading), lead, maps))
     if recording.images:
         found.append(
             tag("section", tag("h2", "Recording", heading), _contact_sheet(number, recording))

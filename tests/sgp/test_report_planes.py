@@ -1,6 +1,7 @@
 """Planes of a report: encoded and decoded, quantised no worse than stated."""
 
 import base64
+import re
 import zlib
 
 import numpy as np
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from processing import angle_deg
+from sgp._report.charts import bar_chart
 from sgp._report.html import Html, joined, script_json, tag, text
 from sgp._report.planes import VECTOR_STEPS, Plane, colour_plane, scalar_plane, vectors_plane
 from sgp._report.scripts import LinkError, linked
@@ -123,3 +125,20 @@ def test_modules_are_linked_after_those_that_they_import(monkeypatch):
     ):
         with pytest.raises(LinkError, match=problem):
             link((view,))
+
+
+@pytest.mark.parametrize(
+    ("values", "ticks"),
+    [
+        ([0.2, 0.9, float("nan")], ["0", "0.25", "0.5", "0.75", "1"]),
+        ([30.0, 12.0, 3.0], ["0", "10", "20", "30"]),
+        ([0.0, 0.0, 0.0], ["0", "0.25", "0.5", "0.75", "1"]),
+        ([float("nan")] * 3, ["0", "0.25", "0.5", "0.75", "1"]),
+    ],
+)
+def test_charts_have_a_bar_for_each_known_value_and_round_ticks(values, ticks):
+    chart = bar_chart("Angle, deg", ["<a>", "b", "c"], values)
+    assert chart.count("<rect") == int(np.isfinite(values).sum())
+    assert re.findall(r'text-anchor="end">([^<]*)<', chart) == ticks
+    assert "<a>" not in chart
+    assert "&lt;a&gt;" in chart

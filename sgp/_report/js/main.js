@@ -1,6 +1,7 @@
 // The page: reads its data, makes a tab for each view, and opens the first one.
 
 import { element } from "./elements.js";
+import { drawMaps } from "./gallery.js";
 import { Result } from "./result.js";
 
 export function start(views) {
@@ -25,6 +26,7 @@ export function start(views) {
     });
   });
   choose(panels[0]);
+  drawMaps(results, report.colourMaps);
 }
 
 function panel(view, tabs, results, report) {
