@@ -27,11 +27,11 @@ from processing._stereo.reflectance_fit import reflectance_fit
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/cauchy.py f72ed1979cbe
-# Compiled in: processing/_stereo/least_trimmed.py 6488b5e06f2f
+# Compiled in: processing/_stereo/cauchy.py 62a9a155c22d
+# Compiled in: processing/_stereo/least_trimmed.py d787f5e6b438
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reflectance_fit.py 08c41a43f3d2
-# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
+# Compiled in: processing/_stereo/reflectance_fit.py f14b625dc7a8
+# Compiled in: processing/_stereo/reweighted.py 2ca93fd3ba9e
 
 # With fewer samples the subsets that agree are too small, and noise decides between them.
 _FEWEST = 16

@@ -20,7 +20,7 @@ from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
+# Compiled in: processing/_stereo/reweighted.py 2ca93fd3ba9e
 
 
 def least_squares(

@@ -12,7 +12,7 @@ from processing._stereo.pixel_algebra import ANY_ORDER, Float, weighted_solution
 from processing._stereo.ranks import count_up_to, ranked
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/ranks.py a376da08f8ac
 
 Triples = npt.NDArray[np.int64]
 

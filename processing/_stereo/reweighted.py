@@ -11,7 +11,7 @@ from processing._stereo.pixel_algebra import Float, weighted_solution
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/ranks.py a376da08f8ac
 
 _STEPS = 2
 # Samples beyond this many standard deviations are outliers, and at most this share may be.

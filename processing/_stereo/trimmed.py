@@ -18,8 +18,8 @@ from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
+# Compiled in: processing/_stereo/ranks.py a376da08f8ac
+# Compiled in: processing/_stereo/reweighted.py 2ca93fd3ba9e
 
 # Share of the samples that is left out on either side.
 _TRIMMED = 0.2

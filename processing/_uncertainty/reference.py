@@ -15,10 +15,10 @@ from processing._uncertainty.reflectance_left import reflectance_left
 from processing._uncertainty.tangents import squared_angle, tangent_change, tangent_trace
 
 # Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/ranks.py a376da08f8ac
 # Compiled in: processing/_uncertainty/light_table.py 3895e4e81938
 # Compiled in: processing/_uncertainty/tangents.py 7bf3c0a47826
-# Compiled in: processing/_uncertainty/reflectance_left.py 64c8af9cb796
+# Compiled in: processing/_uncertainty/reflectance_left.py 79d3a4ed110f
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
