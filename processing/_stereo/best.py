@@ -27,11 +27,11 @@ from processing._stereo.reflectance_fit import reflectance_fit
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/cauchy.py 62a9a155c22d
-# Compiled in: processing/_stereo/least_trimmed.py d787f5e6b438
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reflectance_fit.py f14b625dc7a8
-# Compiled in: processing/_stereo/reweighted.py 2ca93fd3ba9e
+# Compiled in: processing/_stereo/cauchy.py b1c9cd71bb51
+# Compiled in: processing/_stereo/least_trimmed.py cd77121fdd37
+# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
+# Compiled in: processing/_stereo/reflectance_fit.py b0f551aad4e0
+# Compiled in: processing/_stereo/reweighted.py aebe52109562
 
 # With fewer samples the subsets that agree are too small, and noise decides between them.
 _FEWEST = 16

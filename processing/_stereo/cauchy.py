@@ -19,9 +19,9 @@ from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py a376da08f8ac
-# Compiled in: processing/_stereo/reweighted.py 2ca93fd3ba9e
+# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
+# Compiled in: processing/_stereo/ranks.py c44ba4e22134
+# Compiled in: processing/_stereo/reweighted.py aebe52109562
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).

@@ -19,8 +19,8 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reweighted.py 2ca93fd3ba9e
+# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
+# Compiled in: processing/_stereo/reweighted.py aebe52109562
 
 
 def least_squares(

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from processing._stereo.pixel_algebra import ANY_ORDER, Float, weighted_solution
 from processing._stereo.ranks import count_up_to, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py a376da08f8ac
+# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
+# Compiled in: processing/_stereo/ranks.py c44ba4e22134
 
 Triples = npt.NDArray[np.int64]
 

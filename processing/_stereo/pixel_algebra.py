@@ -48,6 +48,14 @@ def usable_samples(values: Float, vectors: Float, law: Float, usable: Float) -> 
     value, x, y, z, variance without light and per value.
     """
     v, lx, ly, lz, floor, slope = usable[0], usable[1], usable[2], usable[3], usable[4], usable[5]
+    measured = np.int32(0)
+    for i in range(len(values)):
+        measured += np.int32(abs(values[i]) < np.float32(np.inf))
+    if measured == len(values):
+        for i in range(len(values)):
+            v[i], lx[i], ly[i], lz[i] = values[i], vectors[0, i], vectors[1, i], vectors[2, i]
+            floor[i], slope[i] = law[0, i], law[1, i]
+        return len(values)
     count = 0
     for i in range(len(values)):
         if math.isfinite(values[i]):

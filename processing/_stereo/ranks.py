@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 Float = npt.NDArray[np.float32]
 
-# Number of passes that locate a rank, each in a quarter of the range before: to 1 part in 64, a tenth
-# of the noise of a median.
+# Passes that locate a rank, each in a quarter of the range before: to 1 part in 64, a tenth of the
+# noise of a median.
 _PASSES = 3
 # 1 / (0.75 quantile of the normal distribution): converts the median of |r| into a standard
 # deviation.

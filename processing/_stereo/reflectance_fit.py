@@ -10,8 +10,8 @@ import numpy as np
 from processing._stereo.pixel_algebra import ANY_ORDER, Double, Float
 from processing._stereo.ranks import ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py a376da08f8ac
+# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
+# Compiled in: processing/_stereo/ranks.py c44ba4e22134
 
 _ITERATIONS = 12
 # In the first iterations samples up to this multiple of the spread have weight 1, others 0.

@@ -10,8 +10,8 @@ import numpy as np
 from processing._stereo.pixel_algebra import Float, weighted_solution
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py a376da08f8ac
+# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
+# Compiled in: processing/_stereo/ranks.py c44ba4e22134
 
 _STEPS = 2
 # Samples beyond this many standard deviations are outliers, and at most this share may be.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from acquisition import Lights, tangent_basis
 from processing._stereo.pixel_algebra import ANY_ORDER
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/ranks.py a376da08f8ac
+# Compiled in: processing/_stereo/ranks.py c44ba4e22134
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

@@ -10,6 +10,9 @@ import numpy.typing as npt
 
 Double = npt.NDArray[np.float64]
 
+# Below the square of this tangent, two terms of the series of the squared angle suffice.
+_SMALL2 = 1e-6
+
 
 @numba.njit(cache=True, error_model="numpy")
 def tangent_trace(inverse: Double, m: Double, inner: Double) -> float:
@@ -52,4 +55,8 @@ def squared_angle(m: Double, start: Double, length2: float) -> float:
     y = m[2] * start[0] - m[0] * start[2]
     z = m[0] * start[1] - m[1] * start[0]
     along = m[0] * start[0] + m[1] * start[1] + m[2] * start[2]
-    return math.atan2(math.sqrt(x * x + y * y + z * z), along) ** 2
+    across2 = x * x + y * y + z * z
+    if along > 0 and across2 < _SMALL2 * along * along:
+        tangent2 = across2 / (along * along)
+        return float(tangent2 * (1 - 2 / 3 * tangent2))
+    return math.atan2(math.sqrt(across2), along) ** 2
