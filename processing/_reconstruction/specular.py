@@ -12,10 +12,10 @@ from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._stereo.pixel_algebra import ANY_ORDER, law_or_alike
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, law_or_alike
 from rig import check_type, in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -127,7 +127,7 @@ def mean_excess(samples: Float, vectors: Float, law: Float | None, scaled: Float
     return means
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def _mean_excess(values: Float, vectors: Float, law: Float, known: bool, scaled: Float) -> float:
     total, count = 0.0, np.int32(0)
     zero, sigmas = np.float32(0), np.float32(_SIGMAS if known else 0.0)

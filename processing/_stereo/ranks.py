@@ -6,6 +6,10 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from processing._stereo.pixel_algebra import IN_PLACE
+
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+
 Float = npt.NDArray[np.float32]
 
 # Passes that locate a rank, each in a quarter of the range before: to 1 part in 64, a tenth of the
@@ -16,7 +20,7 @@ _PASSES = 3
 MAD_TO_SIGMA = 1.4826
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def count_up_to(values: Float, count: int, limit: np.float32) -> int:
     """Return how many of the first ``count`` values do not exceed a limit."""
     found = np.int32(0)
@@ -25,7 +29,7 @@ def count_up_to(values: Float, count: int, limit: np.float32) -> int:
     return int(found)
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def _count_up_to_three(
     values: Float, count: int, a: np.float32, b: np.float32, c: np.float32
 ) -> tuple[int, int, int]:
@@ -38,7 +42,7 @@ def _count_up_to_three(
     return int(below_a), int(below_b), int(below_c)
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def ranked(values: Float, count: int, rank: int, guess: np.float32) -> np.float32:
     """Return a limit that slightly more than ``rank`` of the values, all positive, do not exceed.
 

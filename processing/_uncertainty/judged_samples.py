@@ -12,11 +12,11 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from processing._stereo.pixel_algebra import ANY_ORDER
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
-# Compiled in: processing/_stereo/ranks.py c44ba4e22134
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/ranks.py 1468582858bf
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -34,7 +34,7 @@ LIT = 0
 _ATTACHED, CAST, SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def usable_parts(
     values: Float, vectors: Float, law: Float, per: float, samples: Float,
     index: npt.NDArray[np.int64], kinds: Kinds,
@@ -79,7 +79,7 @@ def usable_parts(
     return count, mean / max(count, 1)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def predicted(
     count: int, samples: Float, m: Double, shading: Float, variance: Float, distance: Float
 ) -> int:
@@ -102,7 +102,7 @@ def predicted(
     return int(agreeing)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def all_agree(
     count: int, v: Float, dark: np.float32, scratch: Float, index: npt.NDArray[np.int64],
     kinds: Kinds,
@@ -129,7 +129,7 @@ def all_agree(
     return int(lit), int(dim)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _kind_of(value: float, shading: float, distance: float, scale: float, least: float) -> int:
     """Return the kind of a measured sample."""
     if shading <= 0.0:
@@ -142,7 +142,7 @@ def _kind_of(value: float, shading: float, distance: float, scale: float, least:
     return _OUTLIER if beyond else LIT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def judged(
     count: int, v: Float, dark: np.float32, step: int, least: np.float32, scale: np.float32,
     scratch: Float, index: npt.NDArray[np.int64], kinds: Kinds,
@@ -171,7 +171,7 @@ def judged(
     return scale, lit, dim
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def normalised_residuals(
     count: int, v: Float, scratch: Float, index: npt.NDArray[np.int64], residuals: Float
 ) -> float:
@@ -192,7 +192,7 @@ def normalised_residuals(
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def product(a: Float, b: Float) -> float:
     total = 0.0
     for k in range(len(a)):
@@ -200,7 +200,7 @@ def product(a: Float, b: Float) -> float:
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def count_kinds(kinds: Kinds, counts: npt.NDArray[np.uint16]) -> None:
     lit, attached = np.int32(0), np.int32(0)
     for k in range(len(kinds)):

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from processing._stereo.pixel_algebra import ANY_ORDER, MAX_CONDITION
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAX_CONDITION
 from processing._uncertainty.judged_samples import (
     CAST,
     LIT,
@@ -25,11 +25,11 @@ from processing._uncertainty.light_table import distant_variances, near_variance
 from processing._uncertainty.reflectance_left import reflectance_left
 from processing._uncertainty.tangents import squared_angle, tangent_change, tangent_trace
 
-# Compiled in: processing/_stereo/pixel_algebra.py 111027d3a1c9
-# Compiled in: processing/_uncertainty/judged_samples.py 7896ed43d4c1
-# Compiled in: processing/_uncertainty/light_table.py 39fd71139975
-# Compiled in: processing/_uncertainty/tangents.py cbf5931b1ce9
-# Compiled in: processing/_uncertainty/reflectance_left.py e1020b616715
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_uncertainty/judged_samples.py 42e53cb204a2
+# Compiled in: processing/_uncertainty/light_table.py 0bc2dd719882
+# Compiled in: processing/_uncertainty/tangents.py f4d50701891b
+# Compiled in: processing/_uncertainty/reflectance_left.py 3b2eaba38ce1
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -57,7 +57,7 @@ _NOT_NOISE = 4.0
 _APART = 4
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def _normal_equations(count: int, samples: Float, weight: Float, sums: Double) -> None:
     """Write the 6 sums of the matrix and the 3 of the right-hand side."""
     v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
@@ -78,7 +78,7 @@ def _normal_equations(count: int, samples: Float, weight: Float, sums: Double) -
     sums[6], sums[7], sums[8] = b0, b1, b2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _inverted(sums: Double, inverse: Double) -> bool:
     """Write the inverse of a symmetric matrix; return False if it is ill-conditioned."""
     a00, a01, a02, a11, a12, a22 = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
@@ -100,7 +100,7 @@ def _inverted(sums: Double, inverse: Double) -> bool:
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _light_errors(
     count: int, samples: Float, index: npt.NDArray[np.int64], vectors: Float, table: Float,
     near: bool, point: Double, view: Double, m: Double, scratch: Float,
@@ -116,7 +116,7 @@ def _light_errors(
         samples[6, k] = scratch[0, index[k]]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _pixel(
     values: Float, vectors: Float, law: Float, start: Double, least: np.float32,
     table: Float, errors: bool, near: bool, point: Double, view: Double,
@@ -193,6 +193,44 @@ def _pixel(
     return True
 
 
+@numba.njit(**IN_PLACE, error_model="numpy")
+def _solve_row(
+    first: int, last: int,
+    values: Float, vectors: Float, law: Float, normals: Float, albedo: Float, least: np.float32,
+    table: Float, errors: bool, near: bool, points: Double, view: Double,
+    places: npt.NDArray[np.intp], samples: Float, scratch: Float, index: npt.NDArray[np.int64],
+    work: Double, start: Double, residuals: Float, kinds: Kinds, counts: npt.NDArray[np.uint16],
+    reference: Double, parts: Float,
+) -> None:  # fmt: skip
+    """Solve the pixels of a row of the image."""
+    lights = values.shape[1]
+    for p in range(first, last):
+        at = places[p]
+        for c in range(3):
+            start[c] = normals[at, c] * albedo[at]
+        good = False
+        own = residuals[p % (_APART + 1)]
+        own[:] = 0
+        if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
+            good = _pixel(
+                values[p], vectors[p if len(vectors) > 1 else 0],
+                law[p if len(law) > 1 else 0], start, least, table, errors, near,
+                points[at if near else 0], view, samples, scratch, index, work, kinds[p], own,
+                reference[p], parts[p],
+            )  # fmt: skip
+        else:
+            for i in range(lights):
+                measured = math.isfinite(values[p, i])
+                kinds[p, i] = CAST if measured else SATURATED
+        count_kinds(kinds[p], counts[p])
+        if not good:
+            reference[p] = np.nan
+            own[:] = 0
+        elif p >= first + _APART and places[p - _APART] == at - _APART:
+            parts[p, 7] = product(own, residuals[(p + 1) % (_APART + 1)])
+            parts[p, 8] = parts[p, 5]
+
+
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def reference_solutions(
     first_row: int, last_row: int,
@@ -237,35 +275,13 @@ def reference_solutions(
         ``(P, 9)``, receives what `PARTS` lists, variances and angles in rad^2; 0 in that case.
     """
     lights = values.shape[1]
+    samples, scratch = np.zeros((8, lights), np.float32), np.zeros((4, lights), np.float32)
+    residuals = np.zeros((_APART + 1, lights), np.float32)
+    index = np.zeros(lights, np.int64)
+    work, start = np.zeros(24), np.zeros(3)
     for row in range(first_row, last_row):
-        samples = np.zeros((8, lights), np.float32)
-        scratch = np.zeros((4, lights), np.float32)
-        index = np.zeros(lights, np.int64)
-        work, start = np.zeros(24), np.zeros(3)
-        residuals = np.zeros((_APART + 1, lights), np.float32)
-        first = rows[row]
-        for p in range(first, rows[row + 1]):
-            at = places[p]
-            for c in range(3):
-                start[c] = normals[at, c] * albedo[at]
-            good = False
-            own = residuals[p % (_APART + 1)]
-            own[:] = 0
-            if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
-                good = _pixel(
-                    values[p], vectors[p if len(vectors) > 1 else 0],
-                    law[p if len(law) > 1 else 0], start, least, table, errors, near,
-                    points[at if near else 0], view, samples, scratch, index, work, kinds[p], own,
-                    reference[p], parts[p],
-                )  # fmt: skip
-            else:
-                for i in range(lights):
-                    measured = math.isfinite(values[p, i])
-                    kinds[p, i] = CAST if measured else SATURATED
-            count_kinds(kinds[p], counts[p])
-            if not good:
-                reference[p] = np.nan
-                own[:] = 0
-            elif p >= first + _APART and places[p - _APART] == at - _APART:
-                parts[p, 7] = product(own, residuals[(p + 1) % (_APART + 1)])
-                parts[p, 8] = parts[p, 5]
+        _solve_row(
+            rows[row], rows[row + 1], values, vectors, law, normals, albedo, least, table, errors,
+            near, points, view, places, samples, scratch, index, work, start, residuals, kinds,
+            counts, reference, parts,
+        )  # fmt: skip
