@@ -46,6 +46,7 @@ _TOP = (
     "project",
     "compare",
     "simulate",
+    "report",
     "doctor",
 )
 _COMPLETION = "completion"
