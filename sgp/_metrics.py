@@ -27,6 +27,7 @@ from sgp._detail_metrics import (
     FillMetrics,
     PropertiesMetrics,
     SynthesisMetrics,
+    TrainMetrics,
     TransferMetrics,
 )
 
@@ -458,6 +459,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail properties": (PropertiesMetrics,),
     "sgp detail synthesize": (SynthesisMetrics,),
     "sgp detail fill": (FillMetrics,),
+    "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),

@@ -103,6 +103,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "detail_properties": ("properties",),
             "detail_synthesize": ("synthesize",),
             "detail_fill": ("fill",),
+            "detail_train": ("train",),
         },
     ),
     "bench": (
