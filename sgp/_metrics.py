@@ -29,6 +29,7 @@ from sgp._detail_metrics import (
     SynthesisMetrics,
     TransferMetrics,
 )
+from sgp._relight_metrics import RelightMetrics, RtiMetrics
 
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
@@ -433,6 +434,8 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail fill": (FillMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
+    "sgp export": (RtiMetrics,),
+    "sgp relight": (RelightMetrics,),
     "sgp bench paper": (BenchMetrics,),
     "sgp bench synthesis": (SheetBenchMetrics,),
     "sgp capture export": (ExportMetrics,),

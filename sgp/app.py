@@ -44,6 +44,8 @@ _TOP = (
     "curvature",
     "project",
     "compare",
+    "export",
+    "relight",
     "simulate",
     "doctor",
 )

@@ -50,7 +50,7 @@ def coded(coefficients: Float) -> Coded:
     scale[scale == 0] = 1.0
     # The written text of the scale is what readers multiply by.
     scale = np.array([float(f"{step:.9g}") for step in scale])
-    bias = np.ceil(-low / scale)
+    bias = np.ceil(np.abs(low) / scale)
     samples = np.zeros(coefficients.shape, np.uint8)
     for row, line in enumerate(coefficients):
         samples[row] = np.clip(np.rint(line / scale + bias), 0, 255)

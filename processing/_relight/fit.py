@@ -57,6 +57,11 @@ class RelightFit(NamedTuple):
     ----------
     image
         The relightable image.
+    residual
+        ``(H, W)`` float32 root mean square deviation of the image from the values that it was
+        fitted to, over lights and colours; NaN where no sample was measured.
+    directions
+        ``(N, 3)`` unit vectors toward the lights, from the origin.
     white
         Linear light of the value 1.
     without_samples
@@ -64,6 +69,8 @@ class RelightFit(NamedTuple):
     """
 
     image: RelightableImage
+    residual: Float
+    directions: Double
     white: float
     without_samples: int
 
@@ -71,7 +78,7 @@ class RelightFit(NamedTuple):
 def fit_rows(
     rows: Callable[[int, int], Samples],
     size: tuple[int, int],
-    lights: int,
+    directions: Double,
     channels: int,
     *,
     basis: LightBasis,
@@ -87,8 +94,10 @@ def fit_rows(
         Returns the samples of the rows from the first to before the last.
     size
         Height and width of the image.
-    lights, channels
-        Number of lights and of colours, for the size of the bands.
+    directions
+        ``(N, 3)`` unit vectors toward the lights.
+    channels
+        Number of colours.
     basis, colours, values
         As in `relightable_image`.
     on_progress
@@ -106,7 +115,7 @@ def fit_rows(
     coefficients = np.zeros((height, width, terms) if shared else (height, width, terms, 3), "f4")
     colour = np.zeros((height, width, 3), np.float32) if shared else None
     residual = np.full((height, width), np.nan, np.float32)
-    step = max(1, _BAND // (4 * lights * width * (channels + 2)))
+    step = max(1, _BAND // (4 * len(directions) * width * (channels + 2)))
     table = None if values == "linear" else _curve()
     for first in range(0, height, step):
         last = min(first + step, height)
@@ -127,8 +136,9 @@ def fit_rows(
             coefficients[first:last] = np.stack(each, axis=-1).reshape(*shape, terms, -1)
         residual[first:last] = _rms(left).reshape(shape)
     on_progress("fitting", height, height)
-    image = RelightableImage(basis, coefficients, colour, residual)
-    return RelightFit(image, white, int(np.count_nonzero(np.isnan(residual))))
+    image = RelightableImage(basis, coefficients, colour)
+    missing = int(np.count_nonzero(np.isnan(residual)))
+    return RelightFit(image, residual, directions, white, missing)
 
 
 def _one_function(gray: Float, shown: Float, weights: Double) -> tuple[Float, Float]:

@@ -38,7 +38,7 @@ _TO_FILE: Final = [3, 5, 4, 1, 2, 0]
 _FROM_FILE: Final = [5, 3, 4, 0, 2, 1]
 _HEADER: Final = 4096
 _FIRST_LINES = re.compile(rb"(PTM_1\.[0-9])[ \t]*\r?\n(PTM_FORMAT_[A-Z_]{1,20})[ \t]*\r?\n")
-_NUMBER = re.compile(rb"\s*([-+.0-9eE]{1,40})")
+_NUMBER = re.compile(rb"\s*([-+.0-9eE]{1,40})(?=\s)")
 _LINE_END = re.compile(rb"[ \t]*\r?\n")
 _BYTES: Final = {"PTM_FORMAT_LRGB": 9, "PTM_FORMAT_RGB": 18}
 _WHITE = 255.0

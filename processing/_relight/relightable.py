@@ -24,7 +24,7 @@ Double = npt.NDArray[np.float64]
 # Bytes of a stack that is read at once, as in `reconstruct`.
 _IN_MEMORY = 1_000_000_000
 # Directions in which a matte surface is shaded, and the height of the lowest one.
-_DIRECTIONS = 64
+_DIRECTIONS = 200
 _LOWEST = 0.1
 
 
@@ -44,7 +44,7 @@ def fit_recording(
 
     The images are made linear as in `linear_stack` and divided by white, the light that .1 % of the
     pixels exceed. Saturated and missing samples are left out, those in shadow are not. A penalty on
-    the size of the coefficients, 1e-6 of the number of samples, makes the solution unique. Samples
+    the size of the coefficients, 1e-4 of the number of samples, makes the solution unique. Samples
     under near lights are divided by the irradiance at their point, so that the result is the image
     under a distant light.
 
@@ -76,7 +76,7 @@ def fit_recording(
     Returns
     -------
     RelightFit
-        The image, its white, and the number of pixels without a sample.
+        The image, its deviation from the samples, and figures.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def fit_recording(
             return _near(linear, model.vectors(pixels).astype(np.float64), basis)
 
         return fit_rows(
-            rows, size, count, channels,
+            rows, size, np.asarray(lights.unit_directions, np.float64), channels,
             basis=basis, colours=colours, values=values, on_progress=on_progress,
         )  # fmt: skip
 
@@ -144,7 +144,7 @@ def fit_normals(
 ) -> RelightFit:
     """Fit the shading of a matte surface by functions of the direction of the light.
 
-    The surface is shaded as ``albedo * max(n . l, 0)`` under 64 lights that cover the hemisphere
+    The surface is shaded as ``albedo * max(n . l, 0)`` under 200 lights that cover the hemisphere
     evenly. There are no cast shadows and no gloss, and the image is black outside the mask.
 
     Parameters
@@ -191,7 +191,7 @@ def fit_normals(
         return Samples(shade[..., None] * reflectance[first:last].reshape(-1, channels), shared)
 
     return fit_rows(
-        rows, size, len(directions), channels,
+        rows, size, directions, channels,
         basis=basis, colours=colours, values=values, on_progress=on_progress,
     )  # fmt: skip
 

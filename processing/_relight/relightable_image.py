@@ -26,10 +26,6 @@ class RelightableImage:
         for each of red, green and blue.
     colour
         ``(H, W, 3)`` float32 RGB that a shared function is multiplied by; None otherwise.
-    residual
-        ``(H, W)`` float32 root mean square deviation from the images that the functions were fitted
-        to, over their lights and colours; NaN where no sample was measured. None if it is not
-        known.
 
     Raises
     ------
@@ -40,7 +36,6 @@ class RelightableImage:
     basis: LightBasis
     coefficients: Float
     colour: Float | None = None
-    residual: Float | None = None
 
     def __post_init__(self) -> None:
         terms = TERMS.get(self.basis)

@@ -15,13 +15,13 @@ Double = npt.NDArray[np.float64]
 Index = npt.NDArray[np.intp]
 
 # Weight of the penalty on the size of the coefficients, relative to the number of samples.
-PENALTY = 1e-6
+PENALTY = 1e-4
 
 
 def fitted(values: Float, weights: Double) -> Float:
     """Return the coefficients that reproduce samples best.
 
-    They minimise ``sum (v - w . c)^2 + 1e-6 n |c|^2`` over the n finite samples of a pixel.
+    They minimise ``sum (v - w . c)^2 + 1e-4 n |c|^2`` over the n finite samples of a pixel.
 
     Parameters
     ----------
@@ -35,6 +35,7 @@ def fitted(values: Float, weights: Double) -> Float:
     Float
         ``(P, K)`` coefficients; 0 for a pixel without samples.
     """
+    values = np.ascontiguousarray(values)
     known = np.isfinite(values)
     coefficients = np.zeros((values.shape[1], weights.shape[2]), np.float32)
     pending = np.arange(values.shape[1])
@@ -45,7 +46,9 @@ def fitted(values: Float, weights: Double) -> Float:
         projection = np.linalg.solve(shared.T @ shared + size, shared.T).astype(np.float32)
         coefficients[...] = (projection @ np.where(known, values, np.float32(0))).T
         pending = np.flatnonzero(~known.all(axis=0))
-    in_threads(_fit, len(pending), pending, values, weights, coefficients)
+    if len(pending):
+        solved = np.ascontiguousarray(weights)
+        in_threads(_fit, len(pending), pending, values, solved, coefficients)
     return coefficients
 
 
