@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -43,24 +44,25 @@ def relight(
     force
         Overwrite an existing file.
     """
-    direction = np.array(numbers("--light", light, 3))
-    length = float(np.linalg.norm(direction))
-    if not 0 < length < np.inf or direction[2] < 0:
+    direction = numbers("--light", light, 3)
+    length = math.hypot(*direction)
+    if not 0 < length < math.inf or direction[2] < 0:
         raise UsageError(
             f"--light {light}: give a direction with a length, toward the camera (z at least 0)"
         )
+    unit = [x / length for x in direction]
     check_file(out, ".png", force=force)
     image = processing.read_ptm(ptm, max_pixels=max_pixels)
-    shown = np.rint(255 * np.clip(image.relit(direction), 0, 1)).astype(np.uint8)
+    shown = np.rint(255 * np.clip(image.relit(unit), 0, 1)).astype(np.uint8)
     acquisition.write_png(out, shown, srgb=True)
     height, width = image.size
     metrics: RelightMetrics = {
         "width": width,
         "height": height,
         "colours": "rgb" if image.colour is None else "lrgb",
-        "direction": [float(x) for x in direction / length],
+        "direction": unit,
     }
-    x, y, z = metrics["direction"]
+    x, y, z = unit
     return Result(
         outputs={"image": out},
         metrics=metrics,
