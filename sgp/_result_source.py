@@ -31,7 +31,7 @@ class NormalsResult:
     folder
         The folder with the maps.
     depth
-        Map of the depth of the surface; None if there is none.
+        Map of the depth of the surface; None without such a map.
     record
         The record in the folder.
     """

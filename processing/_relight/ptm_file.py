@@ -85,9 +85,9 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
     >>> import numpy as np
     >>> from processing import NormalMap, fit_normals, read_ptm, write_ptm
     >>> facing = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (4, 5, 1)))
-    >>> _ = write_ptm("card.ptm", fit_normals(facing, np.ones((4, 5))).image)
-    >>> read_ptm("card.ptm").relit([0, 0, 1])[0, 0].round(1)
-    array([1., 1., 1.], dtype=float32)
+    >>> stored = write_ptm("card.ptm", fit_normals(facing, np.ones((4, 5))).image)
+    >>> np.allclose(read_ptm("card.ptm").relit([1, 0, 1]), stored.relit([1, 0, 1]))
+    True
     """
     check_type("image", image, RelightableImage, "fit_recording(source).image is one")
     if image.basis != "ptm":
@@ -146,7 +146,7 @@ def read_ptm(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RelightableIm
     >>> from processing import read_ptm
     >>> head = b"PTM_1.2\nPTM_FORMAT_LRGB\n1 1\n1 1 1 1 1 1\n0 0 0 0 0 0\n"
     >>> _ = Path("one.ptm").write_bytes(head + bytes([0, 0, 0, 0, 204, 51]) + bytes([255, 0, 0]))
-    >>> read_ptm("one.ptm").relit([0, 1, 0]).tolist()
+    >>> read_ptm("one.ptm").relit([0, 1, 0]).round(3).tolist()
     [[[1.0, 0.0, 0.0]]]
     """
     path = Path(path)
