@@ -81,7 +81,16 @@ def test_text_options_of_numbers_are_known() -> None:
         for file in Path(sgp.commands.__path__[0]).parent.rglob("*.py")
         for match in source.finditer(file.read_text(encoding="utf-8"))
     }
-    assert named == {"--at", "--ball", "--light", "--look", "--rotate-deg", "--sphere", "--size", "--leds"}
+    assert named == {
+        "--at",
+        "--ball",
+        "--light",
+        "--look",
+        "--rotate-deg",
+        "--sphere",
+        "--size",
+        "--leds",
+    }
 
 
 @pytest.mark.parametrize(("path", "argument"), quick(ALL, every=3))
