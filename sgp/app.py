@@ -48,6 +48,7 @@ _TOP = (
     "export",
     "relight",
     "simulate",
+    "report",
     "doctor",
 )
 _COMPLETION = "completion"
