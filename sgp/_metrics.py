@@ -30,6 +30,7 @@ from sgp._detail_metrics import (
     TrainMetrics,
     TransferMetrics,
 )
+from sgp._relight_metrics import RelightMetrics, RtiMetrics
 
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
@@ -462,6 +463,8 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
+    "sgp export": (RtiMetrics,),
+    "sgp relight": (RelightMetrics,),
     "sgp bench paper": (BenchMetrics,),
     "sgp bench synthesis": (SheetBenchMetrics,),
     "sgp capture export": (ExportMetrics,),

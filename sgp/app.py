@@ -45,6 +45,8 @@ _TOP = (
     "curvature",
     "project",
     "compare",
+    "export",
+    "relight",
     "simulate",
     "report",
     "doctor",
