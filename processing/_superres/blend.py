@@ -1,0 +1,77 @@
+"""How much of a network's result to use at each pixel, and how uncertain the blend is."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from processing._superres.filling import units
+
+Float = npt.NDArray[np.float32]
+
+# Roughness at which half of the network's result is used, in radians: second differences.
+_HALF = 0.004
+_BINOMIAL = np.array([0.25, 0.5, 0.25], np.float32)
+_LEAST = np.float32(1e-12)
+
+
+class Blend(NamedTuple):
+    """A blend of two results.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` unit vectors.
+    variance
+        ``(H, W)`` mean-square error in radians squared.
+    """
+
+    normals: Float
+    variance: Float
+
+
+def roughness_gate(low: Float) -> Float:
+    """Return, per pixel of a low resolution, the weight of a network where it is reliable, 0 to 1.
+
+    Where a map is smooth, its second differences vanish, bicubic interpolation is exact, and there
+    is nothing to add.
+
+    Parameters
+    ----------
+    low
+        ``(h, w, 3)`` unit vectors.
+    """
+    smooth = cv2.sepFilter2D(low, -1, _BINOMIAL, _BINOMIAL, borderType=cv2.BORDER_REFLECT_101)
+    energy = ((low - smooth) ** 2).sum(axis=2)
+    energy = cv2.blur(energy, (5, 5), borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(energy / (energy + _HALF**2), np.float32)
+
+
+def blend(bicubic: Float, sharp: Float, ours: Float, theirs: Float, gate: Float) -> Blend:
+    """Blend two results so that the expected error is the least.
+
+    With e the error of bicubic interpolation and r the difference of the results, the error of the
+    blend ``bicubic + w r`` is ``e - w r``. The mean-square errors v_b = E e^2 and
+    v_n = E (e - r)^2 give E e r, and with it the best weight w = 1/2 + (v_b - v_n) / (2 r^2) and
+    its mean-square error (1 - w) v_b + w v_n - w (1 - w) r^2.
+
+    Parameters
+    ----------
+    bicubic, sharp
+        ``(H, W, 3)`` unit vectors: bicubic interpolation, and the result of the network.
+    ours, theirs
+        ``(H, W)`` mean-square errors of the network's result and of bicubic interpolation.
+    gate
+        ``(H, W)`` largest weight, 0 to 1.
+    """
+    added = sharp - bicubic
+    square = (added**2).sum(axis=2)
+    best = 0.5 + (theirs - ours) / (2 * np.maximum(square, _LEAST))
+    weight = np.clip(best, 0, 1) * gate
+    variance = (1 - weight) * theirs + weight * ours - weight * (1 - weight) * square
+    floor = 0.05 * np.minimum(theirs, ours)
+    normals = units(bicubic + weight[..., None] * added)
+    return Blend(normals, np.asarray(np.maximum(variance, floor), np.float32))
