@@ -26,6 +26,7 @@ from sgp._detail_metrics import (
     CombineMetrics,
     FillMetrics,
     PropertiesMetrics,
+    SuperresMetrics,
     SynthesisMetrics,
     TransferMetrics,
 )
@@ -431,6 +432,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail properties": (PropertiesMetrics,),
     "sgp detail synthesize": (SynthesisMetrics,),
     "sgp detail fill": (FillMetrics,),
+    "sgp detail superres": (SuperresMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),

@@ -91,7 +91,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "detail": (
         page(
-            "Split normal maps into shape and detail; combine, transfer, synthesise and fill them.",
+            "Split normal maps into shape and detail; combine, transfer, fill, enlarge them.",
             "sgp detail separate out/normals --out parts",
             "sgp detail transfer leather.png out/normals --out leathery",
         ),
@@ -101,6 +101,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "detail_properties": ("properties",),
             "detail_synthesize": ("synthesize",),
             "detail_fill": ("fill",),
+            "detail_superres": ("superres",),
         },
     ),
     "bench": (

@@ -80,8 +80,7 @@ def low_resolution(
     known = weight[window].reshape(blocks).mean(axis=(1, 3)) >= _LEAST_SHARE
     if not known.any():
         raise DataError(
-            f"no pixel of {scale} x {scale} pixels of the map is known by a quarter: the mask is too "
-            "thin"
+            f"no block of {scale} x {scale} pixels is known by a quarter: the mask is too thin"
         )
     mean = sums[window].reshape(*blocks, 3).mean(axis=(1, 3), dtype=np.float64)
     made = NormalMap.from_vectors(mean, known)
