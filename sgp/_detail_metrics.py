@@ -232,9 +232,9 @@ class SuperresMetrics(TypedDict):
         float,
         "0..1",
         "share of the detail that the network added: its mean square, relative to its sum with "
-        "that of the detail of bicubic interpolation",
+        "that of the detail of an interpolation",
     ]
-    added_deg: Annotated[float, "deg", "mean angle between the result and bicubic interpolation"]
+    added_deg: Annotated[float, "deg", "mean angle between the result and an interpolation"]
     normal_sigma_deg: Annotated[
         float | None,
         "deg",

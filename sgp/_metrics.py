@@ -395,6 +395,13 @@ class SheetBenchMetrics(TypedDict):
     quick: Annotated[bool, "", "whether `--quick` was given"]
 
 
+class SuperresBenchMetrics(TypedDict):
+    """Figures of the tables of super-resolution; the tables are in tables.json."""
+
+    tables: Annotated[int, "", "tables that were computed"]
+    quick: Annotated[bool, "", "whether `--quick` was given"]
+
+
 class ExportMetrics(TypedDict):
     """Figures of an export of a session."""
 
@@ -437,6 +444,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),
     "sgp bench synthesis": (SheetBenchMetrics,),
+    "sgp bench superres": (SuperresBenchMetrics,),
     "sgp capture export": (ExportMetrics,),
     "sgp calibrate spheres": (SpheresMetrics,),
     "sgp calibrate intensities": (IntensitiesMetrics,),

@@ -48,7 +48,7 @@ def measure_superres(made: processing.SuperResolution, result: Result) -> None:
     result.summary = [f"{width} x {height} pixels, {metrics['pixels']} on the object, by {by}"]
     if made.model is not None:
         result.summary += [
-            f"added          {made.mean_added_deg:.2f} deg on average to bicubic interpolation, "
+            f"added          {made.mean_added_deg:.2f} deg on average to an interpolation, "
             f"{made.invented_share:.1%} of the detail",
             f"deviation      {sigma:.2f} deg (median)",
         ]
@@ -79,7 +79,7 @@ def write_superres_picture(
     if made.sigma_deg is not None:
         added = np.where(high.mask, made.added_deg, np.float32(np.nan))
         panels += [
-            map_panel("angle to bicubic", added, "deg", whole, error=True),
+            map_panel("angle to interpolation", added, "deg", whole, error=True),
             map_panel("standard deviation", made.sigma_deg, "deg", whole, error=True),
         ]
     write_overview(path, f"{name}, scale {scale}", panels, columns=3)

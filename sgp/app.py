@@ -106,11 +106,11 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "bench": (
         page(
-            "Recompute the paper's tables, and compare synthesised sheets with their exemplars.",
+            "Recompute the paper's tables; judge synthesised sheets and super-resolution.",
             "sgp bench paper --out tables --quick",
             "sgp bench synthesis --out sheets --quick",
         ),
-        {"bench": ("paper", "synthesis")},
+        {"bench": ("paper", "synthesis", "superres")},
     ),
 }
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from processing._superres.filling import units
+from processing._superres.interpolation import units
 
 Float = npt.NDArray[np.float32]
 
@@ -36,8 +36,8 @@ class Blend(NamedTuple):
 def roughness_gate(low: Float) -> Float:
     """Return, per pixel of a low resolution, the weight of a network where it is reliable, 0 to 1.
 
-    Where a map is smooth, its second differences vanish, bicubic interpolation is exact, and there
-    is nothing to add.
+    Where a map is smooth, its second differences vanish, interpolation is exact, and there is
+    nothing to add.
 
     Parameters
     ----------
@@ -50,28 +50,29 @@ def roughness_gate(low: Float) -> Float:
     return np.asarray(energy / (energy + _HALF**2), np.float32)
 
 
-def blend(bicubic: Float, sharp: Float, ours: Float, theirs: Float, gate: Float) -> Blend:
+def blend(smooth: Float, sharp: Float, square: Float, errors: Float, gate: Float) -> Blend:
     """Blend two results so that the expected error is the least.
 
-    With e the error of bicubic interpolation and r the difference of the results, the error of the
-    blend ``bicubic + w r`` is ``e - w r``. The mean-square errors v_b = E e^2 and
-    v_n = E (e - r)^2 give E e r, and with it the best weight w = 1/2 + (v_b - v_n) / (2 r^2) and
-    its mean-square error (1 - w) v_b + w v_n - w (1 - w) r^2.
+    With e the error of an interpolation and r what a network adds to it, the error of the blend
+    with the weight w is ``e - w r``. The mean-square errors v_b = E e^2 and v_n = E (e - r)^2 give
+    E e r, and with it the best weight w = 1/2 + (v_b - v_n) / (2 r^2) and its mean-square error
+    (1 - w) v_b + w v_n - w (1 - w) r^2.
 
     Parameters
     ----------
-    bicubic, sharp
-        ``(H, W, 3)`` unit vectors: bicubic interpolation, and the result of the network.
-    ours, theirs
-        ``(H, W)`` mean-square errors of the network's result and of bicubic interpolation.
+    smooth, sharp
+        ``(H, W, 3)`` unit vectors: an interpolation, and the result of the network.
+    square
+        ``(H, W)`` r^2, the squared distance of the network's result from bicubic interpolation.
+    errors
+        ``(H, W, 2)`` mean-square errors of the network's result and of bicubic interpolation.
     gate
         ``(H, W)`` largest weight, 0 to 1.
     """
-    added = sharp - bicubic
-    square = (added**2).sum(axis=2)
+    ours, theirs = errors[..., 0], errors[..., 1]
     best = 0.5 + (theirs - ours) / (2 * np.maximum(square, _LEAST))
     weight = np.clip(best, 0, 1) * gate
     variance = (1 - weight) * theirs + weight * ours - weight * (1 - weight) * square
     floor = 0.05 * np.minimum(theirs, ours)
-    normals = units(bicubic + weight[..., None] * added)
+    normals = units(smooth + weight[..., None] * (sharp - smooth))
     return Blend(normals, np.asarray(np.maximum(variance, floor), np.float32))

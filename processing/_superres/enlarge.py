@@ -13,16 +13,20 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap
 from processing._superres.blend import blend, roughness_gate
-from processing._superres.filling import enlarged, enlarged_mask, filled_outwards, units
+from processing._superres.filling import filled_outwards
+from processing._superres.interpolation import (
+    bicubic,
+    enlarged_mask,
+    smoothly,
+    units,
+    without_averaging,
+)
 from processing._superres.model import Domain
 from processing._superres.network import Network
-from processing._superres.tiles import Tile, Window, enlarged_window
+from processing._superres.tiles import Tile, enlarged_window
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
-
-# Bicubic interpolation depends on two pixels in each direction.
-REACH_PX = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +37,8 @@ class LowMap:
     ----------
     normals, shape, detail
         ``(h, w, 3)`` unit vectors; the combination of shape and detail is the map.
+    central
+        ``(h, w, 3)`` vectors at the centres of the pixels, whose means the normals are.
     gate
         ``(h, w)`` largest weight of a network.
     mask
@@ -44,21 +50,22 @@ class LowMap:
     normals: Float
     shape: Float
     detail: Float
+    central: Float
     gate: Float
     mask: Mask
     reach: Mask
 
     @classmethod
-    def of(cls, normal_map: NormalMap, halo: int) -> LowMap:
+    def of(cls, normal_map: NormalMap, scale: int, halo: int) -> LowMap:
         """Separate a map, and continue its components as far as a network can see."""
         mask = normal_map.mask
         shape, detail = _components(normal_map)
         normals, shape, detail = (
-            filled_outwards(vectors, mask, halo + REACH_PX)
-            for vectors in (normal_map.normals, shape, detail)
+            filled_outwards(vectors, mask, halo) for vectors in (normal_map.normals, shape, detail)
         )
         near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        return cls(normals, shape, detail, roughness_gate(normals), mask, near)
+        central = without_averaging(normals, scale)
+        return cls(normals, shape, detail, central, roughness_gate(normals), mask, near)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +79,7 @@ class HighMap:
     variance
         ``(H, W)`` mean-square error in radians squared.
     added_deg, detail_deg
-        ``(H, W)`` angles between bicubic interpolation and the map, and its shape component.
+        ``(H, W)`` angles between interpolation without a network and the map, and the shape.
     """
 
     normals: Float
@@ -124,24 +131,24 @@ def enlarge(
     """
     around, core = tile.around, enlarged_window(tile.core, scale)
     inside = enlarged_window(tile.inside, scale)
-    bicubic = _interpolated(low.normals, tile, scale)
-    shape = _interpolated(low.shape, tile, scale)
-    normals = bicubic
+    shape = units(bicubic(low.shape[around], scale)[inside])
+    plain = normals = units(bicubic(low.normals[around], scale)[inside])
     if network is not None:
+        plain = units(smoothly(low.central[around], scale)[inside])
         vectors = (low.detail if domain == "detail" else low.normals)[around]
         answer = (network.run_turned if self_ensemble else network.run)(vectors)[inside]
-        sharp = units(enlarged(vectors, scale)[inside] + answer[..., :3])
+        sharp = units(bicubic(vectors, scale)[inside] + answer[..., :3])
         if domain == "detail":
             sharp = rotate_from_z(sharp, shape)
-        gate = enlarged(low.gate[around], scale)[inside]
-        ours, theirs = np.exp(answer[..., 3]), np.exp(answer[..., 4])
-        normals, variance = blend(bicubic, sharp, ours, theirs, np.clip(gate, 0, 1))
+        square = ((sharp - normals) ** 2).sum(axis=2)
+        gate = np.clip(bicubic(low.gate[around], scale)[inside], 0, 1)
+        normals, variance = blend(plain, sharp, square, np.exp(answer[..., 3:]), gate)
         high.variance[core] = variance
     mask = _mask(low, tile, scale, wanted)
     high.mask[core] = mask
     high.normals[core] = np.where(mask[..., None], normals, 0)
-    high.added_deg[core] = np.where(mask, angle_map_deg(normals, bicubic, mask), 0)
-    high.detail_deg[core] = np.where(mask, angle_map_deg(bicubic, shape, mask), 0)
+    high.added_deg[core] = np.where(mask, angle_map_deg(normals, plain, mask), 0)
+    high.detail_deg[core] = np.where(mask, angle_map_deg(plain, shape, mask), 0)
 
 
 def _mask(low: LowMap, tile: Tile, scale: int, wanted: Mask | None) -> Mask:
@@ -150,11 +157,6 @@ def _mask(low: LowMap, tile: Tile, scale: int, wanted: Mask | None) -> Mask:
         return enlarged_mask(low.mask[tile.around], scale)[inside]
     near = low.reach[tile.core].repeat(scale, axis=0).repeat(scale, axis=1)
     return near & wanted[enlarged_window(tile.core, scale)]
-
-
-def _interpolated(vectors: Float, tile: Tile, scale: int) -> Float:
-    inside: Window = enlarged_window(tile.inside, scale)
-    return units(enlarged(vectors[tile.around], scale)[inside])
 
 
 def _components(normal_map: NormalMap) -> tuple[Float, Float]:

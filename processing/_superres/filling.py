@@ -48,36 +48,3 @@ def filled_outwards(vectors: Float, mask: Mask, rings: int) -> Float:
         known |= ring
     filled[~known] = (0, 0, 1)
     return filled
-
-
-def enlarged(values: Float, scale: int) -> Float:
-    """Interpolate an image bicubically (a = -0.75), pixel centres at half-integers.
-
-    Parameters
-    ----------
-    values
-        ``(h, w)`` or ``(h, w, C)`` float32; the border is replicated.
-    scale
-        Factor of the size.
-
-    Returns
-    -------
-    Float
-        Image of ``scale * h`` x ``scale * w`` pixels.
-    """
-    size = (scale * values.shape[1], scale * values.shape[0])
-    return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_CUBIC), np.float32)
-
-
-def enlarged_mask(mask: Mask, scale: int) -> Mask:
-    """Return a mask at a higher resolution, with a smooth outline of about the same area."""
-    size = (scale * mask.shape[1], scale * mask.shape[0])
-    share = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
-    return np.asarray(share >= 0.5)
-
-
-def units(vectors: Float) -> Float:
-    """Return vectors of unit length; those that cancel out face the camera."""
-    length = np.linalg.norm(vectors, axis=2, keepdims=True)
-    scaled = vectors / np.maximum(length, _LEAST_LENGTH)
-    return np.asarray(np.where(length > _LEAST_LENGTH, scaled, _FACING), np.float32)

@@ -28,11 +28,12 @@ class SuperResolution:
         ``(H, W)`` float32, predicted root mean square angle to the true normal at this resolution,
         NaN outside the mask; None for bicubic interpolation, which predicts none.
     added_deg
-        ``(H, W)`` float32, angle between the map and bicubic interpolation, 0 outside the mask.
+        ``(H, W)`` float32, angle between the map and interpolation without a network, 0 outside the
+        mask.
     invented
         ``(H, W)`` float32, share of the detail of each pixel that the network added: the square of
-        `added_deg` relative to its sum with the square of the angle between bicubic interpolation
-        and its shape component; 0 to 1, and 0 outside the mask.
+        `added_deg` relative to its sum with the square of the angle between interpolation and shape
+        component; 0 to 1, and 0 outside the mask.
     invented_share
         The same ratio of the means over the mask.
     method

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
-from processing._superres.enlarge import REACH_PX, HighMap, LowMap, enlarge
+from processing._superres.enlarge import HighMap, LowMap, enlarge
+from processing._superres.interpolation import REACH_PX
 from processing._superres.model import SCALES, SuperResolutionModel, read_superres_model
 from processing._superres.network import Network
 from processing._superres.super_resolution import SuperResolution, SuperResolutionMethod
@@ -39,8 +40,10 @@ def super_resolve(
     With the method ``detail``, the shape component is interpolated bicubically, the detail is
     enlarged by a network and both are combined again, as in the paper's surface super-resolution.
     With ``normals``, the network enlarges the normals themselves. The network predicts its
-    mean-square error and that of bicubic interpolation; each pixel is the blend of both whose
-    expected error is the least, and bicubic interpolation where the map is smooth.
+    mean-square error and that of bicubic interpolation; each pixel is the blend of its result and
+    an interpolation that is expected to have the least error, and interpolated where the map is
+    smooth. That interpolation is more accurate than bicubic interpolation there: cubic convolution
+    with a = -0.5 of the normals at the centres of the pixels, of which the given ones are means.
 
     Parameters
     ----------
@@ -50,7 +53,8 @@ def super_resolve(
     scale
         Factor of the resolution, 2 or 4.
     method
-        ``bicubic``, ``normals`` or ``detail``. Default: that of the network.
+        ``detail``, ``normals``, or ``bicubic`` for interpolation without a network, as OpenCV and
+        torch have it (a = -0.75). Default: that of the network.
     model
         The network: a name, the path of a ``.onnx`` file, or what `read_superres_model` returned.
         Default: the one that comes with the program.
@@ -106,7 +110,7 @@ def super_resolve(
         else:
             used = read_superres_model(model, scale, method)
         network, halo = Network(used), max(used.halo_px, REACH_PX)
-    low = LowMap.of(normal_map, halo)
+    low = LowMap.of(normal_map, scale, halo)
     domain = "normals" if used is None else used.domain
     parts = list(tiles(low.reach, max(TILE_PX, _HALOS * halo), halo))
     on_progress("super-resolution", 0, len(parts))
