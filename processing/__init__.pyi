@@ -14,6 +14,7 @@ from ._detail.rotation_similarity import rotation_similarity as rotation_similar
 from ._detail.seam import SeamSteps as SeamSteps
 from ._detail.separation import Separation as Separation
 from ._detail.separation import combine as combine
+from ._detail.separation import relative_detail as relative_detail
 from ._detail.separation import separate as separate
 from ._detail.shape_filter import ShapeFilter as ShapeFilter
 from ._detail.similarity import Pose as Pose

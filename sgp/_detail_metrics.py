@@ -247,3 +247,20 @@ class SuperresMetrics(TypedDict):
     pixel_mm: NotRequired[
         Annotated[float, "mm", "size of a pixel of the result, if that of the given map is known"]
     ]
+
+
+class TrainMetrics(TypedDict):
+    """Figures of the training of a network."""
+
+    steps: Annotated[int, "", "steps of the training"]
+    parameters: Annotated[int, "", "weights of the network"]
+    bicubic_mae_deg: Annotated[
+        float, "deg", "mean angular error of bicubic interpolation on held-out surfaces"
+    ]
+    network_mae_deg: Annotated[float, "deg", "the same of the network"]
+    actual_over_predicted: Annotated[
+        list[float],
+        "",
+        "actual over predicted deviation of the network's normals, for each tenth of the pixels in "
+        "order of the prediction; 1 is best",
+    ]

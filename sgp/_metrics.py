@@ -28,6 +28,7 @@ from sgp._detail_metrics import (
     PropertiesMetrics,
     SuperresMetrics,
     SynthesisMetrics,
+    TrainMetrics,
     TransferMetrics,
 )
 
@@ -440,6 +441,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail synthesize": (SynthesisMetrics,),
     "sgp detail fill": (FillMetrics,),
     "sgp detail superres": (SuperresMetrics,),
+    "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
     "sgp bench paper": (BenchMetrics,),

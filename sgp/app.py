@@ -102,6 +102,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "detail_synthesize": ("synthesize",),
             "detail_fill": ("fill",),
             "detail_superres": ("superres",),
+            "detail_train": ("train",),
         },
     ),
     "bench": (
