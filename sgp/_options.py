@@ -116,6 +116,7 @@ Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=6
 Order = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=64))]
 Triangles = Annotated[int, Parameter(converter=_whole, validator=Number(gte=4, lte=10**9))]
 Steps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=100))]
+TrainingSeed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=10**9))]
 TrainingSteps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**7))]
 Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=4096))]
 Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]

@@ -21,12 +21,12 @@ def turned(normals: Float, symmetry: int) -> Float:
         0 to 7: mirrored horizontally (1), vertically (2), at the diagonal (4), or several of them.
     """
     if symmetry & 1:
-        normals = normals[:, ::-1] * np.float32([-1, 1, 1])
+        normals = normals[:, ::-1] * _vector(-1, 1, 1)
     if symmetry & 2:
-        normals = normals[::-1] * np.float32([1, -1, 1])
+        normals = normals[::-1] * _vector(1, -1, 1)
     if symmetry & 4:
         # Rows grow downwards, Y upwards.
-        normals = normals.transpose(1, 0, 2)[..., [1, 0, 2]] * np.float32([-1, -1, 1])
+        normals = normals.transpose(1, 0, 2)[..., [1, 0, 2]] * _vector(-1, -1, 1)
     return normals
 
 
@@ -57,3 +57,7 @@ def batch(pairs: PairFiles, count: int, side: int, key: tuple[int, int]) -> tupl
         crops.append([turned(one, symmetry) for one in pairs.crop(index, top, left, side)])
     low, high = zip(*crops, strict=True)
     return np.stack(low), np.stack(high)
+
+
+def _vector(*values: float) -> Float:
+    return np.array(values, np.float32)

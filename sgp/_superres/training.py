@@ -100,7 +100,8 @@ def _save(path: Path, weights: dict[str, torch.Tensor], optimizer: Any, done: in
     import torch
 
     content = io.BytesIO()
-    state = {"weights": weights, "optimizer": optimizer.state_dict(), "done": done}
+    plain = {name: one.detach() for name, one in weights.items()}
+    state = {"weights": plain, "optimizer": optimizer.state_dict(), "done": done}
     torch.save(state, content)
     acquisition.write_durably(path, content.getvalue())
 
@@ -111,18 +112,12 @@ def _load(path: Path, weights: dict[str, torch.Tensor], optimizer: Any) -> int:
 
     try:
         state = torch.load(path, weights_only=True, map_location=weights["last.bias"].device)
-        for name, one in weights.items():
-            one.copy_(state["weights"][name])
+        with torch.no_grad():
+            for name, one in weights.items():
+                one.copy_(state["weights"][name])
         optimizer.load_state_dict(state["optimizer"])
         return int(state["done"])
-    except (
-        RuntimeError,
-        KeyError,
-        EOFError,
-        ValueError,
-        TypeError,
-        pickle.UnpicklingError,
-    ) as error:
+    except (RuntimeError, LookupError, EOFError, ValueError, pickle.UnpicklingError) as error:
         raise acquisition.DataError(
             f"{path}: the checkpoint cannot be read ({type(error).__name__}): remove the file to "
             "train from the start"

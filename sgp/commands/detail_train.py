@@ -8,7 +8,7 @@ from pathlib import Path
 from sgp._console import Stages
 from sgp._detail_metrics import TrainMetrics
 from sgp._exit import UsageError
-from sgp._options import Seed, TrainingSteps
+from sgp._options import TrainingSeed, TrainingSteps
 from sgp._output import check_file
 from sgp._result import Result
 from sgp._superres.pairs import Domain
@@ -23,7 +23,7 @@ def train(
     out: Path,
     preset: PresetName = "small",
     domain: Domain = "detail",
-    seed: Seed = 0,
+    seed: TrainingSeed = 0,
     steps: TrainingSteps | None = None,
     force: bool = False,
 ) -> Result:

@@ -65,5 +65,6 @@ def _distances(
     y, x = np.mgrid[:size, :size].astype(float)
     bend = random.uniform(0, 0.35) * width
     x, y = x + bend * power_noise(random, size, 2.0), y + bend * power_noise(random, size, 2.0)
-    distances, indices = cKDTree(points).query(np.stack([x, y], -1), k=2)
+    found = cKDTree(points).query(np.stack([x, y], -1), k=2)
+    distances, indices = np.asarray(found[0]), np.asarray(found[1], np.intp)
     return distances[..., 0], distances[..., 1], indices[..., 0]

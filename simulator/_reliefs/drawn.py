@@ -25,7 +25,8 @@ def weave(random: Random, size: int) -> Array:
     if kind == 0:
         over = np.where((np.floor(u) + np.floor(v)) % 2 > 0, 1, -1)
         weft = over * np.sin(math.pi * u) * np.abs(np.sin(math.pi * v))
-        return np.maximum(weft, 0.8 * np.abs(np.cos(math.pi * v)))
+        warp = 0.8 * np.abs(np.cos(math.pi * v))
+        return np.asarray(np.maximum(weft, warp))
     if kind == 1:
         return np.asarray(np.abs(np.sin(math.pi * u)) ** random.uniform(0.4, 3))
     return np.asarray(np.sin(2 * math.pi * u) * np.sin(2 * math.pi * v))
