@@ -115,24 +115,21 @@ def test_numbers_out_of_range_are_refused(options, text):
 
 
 @pytest.mark.parametrize("scale", [2, 4])
-@pytest.mark.parametrize("method", ["bicubic", None])
-def test_a_plane_stays_a_plane_and_smooth_shapes_are_not_worse(scale, method):
+def test_a_plane_stays_a_plane_and_a_sphere_a_sphere(scale):
     plane = NormalMap.from_vectors(np.tile([0.3, -0.2, 1.0], (13, 9, 1)))
-    made = super_resolve(plane, scale, method=method)
-    assert made.normal_map.size == (13 * scale, 9 * scale)
-    assert made.normal_map.mask.all()
-    assert angle_deg(made.normal_map.normals, plane.normals[0, 0]).max() < 1e-3
-    assert made.added_deg.max() < 1e-3
-    # A sphere is recovered, away from the border, where the gradient ends.
-    truth, inner = ball(32 * scale), (slice(3 * scale, -3 * scale),) * 2
+    for method in ("bicubic", None):
+        made = super_resolve(plane, scale, method=method)
+        assert made.normal_map.size == (13 * scale, 9 * scale)
+        assert made.normal_map.mask.all()
+        assert angle_deg(made.normal_map.normals, plane.normals[0, 0]).max() < 1e-3
+        assert made.added_deg.max() < 1e-3
+    # Away from the border, where the continuation is flat.
+    truth, inner = ball(32 * scale), (slice(4 * scale, -4 * scale),) * 2
     low = low_resolution(truth, scale)
-    plain = super_resolve(low, scale, method="bicubic").normal_map
-    errors = [
-        np.mean(angle_deg(one.normals[inner], truth.normals[inner]))
-        for one in (plain, super_resolve(low, scale, method=method).normal_map)
-    ]
-    assert errors[0] < 0.02
-    assert errors[1] <= 1.01 * errors[0]
+    made, plain = (super_resolve(low, scale, method=method) for method in (None, "bicubic"))
+    assert angle_deg(made.normal_map.normals[inner], truth.normals[inner]).max() < 0.01
+    error = angular_error(plain.normal_map, truth).mae_deg
+    assert angular_error(made.normal_map, truth).mae_deg < error / 2
 
 
 def test_bicubic_interpolation_is_that_of_the_normals():
@@ -151,8 +148,9 @@ def test_means_of_a_parabola_are_interpolated_exactly(scale):
     edges = np.linspace(-1, 1, 12 * scale + 1)
     a, b = edges[:-1], edges[1:]
     mean = (b**3 - a**3) / (b - a) / 3
-    small = (mean[:, None] + 2 * mean + (a + b) / 2 - 0.7)[..., None].astype(np.float32)
-    large = cv2.resize(small, (12, 12), interpolation=cv2.INTER_AREA)[..., None]
+    small = (mean[:, None] + 2 * mean + (a + b) / 2 - 0.7)[..., None]
+    small = small.repeat(3, axis=2).astype(np.float32)
+    large = cv2.resize(small, (12, 12), interpolation=cv2.INTER_AREA)
     made = smoothly(without_averaging(large, scale), scale)
     inner = (slice(3 * scale, -3 * scale),) * 2
     np.testing.assert_allclose(made[inner], small[inner], atol=2e-6)
@@ -165,8 +163,8 @@ def test_means_of_a_parabola_are_interpolated_exactly(scale):
 )
 def test_vectors_are_continued_inside_the_cone_of_the_known_ones(mask, rings):
     """No background enters: all continued vectors are means of known ones."""
-    known = rough(*mask.shape, seed=2).normals * np.float32([0.1, 0.1, 1])
-    known = units(known + np.float32([1, 0, 0]))
+    height, width = mask.shape
+    known = units(rough(9, 9, seed=2).normals[:height, :width] + np.array([1, 0, 0], np.float32))
     filled = filled_outwards(np.where(mask[..., None], known, np.float32(0)), mask, rings)
     np.testing.assert_array_equal(filled[mask], known[mask])
     np.testing.assert_allclose(np.linalg.norm(filled, axis=2), 1, atol=1e-5)
@@ -183,7 +181,7 @@ def test_what_is_outside_the_mask_has_no_effect(whole):
     # The file of a map may contain anything outside; the map itself is 0 there.
     mixed = NormalMap.from_vectors(np.where(mask[..., None], truth.normals, other.normals), mask)
     again = super_resolve(mixed, 4)
-    np.testing.assert_array_equal(again.normal_map.normals, whole.normal_map.normals)
+    np.testing.assert_allclose(again.normal_map.normals, whole.normal_map.normals, atol=1e-5)
 
 
 # The result.
@@ -203,8 +201,7 @@ def test_the_result_is_a_normal_map_with_its_figures(whole):
     assert repr(whole) == f"SuperResolution({high!r}, {KINDS[4].domain}, x4)"
 
 
-@pytest.mark.parametrize("self_ensemble", [False, True])
-@pytest.mark.parametrize("scale", [2, 4])
+@pytest.mark.parametrize(("scale", "self_ensemble"), [(2, True), (4, False)])
 def test_tiles_equal_the_whole(scale, self_ensemble, monkeypatch):
     low = masked(rough(45, 70, seed=4), disc(45, 70))
     made = super_resolve(low, scale, self_ensemble=self_ensemble)
@@ -286,11 +283,11 @@ def test_the_best_weight_is_that_of_the_least_error():
 # Networks.
 
 
-def copied(folder: Path, scale: int = 4, **changed) -> Path:
-    """Copy the network of a scale, with changes to its description; None removes a key."""
+def copied(folder: Path, **changed) -> Path:
+    """Copy the network of scale 4, with changes to its description; None removes a key."""
     path = folder / "n.onnx"
-    shutil.copy(KINDS[scale].path, path)
-    described = json.loads(KINDS[scale].path.with_suffix(".json").read_text(encoding="utf-8"))
+    shutil.copy(KINDS[4].path, path)
+    described = json.loads(KINDS[4].path.with_suffix(".json").read_text(encoding="utf-8"))
     described = {key: value for key, value in (described | changed).items() if value is not None}
     path.with_suffix(".json").write_text(json.dumps(described), encoding="utf-8")
     return path
@@ -356,7 +353,7 @@ def test_files_that_are_no_networks(tmp_path):
                 super_resolve(low, 4, model=path)
             assert "\n" not in str(caught.value)
     # The file of scale 2, described as one of scale 4.
-    path = copied(tmp_path, scale=4, sha256=KINDS[2].sha256)
+    path = copied(tmp_path, sha256=KINDS[2].sha256)
     path.write_bytes(KINDS[2].data)
     with pytest.raises(DataError, match="its output is float32 of shape"):
         super_resolve(low, 4, model=path)
