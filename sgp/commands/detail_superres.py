@@ -44,7 +44,7 @@ def superres(
     For example:
 
         sgp detail superres out/normals --scale 4 --out large
-        sgp surface large/normals.exr --sigma large/normal_sigma_deg.exr --out surface
+        sgp detail superres leather.png --scale 2 --self-ensemble --out large
 
     Parameters
     ----------
