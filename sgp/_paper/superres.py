@@ -134,20 +134,22 @@ def _add_head(
     pair = head(sources, model.scale)
     if pair is None:
         return
-    low, high = pair
-    plain = processing.super_resolve(low, model.scale, method="bicubic", mask=high.mask).normal_map
-    made = processing.super_resolve(low, model.scale, model=model, mask=high.mask).normal_map
-    surfaces = {
-        name: processing.integrate(one)
-        for name, one in {"low": low, "bicubic": plain, "result": made, "high": high}.items()
-    }
+    points, high = pair
+    low = processing.low_resolution(high, model.scale)
+    maps: dict[str, processing.NormalMap] = {}
+    surfaces = {"low": processing.integrate(low), "high": processing.integrate(high)}
     rows: dict[str, list[Number]] = {}
-    for name, one in {"bicubic interpolation": plain, f"{model.domain}": made}.items():
-        error = processing.angular_error(one, high)
-        profile = processing.height_profile(
-            surfaces["high"], surfaces["bicubic" if one is plain else "result"]
-        )
-        rows[name] = [error.mae_deg, processing.ssim(one, high, high.mask), profile.rms]
+    for kind, given in {"means": low, "points": points}.items():
+        for method in ("bicubic", model.domain):
+            used = None if method == "bicubic" else model
+            name = f"{kind}, {method}"
+            maps[name] = one = processing.super_resolve(
+                given, model.scale, method=method, model=used, mask=high.mask
+            ).normal_map
+            surfaces[name] = processing.integrate(one)
+            profile = processing.height_profile(surfaces["high"], surfaces[name])
+            error = processing.angular_error(one, high)
+            rows[name] = [error.mae_deg, processing.ssim(one, high, high.mask), profile.rms]
     comparison.tables.append(
         Table(
             "head",
@@ -156,24 +158,28 @@ def _add_head(
             rows,
             (),
             {},
-            f"A mesh projected at {low.size[1]} x {low.size[0]} and at {high.size[1]} x "
-            f"{high.size[0]} pixels; the second is the reference. The low resolution is a point in "
-            "each pixel, not a mean. The paper shows pictures of its experiments on other models.",
+            f"A mesh in {points.size[1]} x {points.size[0]} pixels, enlarged to {high.size[1]} x "
+            f"{high.size[0]}, and its projection at that resolution as the reference. Means: each "
+            "pixel is the mean of its area, as a camera records it, and as the networks learned. "
+            "Points: the normal at the centre of each pixel, as a projection draws it, which is "
+            "sharper than a mean; a network sharpens it once more. The paper shows such "
+            "experiments on other models.",
         )
     )
+    plain, made = "means, bicubic", f"means, {model.domain}"
     crops = {1: Crop.around(high.mask), model.scale: Crop.around(low.mask)}
     panels: list[Panel] = [
         lit_panel("low resolution", low, crops[model.scale]),
-        lit_panel("bicubic interpolation", plain, crops[1]),
-        lit_panel("super-resolution", made, crops[1]),
+        lit_panel("bicubic interpolation", maps[plain], crops[1]),
+        lit_panel("super-resolution", maps[made], crops[1]),
         lit_panel("high resolution", high, crops[1]),
     ]
     panels += [
         shaded_panel(f"surface, {name}", surfaces[key].height)
         for name, key in (
             ("low resolution", "low"),
-            ("bicubic interpolation", "bicubic"),
-            ("super-resolution", "result"),
+            ("bicubic interpolation", plain),
+            ("super-resolution", made),
             ("high resolution", "high"),
         )
     ]
