@@ -414,6 +414,15 @@ class ExportMetrics(TypedDict):
     exposures_us: Annotated[list[float], "µs", "exposure times of the images, shortest first"]
 
 
+class BatchMetrics(TypedDict):
+    """Figures of a batch."""
+
+    sources: Annotated[int, "", "recordings that were given"]
+    done: Annotated[int, "", "those with a result that is up to date"]
+    failed: Annotated[int, "", "those without one"]
+    computed: Annotated[int, "", "those that were computed by this run"]
+
+
 class SimulateMetrics(TypedDict):
     """Figures of a simulated recording."""
 
@@ -433,6 +442,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp surface": (SurfaceMetrics,),
     "sgp curvature": (CurvatureMetrics,),
     "sgp run": (RunMetrics, NormalsMetrics, SeparationMetrics, SurfaceMetrics),
+    "sgp batch": (BatchMetrics,),
     "sgp demo": (DemoMetrics,),
     "sgp detail separate": (SeparationMetrics,),
     "sgp detail combine": (CombineMetrics,),
