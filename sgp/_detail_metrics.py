@@ -260,7 +260,7 @@ class TrainMetrics(TypedDict):
     network_mae_deg: Annotated[float, "deg", "the same of the network"]
     actual_over_predicted: Annotated[
         list[float],
-        "",
+        "1",
         "actual over predicted deviation of the network's normals, for each tenth of the pixels in "
         "order of the prediction; 1 is best",
     ]

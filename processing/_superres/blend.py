@@ -16,6 +16,8 @@ Float = npt.NDArray[np.float32]
 _HALF = 0.004
 _BINOMIAL = np.array([0.25, 0.5, 0.25], np.float32)
 _LEAST = np.float32(1e-12)
+# A blend is at most this much better than both results, in mean-square error.
+_LEAST_SHARE = np.float32(0.25)
 
 
 class Blend(NamedTuple):
@@ -51,12 +53,12 @@ def roughness_gate(low: Float) -> Float:
 
 
 def blend(smooth: Float, sharp: Float, square: Float, errors: Float, gate: Float) -> Blend:
-    """Blend two results so that the expected error is the least.
+    """Blend an interpolation and the result of a network.
 
-    With e the error of an interpolation and r what a network adds to it, the error of the blend
-    with the weight w is ``e - w r``. The mean-square errors v_b = E e^2 and v_n = E (e - r)^2 give
-    E e r, and with it the best weight w = 1/2 + (v_b - v_n) / (2 r^2) and its mean-square error
-    (1 - w) v_b + w v_n - w (1 - w) r^2.
+    The weight of the network is 1, less where it expects to be worse than bicubic interpolation
+    (the ratio of the mean-square errors), and less where the map is smooth. With v_b and v_n the
+    mean-square errors and r the difference of the results, the mean-square error of the blend with
+    the weight w is (1 - w) v_b + w v_n - w (1 - w) r^2.
 
     Parameters
     ----------
@@ -70,9 +72,8 @@ def blend(smooth: Float, sharp: Float, square: Float, errors: Float, gate: Float
         ``(H, W)`` largest weight, 0 to 1.
     """
     ours, theirs = errors[..., 0], errors[..., 1]
-    best = 0.5 + (theirs - ours) / (2 * np.maximum(square, _LEAST))
-    weight = np.clip(best, 0, 1) * gate
+    weight = np.minimum(1, theirs / np.maximum(ours, _LEAST)) * gate
     variance = (1 - weight) * theirs + weight * ours - weight * (1 - weight) * square
-    floor = 0.05 * np.minimum(theirs, ours)
+    floor = _LEAST_SHARE * np.minimum(theirs, ours)
     normals = units(smooth + weight[..., None] * (sharp - smooth))
     return Blend(normals, np.asarray(np.maximum(variance, floor), np.float32))

@@ -40,10 +40,10 @@ def super_resolve(
     With the method ``detail``, the shape component is interpolated bicubically, the detail is
     enlarged by a network and both are combined again, as in the paper's surface super-resolution.
     With ``normals``, the network enlarges the normals themselves. The network predicts its
-    mean-square error and that of bicubic interpolation; each pixel is the blend of its result and
-    an interpolation that is expected to have the least error, and interpolated where the map is
-    smooth. That interpolation is more accurate than bicubic interpolation there: cubic convolution
-    with a = -0.5 of the normals at the centres of the pixels, of which the given ones are means.
+    mean-square error and that of bicubic interpolation; its result counts less where it expects to
+    be worse, and where the map is smooth. The rest is interpolated, more accurately than by bicubic
+    interpolation: by cubic convolution with a = -0.5 of the normals at the centres of the pixels,
+    of which the given ones are means.
 
     Parameters
     ----------

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 _EVERY = 5  # one pixel in so many counts toward the deciles
 _DECILES = 10
+# No predicted deviation is above 1 radian: extrapolated ones would outweigh all others.
+_LARGEST_LOG = 0.0
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ def judge(size: RdnSize, weights: Mapping[str, torch.Tensor], pairs: PairFiles) 
             for kind, normals in enumerate(results(low, output, size.scale)):
                 squares = squared_angle(squared_chord(normals, high))
                 errors[kind].append(squares.sqrt().numpy().ravel())
-                logs[kind].append(output[:, 4 - kind].numpy().ravel())
+                log = output[:, 4 - kind].clamp(max=_LARGEST_LOG)
+                logs[kind].append(log.numpy().ravel())
     bicubic, network = (np.concatenate(one) for one in errors)
     return Judgement(
         _mean_deg(bicubic),

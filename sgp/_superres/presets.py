@@ -62,7 +62,7 @@ class Preset:
 
 PRESETS: dict[PresetName, Preset] = {
     # About ten minutes on two cores.
-    "small": Preset(3, 3, 32, 32, "direct", 900, 24, True, 8, 5000, 1e-3, True),
+    "small": Preset(3, 3, 32, 32, "direct", 900, 24, True, 8, 4000, 1e-3, True),
     # The settings of the paper, and the network as published. The paper names no number of steps.
     "paper": Preset(16, 8, 64, 64, "convolved", 353, 192, False, 16, 200_000, 1e-4, False),
 }

@@ -38,8 +38,8 @@ def superres(
 ) -> Result:
     """Enlarge a normal map; a network adds detail that is plausible, but not measured.
 
-    The network predicts how wrong it is, and how wrong bicubic interpolation is; each pixel is the
-    blend of both whose expected error is the least. Smooth parts are interpolated.
+    The network predicts how wrong it is, and how wrong bicubic interpolation is. It counts less
+    where it expects to be worse; smooth parts are interpolated.
 
     For example:
 

@@ -254,30 +254,28 @@ def test_a_mask_of_the_higher_resolution_is_used_near_the_map():
         super_resolve(low, 4, mask=np.zeros((160, 208), np.bool_))
 
 
-def test_the_best_weight_is_that_of_the_least_error():
-    """With errors of known size and correlation, no other weight of the blend is better."""
+def test_the_mean_square_error_of_a_blend_is_predicted():
+    """With known errors of both results, the error of any blend of them follows."""
     random = np.random.default_rng(5)
-    facing = np.tile(np.float32([0, 0, 1]), (300, 300, 1))
-    residual, rest = random.normal(scale=0.01, size=(2, 300, 300, 3))
+    facing = np.tile(np.array([0, 0, 1], np.float32), (200, 200, 1))
+    residual, rest = random.normal(scale=0.01, size=(2, 200, 200, 3))
     residual[..., 2] = rest[..., 2] = 0
     # The network finds half of the error, and adds an error of its own.
-    sharp = units((facing + residual / 2 + rest).astype(np.float32))
-    truth = units((facing + residual).astype(np.float32))
-    square = [np.full((300, 300), ((truth - one) ** 2).sum(2).mean()) for one in (sharp, facing)]
-    ones = np.ones((300, 300), np.float32)
-    # Its square is noise, so that the mean is the better estimate of it here.
-    added = np.broadcast_to(units(facing), sharp.shape)
-    made = blend(added, sharp, *square, ones)
-    errors = [
-        ((truth - units(facing + np.float32(w) * (sharp - facing))) ** 2).sum(2).mean()
-        for w in np.linspace(0, 1, 21)
-    ]
-    actual = ((truth - made.normals) ** 2).sum(2).mean()
-    assert actual < 1.15 * min(errors)
-    assert actual < 0.9 * min(errors[0], errors[-1])
-    none = blend(facing, sharp, *square, 0 * ones)
-    np.testing.assert_allclose(none.normals, facing, atol=1e-6)
-    np.testing.assert_allclose(none.variance, square[1], rtol=1e-6)
+    sharp, truth = (
+        units((facing + one).astype(np.float32)) for one in (residual / 2 + rest, residual)
+    )
+    ours, theirs = (float(((truth - one) ** 2).sum(2).mean()) for one in (sharp, facing))
+    assert theirs < ours
+    errors = np.broadcast_to(np.array([ours, theirs], np.float32), (200, 200, 2))
+    square = ((sharp - facing) ** 2).sum(axis=2)
+    for limit in (0, 0.4, 1):
+        made = blend(facing, sharp, square, errors, np.full((200, 200), limit, np.float32))
+        actual = ((truth - made.normals) ** 2).sum(2).mean()
+        assert made.variance.mean() == pytest.approx(actual, rel=0.03)
+        weight = limit * theirs / ours
+        np.testing.assert_allclose(
+            made.normals, units(facing + np.float32(weight) * (sharp - facing)), atol=1e-6
+        )
 
 
 # Networks.

@@ -52,7 +52,8 @@ def complete(app: App, path: tuple[str, ...], argument: Argument) -> list[str]:
         if other.required and other.name != argument.name:
             positional = other.field_info.is_positional
             chosen = next(iter(get_args(other.hint)), None)
-            value = "1" if numeric(other.hint) else chosen if isinstance(chosen, str) else "nowhere"
+            choice = chosen if isinstance(chosen, str | int) else "nowhere"
+            value = "1" if numeric(other.hint) else choice
             needed += [value] if positional else [f"{other.name}={value}"]
     return needed
 
