@@ -60,6 +60,17 @@ from ._reconstruction.reconstruction import Reconstruction as Reconstruction
 from ._reconstruction.scheme_check import Disagreement as Disagreement
 from ._reconstruction.scheme_check import SchemeCheck as SchemeCheck
 from ._reconstruction.specular import specular_residual as specular_residual
+from ._relight.fit import RelightColours as RelightColours
+from ._relight.fit import RelightFit as RelightFit
+from ._relight.fit import RelightValues as RelightValues
+from ._relight.light_basis import LightBasis as LightBasis
+from ._relight.light_basis import light_basis as light_basis
+from ._relight.ptm_file import read_ptm as read_ptm
+from ._relight.ptm_file import write_ptm as write_ptm
+from ._relight.relightable import fit_normals as fit_normals
+from ._relight.relightable import fit_recording as fit_recording
+from ._relight.relightable_image import RelightableImage as RelightableImage
+from ._relight.rti_planes import write_rti_planes as write_rti_planes
 from ._stereo.estimator import Estimator as Estimator
 from ._stereo.frame_normals import normals_of_frames as normals_of_frames
 from ._stereo.method import Method as Method
@@ -72,6 +83,7 @@ from ._superres.model import read_superres_model as read_superres_model
 from ._superres.super_resolution import SuperResolution as SuperResolution
 from ._superres.super_resolution import SuperResolutionMethod as SuperResolutionMethod
 from ._superres.super_resolve import super_resolve as super_resolve
+from ._surface.consistency import axes_notices as axes_notices
 from ._surface.curl import NormalCurl as NormalCurl
 from ._surface.curl import curl_notices as curl_notices
 from ._surface.curl import normal_curl as normal_curl

@@ -31,6 +31,7 @@ from sgp._detail_metrics import (
     TrainMetrics,
     TransferMetrics,
 )
+from sgp._relight_metrics import RelightMetrics, RtiMetrics
 
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
@@ -219,6 +220,13 @@ class SurfaceMetrics(MeshMetrics):
     """Figures of a surface."""
 
     unit: Annotated[Literal["mm", "px"], "", "unit of heights; `px` if the scale is not known"]
+    pixel_size: NotRequired[
+        Annotated[
+            float,
+            "`unit`",
+            "distance of neighbouring pixels; with a camera, at the working distance",
+        ]
+    ]
     height_range: Annotated[float, "`unit`", "highest minus lowest point"]
     vertices: Annotated[int, "", "vertices of the surface, one for each pixel with a height"]
     parts: Annotated[int, "", "connected parts"]
@@ -435,6 +443,16 @@ class SimulateMetrics(TypedDict):
     seconds: Annotated[dict[str, float], "s", "duration of each stage"]
 
 
+class ReportMetrics(TypedDict):
+    """Figures of a report."""
+
+    results: Annotated[int, "", "result folders on the page"]
+    bytes: Annotated[int, "bytes", "size of the page"]
+    reduction: Annotated[
+        list[float], "", "pixels of each result for a pixel of the page, in rows and in columns"
+    ]
+
+
 # The figures of each command. Those of the stages of `sgp run` follow: each leaves a record.
 COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp normals": (NormalsMetrics,),
@@ -454,6 +472,8 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
+    "sgp export": (RtiMetrics,),
+    "sgp relight": (RelightMetrics,),
     "sgp bench paper": (BenchMetrics,),
     "sgp bench synthesis": (SheetBenchMetrics,),
     "sgp bench superres": (SuperresBenchMetrics,),
@@ -466,4 +486,5 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp calibrate board": (BoardMetrics,),
     "sgp calibrate camera": (CameraMetrics,),
     "sgp simulate": (SimulateMetrics,),
+    "sgp report": (ReportMetrics,),
 }

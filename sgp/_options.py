@@ -118,6 +118,7 @@ Triangles = Annotated[int, Parameter(converter=_whole, validator=Number(gte=4, l
 Steps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=100))]
 TrainingSeed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lte=10**9))]
 TrainingSteps = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**7))]
+Quality = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=100))]
 Leds = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=4096))]
 Pixels = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=10**12))]
 Positive = Annotated[float, Parameter(converter=_real, validator=Number(gt=0, lte=1e6))]

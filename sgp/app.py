@@ -45,7 +45,10 @@ _TOP = (
     "curvature",
     "project",
     "compare",
+    "export",
+    "relight",
     "simulate",
+    "report",
     "doctor",
 )
 _COMPLETION = "completion"

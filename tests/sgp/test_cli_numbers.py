@@ -82,7 +82,16 @@ def test_text_options_of_numbers_are_known() -> None:
         for file in Path(sgp.commands.__path__[0]).parent.rglob("*.py")
         for match in source.finditer(file.read_text(encoding="utf-8"))
     }
-    assert named == {"--at", "--ball", "--look", "--rotate-deg", "--sphere", "--size", "--leds"}
+    assert named == {
+        "--at",
+        "--ball",
+        "--light",
+        "--look",
+        "--rotate-deg",
+        "--sphere",
+        "--size",
+        "--leds",
+    }
 
 
 @pytest.mark.parametrize(("path", "argument"), quick(ALL, every=3))
@@ -127,6 +136,7 @@ def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, arg
         ("project", "a.obj", "--out=o", "--size={}"),
         ("simulate", "coin", "--out=o", "--size={}"),
         ("capture", "plan", "--size={}"),
+        ("relight", "a", "--out=o.png", "--light={}"),
     ],
     ids=lambda words: "-".join(words[:1] + words[-1:]),
 )

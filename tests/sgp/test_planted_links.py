@@ -78,6 +78,8 @@ REST = """
     detail fill {root}/normals --patch 9 --holes {root}/holes.png --out {root}/filled
     detail superres {root}/normals --scale 2 --method bicubic --out {root}/large
     curvature {root}/normals --out {root}/curvature
+    export {root}/normals --out {root}/rti
+    relight {root}/rti/relight.ptm --light 0,1,1 --out {root}/above.png
     compare {root}/normals {root}/back --out {root}/compare
     project {root}/surface/surface.ply --out {root}/project
     rig snap --rig {root}/rig.toml --led 1 --out {root}/snap.tif
