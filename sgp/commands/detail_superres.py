@@ -11,6 +11,7 @@ import rig
 from sgp._camera_doubts import camera_notices
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._map_doubts import read_map
 from sgp._options import Input, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -86,7 +87,7 @@ def superres(
     network = None
     if method != "bicubic":
         network = processing.read_superres_model(model, scale, method)
-    read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
+    read = read_map(normals, green=green, max_pixels=max_pixels)
     view = None if camera is None else acquisition.read_camera(camera, read.normal_map.size)
     with Stages() as progress:
         made = processing.super_resolve(
