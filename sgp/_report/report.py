@@ -12,7 +12,7 @@ import acquisition
 import rig
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
-from sgp._report.maps import Embedded, embed
+from sgp._report.maps import Embedded, embed, height_differences
 from sgp._report.page import colour_maps, page
 from sgp._report.planes import Plane
 from sgp._report.prerendered import prerendered
@@ -180,6 +180,8 @@ def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
         "full": {"rows": maps.full[0], "columns": maps.full[1]},
         "pixelSize": maps.pixel_size,
         "unit": maps.unit,
+        "reduction": maps.crop.step,
+        "heightDifferences": height_differences(part.folder),
         "planes": [
             {"id": _plane_id(part, plane), **plane.header()} for plane in maps.planes.values()
         ],
