@@ -18,8 +18,8 @@ PLACE: Final = Path(__file__).parents[1] / "sgp" / "_report" / "vendor"
 USED: Final = """
 export {
   AmbientLight, BufferAttribute, BufferGeometry, CanvasTexture, DirectionalLight, DoubleSide, Mesh,
-  MeshLambertMaterial, OrthographicCamera, Plane, Raycaster, Scene, SRGBColorSpace, Vector2, Vector3,
-  WebGLRenderer,
+  MeshLambertMaterial, OrthographicCamera, Plane, Raycaster, Scene, SRGBColorSpace, Vector2,
+  Vector3, WebGLRenderer,
 } from "three";
 export { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 export { LineMaterial } from "three/examples/jsm/lines/LineMaterial.js";

@@ -123,18 +123,6 @@ def scale(folder: ResultFolder) -> tuple[str, float | None]:
     return unit, None
 
 
-def height_differences(folder: ResultFolder) -> dict[str, Any] | None:
-    """Return distances and the deviations of differences in height there, as far as recorded."""
-    for record in folder.records.values():
-        nested = record.metrics.get("surface")
-        found = nested if isinstance(nested, dict) else record.metrics
-        distances, sigma = found.get("difference_distances_px"), found.get("difference_sigma")
-        if isinstance(distances, list) and isinstance(sigma, list) and distances:
-            size = scale(folder)[1] or 1.0
-            return {"distances": [size * float(one) for one in distances], "sigma": sigma}
-    return None
-
-
 def _read(
     folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]
 ) -> Iterator[tuple[str, npt.NDArray[Any], npt.NDArray[np.bool_]]]:

@@ -10,9 +10,10 @@ from typing import Any, Final
 
 import acquisition
 import rig
+from sgp._report.differences import height_differences
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
-from sgp._report.maps import Embedded, embed, height_differences
+from sgp._report.maps import Embedded, embed
 from sgp._report.page import colour_maps, page
 from sgp._report.planes import Plane
 from sgp._report.prerendered import prerendered

@@ -21,11 +21,12 @@ export function described(found, unit) {
     ];
   }
   if (found.kind === "distance") {
+    if (Number.isNaN(found.distance)) return [["Distance", "not known: one end is off the surface"], ["Distance seen from the front", quantity(found.across, unit)]];
     return [
       ["Distance", quantity(found.distance, unit)],
       ["Height difference", quantity(found.difference, unit, found.differenceSigma)],
       ["Distance seen from the front", quantity(found.across, unit)],
-      ["Along the surface", quantity(found.along, unit)],
+      ["Along the surface", Number.isNaN(found.along) ? "not known: the surface has gaps on the way" : quantity(found.along, unit)],
     ];
   }
   if (found.crossing) return [["Area", "not known: the sides of the polygon cross"]];

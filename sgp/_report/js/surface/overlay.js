@@ -61,7 +61,7 @@ function axes(scene) {
   const [left, top] = [34, 40];
   return scene.axes().flatMap(([x, y], axis) => {
     const line = drawing("line", { x1: left, y1: top, x2: left + 24 * x, y2: top + 24 * y, class: "axis" });
-    const text = drawing("text", { x: left + 32 * x, y: top + 32 * y, class: "name" }, "xyz"[axis]);
+    const text = drawing("text", { x: left + 32 * x, y: top + 32 * y, class: "direction" }, "xyz"[axis]);
     return Math.hypot(x, y) > 0.15 ? [line, text] : [];
   });
 }
