@@ -1,7 +1,7 @@
 // What lies over the picture: marks with their numbers, the axes, and the scale bar.
 
 import { drawing } from "../elements.js";
-import { ticks, written } from "../colours.js";
+import { written } from "../colours.js";
 import { profile } from "./measure.js";
 
 const MOST_SAMPLES = 300;
@@ -69,8 +69,8 @@ function axes(scene) {
 function scaleBar(scene, unit) {
   const [width, height] = scene.size;
   const most = Math.min(220, 0.4 * width) / scene.scale;
-  const [, step] = ticks(0, most, 2);
-  const length = ticks(0, most, 1).at(-1) || step;
+  const power = 10 ** Math.floor(Math.log10(most));
+  const length = [5, 2, 1].map((one) => one * power).find((one) => one <= most);
   const long = length * scene.scale;
   const [left, top] = [14, height - 14];
   const heights = scene.exaggeration === 1 ? "" : `, heights × ${written(scene.exaggeration, 0.1)}`;

@@ -5,6 +5,8 @@ import { section } from "./mesh.js";
 export const MOST_EXAGGERATION = 10;
 const TURN_RAD = Math.PI / 36;
 const PAN_PX = 40;
+const MARGIN = 0.9;
+const LEAST_EXAGGERATION = 0.001; // a mesh of no height has no normals
 /** Directions toward the camera. */
 const VIEWS = { front: [0, 0, 1], tilted: [0.28, -0.66, 0.7], side: [0.94, -0.1, 0.34] };
 
@@ -20,6 +22,7 @@ export class Scene {
     this.camera = new THREE.OrthographicCamera();
     this.controls = new THREE.OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.redraw());
+    this.controls.addEventListener("start", () => (this.looked = null));
     this.sun = new THREE.DirectionalLight(0xffffff, 0.85 * Math.PI);
     this.plane = new THREE.Plane();
     this.material = new THREE.MeshLambertMaterial({ side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
@@ -61,7 +64,8 @@ export class Scene {
   }
 
   exaggerate(factor) {
-    this.exaggeration = this.mesh.scale.z = factor;
+    this.exaggeration = this.mesh.scale.z = Math.max(factor, LEAST_EXAGGERATION);
+    if (this.looked) this.look(this.looked);
     this.clip(this.cut);
   }
 
@@ -90,17 +94,32 @@ export class Scene {
     this.redraw();
   }
 
-  /** Look from the front, tilted or from the side, at the complete surface. */
+  /** Look from the front, tilted or from the side, at the complete surface, until it is turned or moved. */
   look(name) {
+    this.looked = name;
     const direction = new THREE.Vector3(...VIEWS[name]).normalize();
     this.controls.target.set(0, 0, 0);
     this.camera.position.copy(direction.multiplyScalar(2 * this.radius));
     this.camera.near = 0;
     this.camera.far = 8 * this.radius;
-    this.camera.zoom = 1;
-    this.camera.updateProjectionMatrix();
     this.controls.update();
+    this.camera.zoom = this.size ? this.fitting() : 1;
+    this.camera.updateProjectionMatrix();
     this.redraw();
+  }
+
+  /** Return the zoom at which the box around the surface fills the picture but for a margin. */
+  fitting() {
+    this.camera.updateMatrixWorld();
+    const [x, y] = this.half;
+    const z = (this.exaggeration * (this.made.range[1] - this.made.range[0])) / 2;
+    let most = 0;
+    for (const corner of [[x, y, z], [-x, y, z], [x, -y, z], [-x, -y, z]]) {
+      const { x: across, y: up } = new THREE.Vector3(...corner).transformDirection(this.camera.matrixWorldInverse);
+      const length = Math.hypot(...corner);
+      most = Math.max(most, (Math.abs(across) * length) / this.camera.right, (Math.abs(up) * length) / this.camera.top);
+    }
+    return MARGIN / (most || 1);
   }
 
   /** Fit the camera to the size of the canvas in pixels of the page. */
@@ -108,10 +127,9 @@ export class Scene {
     this.renderer.setPixelRatio(window.devicePixelRatio || 1);
     this.renderer.setSize(width, height, false);
     this.size = [width, height];
-    // The length of half the picture that contains the map from every side.
-    const [halfWidth, halfHeight] = this.half;
-    const unit = 1.12 * Math.max((halfWidth / width) * 2, (halfHeight / height) * 2);
-    Object.assign(this.camera, { left: (-unit * width) / 2, right: (unit * width) / 2, top: (unit * height) / 2, bottom: (-unit * height) / 2 });
+    const [across, up] = [(this.radius * width) / height, this.radius];
+    Object.assign(this.camera, { left: -across, right: across, top: up, bottom: -up });
+    if (this.looked) this.look(this.looked);
     this.camera.updateProjectionMatrix();
     this.draw();
   }
@@ -160,6 +178,7 @@ export class Scene {
   key({ key, shiftKey }) {
     const ways = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
     const looks = { 0: "tilted", 1: "front", 2: "side" };
+    if (key in ways) this.looked = null;
     if (key in ways && shiftKey) this.controls.pan(...ways[key].map((one) => PAN_PX * one));
     else if (key in ways) {
       this.controls.rotateLeft(TURN_RAD * ways[key][0]);
@@ -172,6 +191,7 @@ export class Scene {
   }
 
   zoom(factor) {
+    this.looked = null;
     this.camera.zoom *= factor;
     this.camera.updateProjectionMatrix();
     this.redraw();
