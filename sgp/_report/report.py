@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import acquisition
 import rig
+from sgp._report.differences import height_differences
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
 from sgp._report.maps import Embedded, embed
@@ -180,6 +181,8 @@ def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
         "full": {"rows": maps.full[0], "columns": maps.full[1]},
         "pixelSize": maps.pixel_size,
         "unit": maps.unit,
+        "reduction": maps.crop.step,
+        "heightDifferences": height_differences(part.folder),
         "planes": [
             {"id": _plane_id(part, plane), **plane.header()} for plane in maps.planes.values()
         ],
