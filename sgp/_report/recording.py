@@ -86,8 +86,8 @@ def read_recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int)
     notices: list[rig.Notice] = []
     inputs = Inputs(folder.records.values())
     lights = _lights(folder, inputs, notices)
-    named = folder.parameter("source")
-    if not isinstance(named, str):
+    named = folder.source
+    if named is None:
         return Recording(lights=lights, notices=notices)
     try:
         source = acquisition.read_source(named, lights=lights, max_pixels=max_pixels)
