@@ -111,7 +111,11 @@ def read_bare_recording(path: Path, max_pixels: int) -> Recording:
         If the folder is not a recording that can be read.
     """
     source = acquisition.read_source(path, max_pixels=max_pixels)
-    return _recording(source, list(_shots(source)), None, None, list(source.warnings))
+    missing = ["there are no normals, no detail and no surface yet: sgp run computes them"]
+    if source.lights is None:
+        missing.append("the directions of the lights are not known: sgp calibrate finds them")
+    notices = [*source.warnings, *(rig.Notice("result-unfinished", text) for text in missing)]
+    return _recording(source, list(_shots(source)), None, None, notices)
 
 
 def _recording(

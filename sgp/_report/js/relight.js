@@ -37,6 +37,7 @@ export function mount(body, { results, report }) {
     const drawn = areas();
     drawn.forEach((box, i) => panes[i].draw({ box, view: { x: place.x + box.x, y: place.y + box.y, zoom: place.zoom }, light, look }));
     canvas.dataset.drawn = String(Number(canvas.dataset.drawn ?? 0) + 1);
+    canvas.dataset.pending = String(panes[0].tiles.pending + panes[1].tiles.pending);
     zoomed.textContent = `${((100 * place.zoom) / place.unit).toFixed(0)} %`;
     const images = panes.slice(0, drawn.length).map((pane) => pane.captured(light)).find((one) => one.length > 0) ?? [];
     status.textContent = [`Light: ${light.text}`, ...images.map(([image, share]) => `image ${image.name} ${(100 * share).toFixed(0)} %`)].join(", ");

@@ -7,7 +7,7 @@ const BORDER = 1; // pixels of the neighbours on each side
 
 export class Tiles {
   constructor(renderer, redraw) {
-    Object.assign(this, { renderer, redraw, kept: new Map() });
+    Object.assign(this, { renderer, redraw, kept: new Map(), pending: 0 });
   }
 
   /** Return the tiles in view whose planes are decoded, as parts to draw; the others are begun. */
@@ -59,6 +59,7 @@ export class Tiles {
   }
 
   async load(result, names, row, column, kept) {
+    this.pending += 1;
     const textures = new Map();
     for (const name of names) {
       const header = result.tiles.headers[`${name}-${row}-${column}`];
@@ -67,6 +68,7 @@ export class Tiles {
       textures.set(name, this.renderer.planeTexture(plane, true));
     }
     kept.textures = textures;
+    this.pending -= 1;
     for (const [key, old] of this.kept) {
       if (this.kept.size <= MOST) break;
       if (old.textures === null || old === kept) continue;
