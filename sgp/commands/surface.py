@@ -15,6 +15,7 @@ import rig
 from sgp._camera_doubts import camera_notices
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._map_doubts import with_remedy
 from sgp._options import Input, Millimetres, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -106,10 +107,11 @@ def surface(
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
     if camera is not None and model is not None:
         notices += camera_notices(camera, model)
-    sigma_deg = None
+    deviations = None
     if sigma is not None:
-        sigma_deg, gaps = read_sigma(sigma, normal_map, max_pixels)
-        notices += gaps
+        deviations = read_sigma(sigma, normal_map, max_pixels)
+        notices += deviations.notices
+    sigma_deg = None if deviations is None else deviations.sigma_deg
     unit, pixel_size = processing.surface_scale(model, options.pixel_mm)
     known = None
     if prior is not None:
@@ -128,6 +130,7 @@ def surface(
             pixel_mm=options.pixel_mm,
             depth_mm=depth_mm,
             sigma_deg=sigma_deg,
+            common_sigma_deg=None if deviations is None else deviations.common_deg,
             prior=known,
             height_errors=options.height_sigma,
             discontinuity=options.discontinuity,
@@ -165,10 +168,7 @@ def _with_remedy(
     """Name the option that turns green round, or keeps jumps in depth, if it may help."""
     if notice.code == "surface-differs" and not options.discontinuity:
         return replace(notice, text=f"{notice.text}; --discontinuity keeps jumps")
-    if notice.code != "normals-mirrored":
-        return notice
-    other = "down" if green == "up" else "up"
-    return replace(notice, text=f"{notice.text}; if green is the other way round, --green {other}")
+    return with_remedy(notice, green)
 
 
 def _depth(
