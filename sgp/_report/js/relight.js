@@ -210,14 +210,16 @@ export function mount(body, { results, report }) {
     arrange();
     draw();
   }).observe(canvas);
-  const recall = () => {
-    const [azimuth, elevation] = (remembered("light") ?? "").split(",").map(Number);
+  // The address of the event: the page's own may have been written again since then.
+  const recall = (event) => {
+    const wish = (key) => remembered(key, event?.newURL);
+    const [azimuth, elevation] = (wish("light") ?? "").split(",").map(Number);
     if (Number.isFinite(azimuth) && Number.isFinite(elevation)) light.set({ azimuth, elevation: Math.min(90, Math.max(1, elevation)) });
-    panes.forEach((pane, i) => pickers[i].choose(remembered(i === 0 ? "show" : "right")));
-    const wanted = remembered("layout");
+    panes.forEach((pane, i) => pickers[i].choose(wish(i === 0 ? "show" : "right")));
+    const wanted = wish("layout");
     if (LAYOUTS.some(([key]) => key === wanted)) state.layout = layout.input.value = wanted;
     arrange();
-    if (remembered("zoom") === "1") {
+    if (wish("zoom") === "1") {
       place.fit();
       place.zoomTo(place.unit);
     }
