@@ -1,8 +1,9 @@
-// The page: reads its data, makes a tab for each view, and opens the first one.
+// The page: reads its data, makes a tab for the light and for each other view, and opens the first one.
 
 import { remember, remembered } from "./address.js";
 import { element } from "./elements.js";
 import { drawMaps } from "./gallery.js";
+import { label, mount } from "./relight.js";
 import { Result } from "./result.js";
 
 export function start(views) {
@@ -12,8 +13,8 @@ export function start(views) {
   if (!place || results.length === 0) return;
   if (typeof DecompressionStream === "undefined") return;
   const tabs = element("div", { role: "tablist", class: "tabs", "aria-label": "Views" });
-  const panels = views.map((view) => panel(view, tabs, results, report));
-  if (views.length > 1) place.append(tabs);
+  const panels = [{ id: "relight", label, mount }, ...views].map((view) => panel(view, tabs, results, report));
+  if (panels.length > 1) place.append(tabs);
   place.append(...panels.map((one) => one.body));
   const choose = (chosen) => panels.forEach((one) => one.select(one === chosen));
   const turn = (chosen) => {
