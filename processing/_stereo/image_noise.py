@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
@@ -39,13 +37,6 @@ _LARGEST = 2.0
 _FEW_SAMPLES = 5.0
 # Least standard deviation, relative to the median signal: images without noise have no law.
 _LEAST = 1e-5
-
-
-@dataclass(frozen=True, eq=False)
-class ImageLaw:
-    """What `law_of_images` has returned for all images, for a part of them."""
-
-    law: Float | None
 
 
 def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None:
