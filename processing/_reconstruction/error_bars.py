@@ -22,7 +22,7 @@ from processing._uncertainty.normal_uncertainty import (
     sums_of,
     valid_errors,
 )
-from processing._uncertainty.pixel_variances import Counts, Origin, PixelVariances
+from processing._uncertainty.pixel_variances import Origin, PixelVariances
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Notice
 

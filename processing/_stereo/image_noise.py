@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import nnls
 
 from processing._stereo.cauchy import cauchy
 from processing._stereo.frames import Frames
@@ -122,7 +121,19 @@ def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
     if not (variance > least).all():
         return None
     terms = np.stack([np.ones(_BINS), level], axis=1) / variance[:, None]
-    (floor, slope), _ = nnls(terms, np.ones(_BINS))
+    floor, slope = _not_negative(terms, np.ones(_BINS))
     # A sample in the dark has some noise, too.
     floor = max(floor, 1e-3 * float(variance.min()))
     return np.stack([floor / intensities**2, slope / intensities])[None].astype(np.float32)
+
+
+def _not_negative(terms: Double, values: Double) -> tuple[float, float]:
+    """Return the least-squares solution ``(2,)`` that is not negative; terms are ``(N, 2)``."""
+    both = np.linalg.lstsq(terms, values, rcond=None)[0]
+    if (both >= 0).all():
+        return float(both[0]), float(both[1])
+    # One of them is 0.
+    along = terms.T @ values
+    alone = np.maximum(along, 0) / np.sum(terms**2, axis=0)
+    first = along[0] * alone[0] > along[1] * alone[1]
+    return (float(alone[0]), 0.0) if first else (0.0, float(alone[1]))
