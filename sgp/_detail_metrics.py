@@ -220,3 +220,47 @@ class FillMetrics(TypedDict):
         float | None, "deg", "the same inside the holes; null if they have no interior"
     ]
     seam_ratio: Annotated[float | None, "1", "`seam_step_deg` / `interior_step_deg`"]
+
+
+class SuperresMetrics(TypedDict):
+    """Figures of a normal map that was enlarged."""
+
+    width: Annotated[int, "px", "width of the result"]
+    height: Annotated[int, "px", "height of the result"]
+    pixels: Annotated[int, "px", "pixels with a normal"]
+    invented_share: Annotated[
+        float,
+        "0..1",
+        "share of the detail that the network added: its mean square, relative to its sum with "
+        "that of the detail of an interpolation",
+    ]
+    added_deg: Annotated[float, "deg", "mean angle between the result and an interpolation"]
+    normal_sigma_deg: Annotated[
+        float | None,
+        "deg",
+        "median of the predicted standard deviations of the normals; null for bicubic "
+        "interpolation",
+    ]
+    model_sha256: Annotated[
+        str | None, "", "hash of the network's file; null for bicubic interpolation"
+    ]
+    pixel_mm: NotRequired[
+        Annotated[float, "mm", "size of a pixel of the result, if that of the given map is known"]
+    ]
+
+
+class TrainMetrics(TypedDict):
+    """Figures of the training of a network."""
+
+    steps: Annotated[int, "", "steps of the training"]
+    parameters: Annotated[int, "", "weights of the network"]
+    bicubic_mae_deg: Annotated[
+        float, "deg", "mean angular error of bicubic interpolation on held-out surfaces"
+    ]
+    network_mae_deg: Annotated[float, "deg", "the same of the network"]
+    actual_over_predicted: Annotated[
+        list[float],
+        "1",
+        "actual over predicted deviation of the network's normals, for each tenth of the pixels in "
+        "order of the prediction; 1 is best",
+    ]

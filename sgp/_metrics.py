@@ -26,9 +26,12 @@ from sgp._detail_metrics import (
     CombineMetrics,
     FillMetrics,
     PropertiesMetrics,
+    SuperresMetrics,
     SynthesisMetrics,
+    TrainMetrics,
     TransferMetrics,
 )
+from sgp._relight_metrics import RelightMetrics, RtiMetrics
 
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
@@ -401,6 +404,13 @@ class SheetBenchMetrics(TypedDict):
     quick: Annotated[bool, "", "whether `--quick` was given"]
 
 
+class SuperresBenchMetrics(TypedDict):
+    """Figures of the tables of super-resolution; the tables are in tables.json."""
+
+    tables: Annotated[int, "", "tables that were computed"]
+    quick: Annotated[bool, "", "whether `--quick` was given"]
+
+
 class ExportMetrics(TypedDict):
     """Figures of an export of a session."""
 
@@ -458,10 +468,15 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail properties": (PropertiesMetrics,),
     "sgp detail synthesize": (SynthesisMetrics,),
     "sgp detail fill": (FillMetrics,),
+    "sgp detail superres": (SuperresMetrics,),
+    "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
+    "sgp export": (RtiMetrics,),
+    "sgp relight": (RelightMetrics,),
     "sgp bench paper": (BenchMetrics,),
     "sgp bench synthesis": (SheetBenchMetrics,),
+    "sgp bench superres": (SuperresBenchMetrics,),
     "sgp capture export": (ExportMetrics,),
     "sgp calibrate spheres": (SpheresMetrics,),
     "sgp calibrate intensities": (IntensitiesMetrics,),
