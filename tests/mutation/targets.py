@@ -151,7 +151,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
         for name in (
             "judged_samples",
             "light_table",
-            "model_error",
             "pixel_variances",
             "reference",
             "reflectance_left",
@@ -159,6 +158,10 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "tangents",
         )
     },
+    "processing/_uncertainty/model_error.py": (
+        "processing/test_model_error.py",
+        "processing/test_normal_uncertainty.py",
+    ),
     **{
         f"processing/_reconstruction/{name}.py": ("processing/test_banded_normals.py",)
         for name in ("banded_normals", "colour_normals", "recorded_images")
