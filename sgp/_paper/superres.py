@@ -85,7 +85,9 @@ def networks(models: Path | None, scale: int) -> Networks:
     Raises
     ------
     DataError
-        If a network is damaged, or has no description.
+        If a network is damaged.
+    MissingPathError
+        If a network has no description.
     """
     found: Networks = {}
     for path in sorted(models.glob("*.onnx")) if models is not None else ():

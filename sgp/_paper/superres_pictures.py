@@ -13,7 +13,7 @@ from sgp._paper.superres_maps import head
 from sgp._paper.tables import Number, Table
 
 # Middles of the parts that are shown, in columns and rows, and their side.
-_PARTS = {"relief 160": (500, 500), "owl": (480, 420)}
+_PARTS = {"relief 160": (500, 500), "owl": (280, 125)}
 _PART_PX = 160
 
 
