@@ -253,14 +253,14 @@ def _images(
             continue
         signal = (_small(pixels, region) - source.black_level) / span
         pictures[number] = source.transfer.light(signal).astype(np.float32)
-    bright: dict[tuple[str, float | None], float] = {}
+    bright: dict[float | None, float] = {}
     for number, picture in pictures.items():
-        key = _group(shots[number])
+        key = shots[number].frame.exposure_us
         bright[key] = max(bright.get(key, 1e-6), float(np.percentile(picture, _BRIGHT)))
     found = []
     for number, picture in pictures.items():
         shot = shots[number]
-        light = np.clip(picture / bright[_group(shot)], 0, 1)
+        light = np.clip(picture / bright[shot.frame.exposure_us], 0, 1)
         encoded = _srgb(light)
         jpeg = cv2.imencode(".jpg", encoded, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
         frame = shot.frame
@@ -276,11 +276,6 @@ def _images(
             )
         )
     return found
-
-
-def _group(shot: _Shot) -> tuple[str, float | None]:
-    """Return what the images have in common that are shown at the same brightness."""
-    return shot.frame.role, shot.frame.exposure_us
 
 
 def _small(pixels: npt.NDArray[Any], region: Crop) -> npt.NDArray[np.float32]:
