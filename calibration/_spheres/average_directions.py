@@ -101,6 +101,7 @@ def _directions(
             "are near; give a camera and a radius to get positions"
         )
         warnings.append(Notice("lights-near", text))
+    warnings += _unlike(names, images)
     covariances = direction_covariances(
         rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
     )
@@ -109,6 +110,22 @@ def _directions(
     lights = Lights(directions=directions, ids=names, errors=errors)
     spheres = shown.numbered(spheres)
     return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
+
+
+def _unlike(names: tuple[str, ...], images: Sequence[SphereImage]) -> list[Notice]:
+    """Return a notice for each sphere on which some highlights have another size."""
+    notices = []
+    for image in images:
+        odd = [names[k] for k in image.highlights.unlike if image.highlights.found[k]]
+        if odd:
+            more = f" (and {len(odd) - 4} more lights)" if len(odd) > 4 else ""
+            text = (
+                f"under light {', '.join(odd[:4])}{more}, the highlight of {places([image])} is "
+                "larger or smaller than under the other lights: a reflection may be a part of it, "
+                "or hide it; look at these images, cover what shines, or add a short exposure"
+            )
+            notices.append(Notice("highlights-unlike", text))
+    return notices
 
 
 def _check_known(covariances: Array, images: Sequence[SphereImage]) -> None:

@@ -12,6 +12,7 @@ from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 from calibration._spheres.spot import Spot
+from calibration._spheres.unlike import unlike_px
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.
@@ -72,12 +73,15 @@ class Highlights:
     several
         All places that may be the highlight, that of ``pixels`` among them; None if there are no
         others.
+    unlike
+        Indices of the lights whose saturated highlights are much larger or smaller than the others.
     """
 
     pixels: Array
     saturated: npt.NDArray[np.bool_]
     sigma_px: Array
     several: Candidates | None = None
+    unlike: tuple[int, ...] = ()
 
     @property
     def candidates(self) -> Candidates:
@@ -229,8 +233,9 @@ class _Search:
         """Return the positions of blobs, and which of them are highlights."""
         result = _none(len(blobs))
         of = result.candidates
+        areas = np.full(len(blobs), np.nan)
         for k, of_one in enumerate(blobs):
-            rank = 0
+            rank, sizes = 0, []
             for blob in of_one:
                 if blob.flux < _FAINTEST_FLUX * typical or np.any(blob.region & self.border):
                     continue
@@ -245,12 +250,18 @@ class _Search:
                     continue
                 of.pixels[k, rank], of.sigma_px[k, rank] = place, spot.sigma_px
                 of.saturated[k, rank], of.share[k, rank] = blob.saturated, share
+                sizes.append(np.count_nonzero(blob.region))
                 rank += 1
             largest = of.share[k, 0]
+            if of.saturated[k, 0]:
+                areas[k] = sizes[0]
             if largest >= 1 and of_one[0].rival <= _RIVAL_FLUX * largest * of_one[0].flux:
                 result.pixels[k], result.sigma_px[k] = of.pixels[k, 0], of.sigma_px[k, 0]
                 result.saturated[k] = of.saturated[k, 0]
-        return result
+        off = unlike_px(areas)
+        of.sigma_px[:, 0] = np.hypot(of.sigma_px[:, 0], off)
+        sigma_px = np.hypot(result.sigma_px, off)
+        return replace(result, sigma_px=sigma_px, unlike=tuple(np.flatnonzero(off).tolist()))
 
     def spot(self, k: int, blob: Blob) -> Spot:
         """Return the centre of a blob.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -31,6 +32,12 @@ _SAME_PX, _NEAR_PX = 0.25, 1.0
 _FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4), 25.0, 0.2
 # Edges along this length of an outline count as one observation.
 _INDEPENDENT_PX = 16.0
+# A ball mirrors circles inside itself, but there is none around it: an outline that is larger by
+# 5 % wins if it has nearly as much support. The inner one counts as two observations less.
+_LARGER, _AS_GOOD, _INNER = 1.05, 0.1, 2.0
+# Where edges do not support an outline, they are elsewhere, and so may be the outline: this many px
+# over that share of its length. A blur hides so much of itself.
+_ELSEWHERE_PX, _OF_BLUR = 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +51,11 @@ class JointNear(JointOutline):
     """
 
     covariance_px2: Array
+
+    @property
+    def model_px(self) -> float:
+        """Systematic error of centre x, centre y and radius: unsupported edges and the blur."""
+        return (1 - self.support) * _ELSEWHERE_PX + _OF_BLUR * self.blur_px
 
 
 def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
@@ -112,6 +124,38 @@ def _near(crop: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
         best.blur_px,
         _covariance(found) + part_covariance(crop, best.outline),
     )
+
+
+def best_of(found: Sequence[JointNear]) -> JointNear | None:
+    """Return the best of several outlines; its covariance contains the others that may be right.
+
+    As in `joint_near`, one that has n observations less has the weight exp(-n).
+
+    Parameters
+    ----------
+    found
+        Results of `joint_near`; None is returned if there are none.
+    """
+    if not found:
+        return None
+    best = max(found, key=lambda one: one.support)
+    larger = [
+        one
+        for one in found
+        if one.support > best.support - _AS_GOOD
+        and one.outline.radius_px > _LARGER * best.outline.radius_px
+    ]
+    best = max(larger or [best], key=lambda one: one.support)
+    length = 2 * np.pi * best.outline.radius_px / _INDEPENDENT_PX
+    others = [one for one in found if one is not best]
+    changes = [change_of(best.outline, one.outline) for one in others]
+    inner = [_LARGER * one.outline.radius_px < best.outline.radius_px for one in others]
+    less = [length * (best.support - one.support) for one in others]
+    weights = np.exp([-n - _INNER * of_inner for n, of_inner in zip(less, inner, strict=True)])
+    covariance = best.covariance_px2
+    for weight, change in zip(weights / (1 + weights.sum()), changes, strict=True):
+        covariance = covariance + weight * np.outer(change, change)
+    return replace(best, covariance_px2=covariance)
 
 
 def edges_agree(values: Images, outline: Ellipse) -> bool:

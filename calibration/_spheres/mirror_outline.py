@@ -24,6 +24,8 @@ _DOUBTED, _SAME_OUTLINE = 7.8, 16.3
 _EDGE_PX2 = 0.4
 # The mirror image is compared with at most this blur; what more does to its outline, in the blur.
 _MOST_BLUR_PX, _OUT_OF_FOCUS = 1.8, 0.3
+# Errors of edges of more than the usual blur, as a share of the excess.
+_USUAL_BLUR_PX, _OF_BLUR = 1.2, 0.03
 
 
 def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> SphereImage:
@@ -65,6 +67,7 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
         find_highlights(values, outline),
         covariance_px2=own,
         systematic_px=systematic,
+        mirrored=mirror.share,
     )
 
 
@@ -75,7 +78,8 @@ def _combined(fitted: FittedBall, edge: LimbFit) -> tuple[Balls, Array]:
         covariance = covariance + np.eye(3) * (_OUT_OF_FOCUS * edge.blur_px) ** 2
     moved = edge.ball.axes_px[0] - ball.axes_px[0]
     change = np.append(moved, edge.ball.radii_px - ball.radii_px)
-    unseen = np.eye(3) * (_EDGE_PX2 / float(ball.radii_px[0])) ** 2
+    by_blur = _OF_BLUR * max(edge.blur_px - _USUAL_BLUR_PX, 0.0)
+    unseen = np.eye(3) * ((_EDGE_PX2 / float(ball.radii_px[0])) ** 2 + by_blur**2)
     both = covariance + edge.covariance_px2 + unseen
     chi_square = change @ np.linalg.solve(both, change)
     if chi_square > _SAME_OUTLINE:

@@ -46,6 +46,9 @@ class SphereImage:
         otherwise.
     painted
         Whether the sphere in a mask is shaded like a painted ball.
+    mirrored
+        Share of the differences near its limb that the mirrored plane explains; 0 if the outline
+        was not found by it.
     """
 
     outline: Ellipse
@@ -56,6 +59,7 @@ class SphereImage:
     systematic_px: float = OUTLINE_SIGMA_PX
     mask_off_px: float = 0.0
     painted: bool = False
+    mirrored: float = 0.0
 
     __repr__ = short_repr
 

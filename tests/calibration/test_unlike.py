@@ -1,0 +1,104 @@
+"""Highlights whose size differs from the others, and several outlines that may be right."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration._spheres.average_directions import orthographic_lights
+from calibration._spheres.confirmed import confirmed
+from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.highlights import find_highlights
+from calibration._spheres.joint_search import JointNear, best_of
+from calibration._spheres.seen_together import SeenTogether
+from calibration._spheres.sphere_image import SphereImage
+from calibration._spheres.unlike import unlike_px
+
+LIGHTS = 7
+
+
+@pytest.mark.parametrize(
+    ("areas", "odd"),
+    [
+        pytest.param([147, 151, 149, 146, 148, 149, 195], [6], id="a reflection is a part of it"),
+        pytest.param([88, 52, 98, 113, 114, 17, 93], [5], id="a reflection instead of it"),
+        pytest.param([90, 92, 94, 96, 98, 100, np.nan], [], id="alike"),
+        pytest.param([90, 300, np.nan, np.nan, np.nan, np.nan, 90], [], id="too few to compare"),
+        pytest.param([30, 45, 60, 90, 120, 180, 200], [], id="near and far lights"),
+    ],
+)
+def test_areas_that_differ_enlarge_the_error(areas, odd):
+    off = unlike_px(np.array(areas, float))
+    assert np.flatnonzero(off).tolist() == odd
+    np.testing.assert_allclose(unlike_px(4 * np.array(areas)), 2 * off)  # lengths scale
+
+
+def test_a_disc_that_touches_another_one_is_off_by_less_than_two_stated_errors():
+    """Of two equal discs that are one spot, the centre is off by one radius."""
+    disc = np.pi * 5.0**2
+    off = unlike_px(np.array([disc] * 6 + [2 * disc]))[6] * np.sqrt(2)
+    assert 5.0 < off < 10.0
+
+
+def ball():
+    """Return images of a ball with saturated highlights, the last of which is a small one."""
+    rows, columns = np.mgrid[:120, :120]
+    values = np.full((LIGHTS, 120, 120), 0.1, np.float32)
+    for k in range(LIGHTS):
+        off = np.hypot(columns - 40 - 7 * k, rows - 50)
+        values[k] += 40 * np.exp(-0.5 * (off / (1.8 if k < LIGHTS - 1 else 0.8)) ** 2)
+    values += np.random.default_rng(0).normal(size=values.shape) * 0.002
+    return np.where(values >= 1, np.nan, values).astype(np.float32)
+
+
+def test_the_light_of_a_highlight_of_another_size_is_named():
+    outline = Ellipse((60.0, 60.0), (50.0, 50.0))
+    points = outline.point(np.arange(6.0))
+    sphere = SphereImage(outline, points, 1.0, find_highlights(ball(), outline), np.eye(3) * 0.01)
+    names = tuple(f"L{k:02d}" for k in range(LIGHTS))
+    shown = SeenTogether(names, np.full((LIGHTS, 3), np.nan), [sphere], [0], ("",), [True])
+    result = orthographic_lights(shown, [])
+    (notice,) = [one for one in result.warnings if one.code == "highlights-unlike"]
+    assert "under light L06, the highlight of the sphere at (60, 60) px is" in notice.text
+    spread = np.trace(result.lights.errors.covariances, axis1=1, axis2=2)
+    assert spread[6] > 10 * np.median(spread)
+
+
+def near(radius_px, support, x=50.0):
+    outline = Ellipse((x, 50.0), (radius_px, radius_px))
+    return JointNear(outline, np.zeros((0, 2)), support, support, 0.8, np.eye(3) * 0.01)
+
+
+@pytest.mark.parametrize(
+    ("found", "best", "stated_px"),
+    [
+        pytest.param([near(40, 0.7)], 0, (0.09, 0.11), id="one"),
+        pytest.param([near(40, 0.7), near(40.2, 0.6)], 0, (0.1, 0.3), id="nearly the same"),
+        pytest.param([near(40, 0.7), near(60, 0.3)], 0, (0.1, 1), id="noise around it"),
+        pytest.param([near(65, 0.48), near(75, 0.48)], 1, (2, 5), id="it mirrors a circle"),
+        pytest.param([near(65, 0.7), near(75, 0.48)], 0, (0.2, 2), id="one is much better"),
+        pytest.param([near(65, 0.5), near(65, 0.5, 58.0)], 0, (3, 6), id="not decided"),
+    ],
+)
+def test_outlines_that_the_images_cannot_separate_are_in_the_stated_error(found, best, stated_px):
+    chosen = best_of(found)
+    assert chosen.outline is found[best].outline
+    largest = np.sqrt(np.linalg.eigvalsh(chosen.covariance_px2)[-1])
+    assert stated_px[0] < largest < stated_px[1]
+    assert best_of([]) is None
+
+
+def test_a_lone_ball_states_how_far_mirror_image_and_edges_differ():
+    rows, columns = np.mgrid[:120, :120]
+    inside = np.clip(40.5 - np.hypot(columns - 60, rows - 60), 0, 1)
+    values = (0.3 - 0.25 * np.repeat(inside[None], 4, axis=0)).astype(np.float32)
+    values += np.random.default_rng(0).normal(size=values.shape).astype(np.float32) * 0.002
+    wrong = Ellipse((60.0, 61.5), (41.0, 41.0))
+    highlights = find_highlights(values, wrong)
+    lone = SphereImage(wrong, wrong.point(np.arange(6.0)), 1.0, highlights, np.eye(3) * 1.0)
+    (stated,) = confirmed(values, [lone])
+    assert np.array([0, -1.5, -1.0]) @ np.linalg.solve(stated.covariance_px2, [0, -1.5, -1.0]) < 2
+    # Several spheres on one plane confirm each other, and so does a plane that explains nearly all.
+    assert confirmed(values, [lone, lone]) == [lone, lone]
+    sure = replace(lone, mirrored=0.9)
+    assert confirmed(values, [sure]) == [sure]
