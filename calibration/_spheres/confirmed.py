@@ -33,8 +33,6 @@ _NEAR = 2.0
 # Without a plane, only the edges show that there is a ball. False outlines have up to .48, all of
 # those below .6 get a notice.
 _LEAST_SUPPORT = 0.45
-# No false plane explained more than .82 of the differences around a lone ball.
-_SURE_SHARE = 0.85
 # Contact shadows and what is mirrored at the limb move the edges of all images by up to 0.2 px.
 # The 99.9 % quantile of chi-square with 3 degrees of freedom.
 _MODEL_PX, _DIFFERENT = 0.15, 16.3
@@ -50,9 +48,9 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
     all images do not depend on the plane. If they confirm the outline of one sphere, the plane is
     there, and all spheres are returned as they are. So they are if the edges do not determine an
     outline well enough to contradict that of one of several spheres, which confirm each other. A
-    single sphere may be either outline then, unless the plane explains nearly all: its covariance
-    contains the difference. Otherwise, each sphere gets the outline of the edges. Where less than
-    half of its length is supported, its covariance contains the difference.
+    single sphere may have either outline then, unless the plane itself is without doubt: its
+    covariance contains the difference. Otherwise, each sphere gets the outline of the edges. Where
+    less than half of its length is supported, its covariance contains the difference.
 
     Parameters
     ----------
@@ -146,7 +144,7 @@ def _contradicts(joint: JointNear, sphere: SphereImage, change: Array) -> bool:
 
 def _either(sphere: SphereImage, joint: JointNear, change: Array) -> SphereImage:
     """Return a sphere that may have its own outline or that of the edges."""
-    if sphere.mirrored >= _SURE_SHARE:
+    if sphere.on_plane:
         return sphere
     own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
     covariance = own + joint.covariance_px2 + np.eye(3) * joint.model_px**2

@@ -24,6 +24,9 @@ _DOUBTED, _SAME_OUTLINE = 7.8, 16.3
 _EDGE_PX2 = 0.4
 # The mirror image is compared with at most this blur; what more does to its outline, in the blur.
 _MOST_BLUR_PX, _OUT_OF_FOCUS = 1.8, 0.3
+# On 11 patterned boards, spheres of 18 to 103 px have slopes of up to .012, a contrast of 13 or
+# more and shares of .66 or more; none of six false planes around lone balls has all three.
+_SURE_SLOPE, _SURE_CONTRAST, _SURE_SHARE = 0.015, 10.0, 0.65
 # Errors of edges of more than the usual blur, as a share of the excess.
 _USUAL_BLUR_PX, _OF_BLUR = 1.2, 0.03
 
@@ -67,8 +70,20 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
         find_highlights(values, outline),
         covariance_px2=own,
         systematic_px=systematic,
-        mirrored=mirror.share,
+        on_plane=_faces_the_camera(plane, fitted.ball),
     )
+
+
+def _faces_the_camera(plane: MirroredPlane, ball: Balls) -> bool:
+    """Return whether what a ball mirrors is, without doubt, a plane that faces the camera.
+
+    The slopes of the plane are free in the fit. If there is another surface, they are not zero,
+    except by chance, or if there is little to compare.
+    """
+    likeness = plane.compare(ball)
+    slope = np.inf if ball.slopes is None else float(np.hypot(*ball.slopes[0]))
+    enough = likeness.share[0] >= _SURE_SHARE and likeness.contrast[0] >= _SURE_CONTRAST
+    return bool(enough and slope <= _SURE_SLOPE)
 
 
 def _combined(fitted: FittedBall, edge: LimbFit) -> tuple[Balls, Array]:

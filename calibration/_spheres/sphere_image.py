@@ -46,9 +46,8 @@ class SphereImage:
         otherwise.
     painted
         Whether the sphere in a mask is shaded like a painted ball.
-    mirrored
-        Share of the differences near its limb that the mirrored plane explains; 0 if the outline
-        was not found by it.
+    on_plane
+        Whether what it mirrors is, without doubt, a plane that faces the camera.
     """
 
     outline: Ellipse
@@ -59,7 +58,7 @@ class SphereImage:
     systematic_px: float = OUTLINE_SIGMA_PX
     mask_off_px: float = 0.0
     painted: bool = False
-    mirrored: float = 0.0
+    on_plane: bool = False
 
     __repr__ = short_repr
 

@@ -98,7 +98,7 @@ def test_a_lone_ball_states_how_far_mirror_image_and_edges_differ():
     lone = SphereImage(wrong, wrong.point(np.arange(6.0)), 1.0, highlights, np.eye(3) * 1.0)
     (stated,) = confirmed(values, [lone])
     assert np.array([0, -1.5, -1.0]) @ np.linalg.solve(stated.covariance_px2, [0, -1.5, -1.0]) < 2
-    # Several spheres on one plane confirm each other, and so does a plane that explains nearly all.
+    # Several spheres on one plane confirm each other, and so does a plane without doubt.
     assert confirmed(values, [lone, lone]) == [lone, lone]
-    sure = replace(lone, mirrored=0.9)
+    sure = replace(lone, on_plane=True)
     assert confirmed(values, [sure]) == [sure]
