@@ -148,7 +148,11 @@ def _either(sphere: SphereImage, joint: JointNear, change: Array) -> SphereImage
         return sphere
     own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
     covariance = own + joint.covariance_px2 + np.eye(3) * joint.model_px**2
-    return replace(sphere, covariance_px2=covariance + np.outer(change, change))
+    return replace(
+        sphere,
+        coverage=min(sphere.coverage, joint.support),
+        covariance_px2=covariance + np.outer(change, change),
+    )
 
 
 def _with_outline(

@@ -25,6 +25,8 @@ _SAME_PX, _SAME_SHARE = 0.5, 0.01
 _ONE_SPOT_PX = 1.0
 _LEAST_SHARED, _MORE_SHARED = 3, 2
 _LAMPS, _AS_BRIGHT = 3, 0.6
+# One percent of the radius is an error of a degree.
+_UNLIKE = 0.01
 # Pixels from which the median brightness of a large sphere is taken.
 _SAMPLED = 40000
 _BAND_ROWS = 16
@@ -74,7 +76,8 @@ class Highlights:
         All places that may be the highlight, that of ``pixels`` among them; None if there are no
         others.
     unlike
-        Indices of the lights whose saturated highlights are much larger or smaller than the others.
+        Indices of the lights whose saturated highlights are larger or smaller than the others, so
+        that they may be off by more than a degree.
     """
 
     pixels: Array
@@ -233,9 +236,9 @@ class _Search:
         """Return the positions of blobs, and which of them are highlights."""
         result = _none(len(blobs))
         of = result.candidates
-        areas = np.full(len(blobs), np.nan)
+        radii_px = np.full(len(blobs), np.nan)
         for k, of_one in enumerate(blobs):
-            rank, sizes = 0, []
+            rank = 0
             for blob in of_one:
                 if blob.flux < _FAINTEST_FLUX * typical or np.any(blob.region & self.border):
                     continue
@@ -250,18 +253,18 @@ class _Search:
                     continue
                 of.pixels[k, rank], of.sigma_px[k, rank] = place, spot.sigma_px
                 of.saturated[k, rank], of.share[k, rank] = blob.saturated, share
-                sizes.append(np.count_nonzero(blob.region))
+                if rank == 0:
+                    radii_px[k] = spot.radius_px
                 rank += 1
             largest = of.share[k, 0]
-            if of.saturated[k, 0]:
-                areas[k] = sizes[0]
             if largest >= 1 and of_one[0].rival <= _RIVAL_FLUX * largest * of_one[0].flux:
                 result.pixels[k], result.sigma_px[k] = of.pixels[k, 0], of.sigma_px[k, 0]
                 result.saturated[k] = of.saturated[k, 0]
-        off = unlike_px(areas)
+        off = unlike_px(radii_px)
         of.sigma_px[:, 0] = np.hypot(of.sigma_px[:, 0], off)
         sigma_px = np.hypot(result.sigma_px, off)
-        return replace(result, sigma_px=sigma_px, unlike=tuple(np.flatnonzero(off).tolist()))
+        unlike = np.flatnonzero(off > _UNLIKE * self.outline.radius_px)
+        return replace(result, sigma_px=sigma_px, unlike=tuple(unlike.tolist()))
 
     def spot(self, k: int, blob: Blob) -> Spot:
         """Return the centre of a blob.
@@ -279,7 +282,7 @@ class _Search:
         best, other = sorted((spot, whole), key=lambda one: one.sigma_px)
         weight = best.sigma_px / (best.sigma_px + other.sigma_px)
         doubt = weight * float(np.sum((best.centre - other.centre) ** 2)) / 2
-        return Spot(best.centre, float(np.sqrt(best.sigma_px**2 + doubt)))
+        return replace(best, sigma_px=float(np.sqrt(best.sigma_px**2 + doubt)))
 
 
 def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -82,30 +82,53 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
     if part is None:
         return None
     crop, low = part
-    best: JointNear | None = None
+    best: _Seen | None = None
     for factor in _FACTORS:
-        doubtful = best is None or best.support <= _WITHOUT_DOUBT
-        if factor > 1 and not (doubtful and guess.radius_px >= factor * _SMALLEST_PX):
+        if factor > 1 and guess.radius_px < factor * _SMALLEST_PX:
             break
         # The centre of the first pixel of a smaller image is between the first pixels.
         start: Array = low + np.float64((factor - 1) / 2)
         small = crop if factor == 1 else _smaller(crop, factor)
-        joint = _near(small, _scaled(_shifted(guess, -start), 1 / factor), reach_px / factor)
-        if joint is None or (factor > 1 and joint.blur_px * factor <= LARGEST_BLUR_PX):
+        seen = _seen(small, _scaled(_shifted(guess, -start), 1 / factor), reach_px / factor)
+        if seen is None:
             continue
-        if best is None or joint.support > best.support + _MORE_SUPPORT:
-            best = replace(
-                joint,
-                outline=_shifted(_scaled(joint.outline, factor), start),
-                points_px=joint.points_px * factor + start,
-                blur_px=joint.blur_px * factor,
-                covariance_px2=joint.covariance_px2 * factor**2,
-            )
-    return best
+        joint = seen.found[0]
+        blurred = factor == 1 or joint.blur_px * factor > LARGEST_BLUR_PX
+        if blurred and (best is None or joint.support > best.found[0].support + _MORE_SUPPORT):
+            best = replace(seen, factor=factor, start=start)
+        if joint.support > _WITHOUT_DOUBT or joint.blur_px < LARGEST_BLUR_PX:
+            break
+    return None if best is None else best.with_covariance()
 
 
-def _near(crop: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
-    """Return the outline near a guess in images of one size, as `joint_near`."""
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Outlines in images of one size, the best one first, and how large and where the images are.
+
+    The images are smaller by ``factor``, and begin at the pixel ``start``.
+    """
+
+    images: Images
+    found: list[JointOutline]
+    factor: int = 1
+    start: Array = field(default_factory=lambda: np.zeros(2))
+
+    def with_covariance(self) -> JointNear:
+        """Return the best outline in pixels of the large images."""
+        joint = self.found[0]
+        covariance = _covariance(self.found) + part_covariance(self.images, joint.outline)
+        return JointNear(
+            _shifted(_scaled(joint.outline, self.factor), self.start),
+            joint.points_px * self.factor + self.start,
+            joint.coverage,
+            joint.support,
+            joint.blur_px * self.factor,
+            covariance * self.factor**2,
+        )
+
+
+def _seen(crop: Images, guess: Ellipse, reach_px: float) -> _Seen | None:
+    """Return the outlines near a guess in images of one size; None if the best one is doubtful."""
     found = _found(crop, guess, reach_px)
     if not found:
         return None
@@ -116,14 +139,7 @@ def _near(crop: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
         return None
     if best.support < _LEAST_SUPPORT or scatter_px(best.outline, best.points_px) >= SHARP_PX:
         return None
-    return JointNear(
-        best.outline,
-        best.points_px,
-        best.coverage,
-        best.support,
-        best.blur_px,
-        _covariance(found) + part_covariance(crop, best.outline),
-    )
+    return _Seen(crop, found)
 
 
 def best_of(found: Sequence[JointNear]) -> JointNear | None:
