@@ -27,6 +27,8 @@ _LEAST_SHARED, _MORE_SHARED = 3, 2
 _LAMPS, _AS_BRIGHT = 3, 0.6
 # One percent of the radius is an error of a degree.
 _UNLIKE = 0.01
+# Saturated pixels from which this little of white is subtracted are still even.
+_UNCUT = 0.95
 # Pixels from which the median brightness of a large sphere is taken.
 _SAMPLED = 40000
 _BAND_ROWS = 16
@@ -276,7 +278,7 @@ class _Search:
         """
         image, clipped = self.images[k], self.saturated[k]
         spot = blob.locate(image, clipped)
-        if not blob.saturated:
+        if not blob.saturated or image[clipped & blob.region].min() > _UNCUT * self.white:
             return spot
         whole = blob.locate(np.where(clipped, np.float32(self.white), image), clipped)
         best, other = sorted((spot, whole), key=lambda one: one.sigma_px)

@@ -84,7 +84,8 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
     crop, low = part
     best: _Seen | None = None
     for factor in _FACTORS:
-        if factor > 1 and guess.radius_px < factor * _SMALLEST_PX:
+        doubtful = best is None or best.found[0].support <= _WITHOUT_DOUBT
+        if factor > 1 and not (doubtful and guess.radius_px >= factor * _SMALLEST_PX):
             break
         # The centre of the first pixel of a smaller image is between the first pixels.
         start: Array = low + np.float64((factor - 1) / 2)
@@ -96,8 +97,6 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
         blurred = factor == 1 or joint.blur_px * factor > LARGEST_BLUR_PX
         if blurred and (best is None or joint.support > best.found[0].support + _MORE_SUPPORT):
             best = replace(seen, factor=factor, start=start)
-        if joint.support > _WITHOUT_DOUBT or joint.blur_px < LARGEST_BLUR_PX:
-            break
     return None if best is None else best.with_covariance()
 
 
