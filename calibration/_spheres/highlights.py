@@ -278,13 +278,20 @@ class _Search:
         """
         image, clipped = self.images[k], self.saturated[k]
         spot = blob.locate(image, clipped)
-        if not blob.saturated or image[clipped & blob.region].min() > _UNCUT * self.white:
+        if not blob.saturated or self._uncut(image, clipped, blob.region):
             return spot
         whole = blob.locate(np.where(clipped, np.float32(self.white), image), clipped)
         best, other = sorted((spot, whole), key=lambda one: one.sigma_px)
         weight = best.sigma_px / (best.sigma_px + other.sigma_px)
         doubt = weight * float(np.sum((best.centre - other.centre) ** 2)) / 2
         return replace(best, sigma_px=float(np.sqrt(best.sigma_px**2 + doubt)))
+
+    def _uncut(self, image: npt.NDArray[np.float32], clipped: Region, region: Region) -> bool:
+        """Return whether hardly anything was subtracted from saturated pixels around a region."""
+        rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
+        wide = max(len(rows), len(columns))
+        box = tuple(slice(max(of[0] - wide, 0), of[-1] + wide + 1) for of in (rows, columns))
+        return bool(np.all(image[box][clipped[box]] > _UNCUT * self.white))
 
 
 def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array] | None:
