@@ -32,7 +32,7 @@ _SAME_PX, _NEAR_PX = 0.25, 1.0
 _FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4), 25.0, 0.2
 # Edges along this length of an outline count as one observation.
 _INDEPENDENT_PX = 16.0
-# A ball mirrors circles inside itself, but there is none around it: an outline that is larger by
+# A ball mirrors circles inside itself, but none around itself: an outline that is larger by
 # 5 % wins if it has nearly as much support. The inner one counts as two observations less.
 _LARGER, _AS_GOOD, _INNER = 1.05, 0.1, 2.0
 # Where edges do not support an outline, they are elsewhere, and so may be the outline: this many px
@@ -149,7 +149,7 @@ def best_of(found: Sequence[JointNear]) -> JointNear | None:
     Parameters
     ----------
     found
-        Results of `joint_near`; None is returned if there are none.
+        Results of `joint_near`; the result for an empty list is None.
     """
     if not found:
         return None

@@ -23,8 +23,7 @@ def unlike_px(radii_px: Array) -> Array:
     Parameters
     ----------
     radii_px
-        ``(N,)`` radii of discs with the areas of the highlights of N lights, NaN where there is
-        none.
+        ``(N,)`` radii of discs with the areas of the highlights of N lights, NaN without one.
 
     Returns
     -------
