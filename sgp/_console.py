@@ -26,13 +26,14 @@ def note(text: str) -> None:
     """Print one line to stderr."""
     if STDERR.isatty():  # a bar may be on display, above which the console inserts the line
         line = fitted(printable(text), STDERR)
-        _terminal().print(line, markup=False, soft_wrap=True)
+        terminal().print(line, markup=False, soft_wrap=True)
     else:
         print(printable(text), file=STDERR)
 
 
 @functools.cache
-def _terminal() -> Console:
+def terminal() -> Console:
+    """Return the console that shows progress on a terminal."""
     from rich.console import Console
 
     return Console(file=STDERR, highlight=False, emoji=False)
@@ -58,7 +59,7 @@ def _progress(what: str) -> Iterator[Advance]:
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=_terminal(), transient=True) as bar:
+    with Progress(*columns, console=terminal(), transient=True) as bar:
         task = bar.add_task(printable(what), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
 

@@ -30,6 +30,7 @@ _MADE = (
     "camera.json",
     "lights.json",
     "overview.png",
+    "report.html",
     "summary.json",
 )
 

@@ -14,6 +14,10 @@ class UsageError(Exception):
     """Error for an option, path or output folder that cannot be used (exit code 2)."""
 
 
+class ClusterError(Exception):
+    """Error of a cluster: its scheduler or a worker cannot do the work (exit code 3)."""
+
+
 FAULT = 1
 
 _CODES: tuple[tuple[type[Exception], int], ...] = (
@@ -21,6 +25,7 @@ _CODES: tuple[tuple[type[Exception], int], ...] = (
     (acquisition.MissingPathError, 2),
     (rig.RigNotFoundError, 2),
     (rig.RigError, 3),
+    (ClusterError, 3),
     (acquisition.StorageError, 3),
     (acquisition.DataError, 4),
     (calibration.EstimateError, 5),

@@ -217,6 +217,13 @@ class SurfaceMetrics(MeshMetrics):
     """Figures of a surface."""
 
     unit: Annotated[Literal["mm", "px"], "", "unit of heights; `px` if the scale is not known"]
+    pixel_size: NotRequired[
+        Annotated[
+            float,
+            "`unit`",
+            "distance of neighbouring pixels; with a camera, at the working distance",
+        ]
+    ]
     height_range: Annotated[float, "`unit`", "highest minus lowest point"]
     vertices: Annotated[int, "", "vertices of the surface, one for each pixel with a height"]
     parts: Annotated[int, "", "connected parts"]
@@ -405,6 +412,15 @@ class ExportMetrics(TypedDict):
     exposures_us: Annotated[list[float], "µs", "exposure times of the images, shortest first"]
 
 
+class BatchMetrics(TypedDict):
+    """Figures of a batch."""
+
+    sources: Annotated[int, "", "recordings that were given"]
+    done: Annotated[int, "", "those with a result that is up to date"]
+    failed: Annotated[int, "", "those without one"]
+    computed: Annotated[int, "", "those that were computed by this run"]
+
+
 class SimulateMetrics(TypedDict):
     """Figures of a simulated recording."""
 
@@ -417,6 +433,16 @@ class SimulateMetrics(TypedDict):
     seconds: Annotated[dict[str, float], "s", "duration of each stage"]
 
 
+class ReportMetrics(TypedDict):
+    """Figures of a report."""
+
+    results: Annotated[int, "", "result folders on the page"]
+    bytes: Annotated[int, "bytes", "size of the page"]
+    reduction: Annotated[
+        list[float], "", "pixels of each result for a pixel of the page, in rows and in columns"
+    ]
+
+
 # The figures of each command. Those of the stages of `sgp run` follow: each leaves a record.
 COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp normals": (NormalsMetrics,),
@@ -424,6 +450,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp surface": (SurfaceMetrics,),
     "sgp curvature": (CurvatureMetrics,),
     "sgp run": (RunMetrics, NormalsMetrics, SeparationMetrics, SurfaceMetrics),
+    "sgp batch": (BatchMetrics,),
     "sgp demo": (DemoMetrics,),
     "sgp detail separate": (SeparationMetrics,),
     "sgp detail combine": (CombineMetrics,),
@@ -444,4 +471,5 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp calibrate board": (BoardMetrics,),
     "sgp calibrate camera": (CameraMetrics,),
     "sgp simulate": (SimulateMetrics,),
+    "sgp report": (ReportMetrics,),
 }

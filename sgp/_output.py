@@ -37,7 +37,7 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
         def run(*args: P.args, **kwargs: P.kwargs) -> Result:
             bound = signature.bind(*args, **kwargs)
             bound.apply_defaults()
-            parameters = _flat_parameters(bound.arguments)
+            parameters = flat_parameters(bound.arguments)
             out, force = parameters.pop("out"), parameters.pop("force")
             if out is None:
                 return command(*args, **kwargs)
@@ -60,7 +60,7 @@ def check_output(out: Path, arguments: Iterable[Any], *, force: bool) -> None:
         As `check_folder`, or if the folder is that of a path among the arguments or in a session.
     """
     check_folder(out, force=force)
-    _check_apart(out, _paths(arguments))
+    _check_apart(out, paths_of(arguments))
 
 
 def claim_folder(out: Path, record: str) -> Path:
@@ -105,7 +105,7 @@ def _earlier_outputs(record: Path) -> list[str]:
     ]
 
 
-def _flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
+def flat_parameters(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return a command's arguments by name, with option groups expanded."""
     flat: dict[str, Any] = {}
     for name, value in arguments.items():
@@ -123,7 +123,7 @@ def _name(command: Callable[..., Result]) -> str:
     return " ".join(dict.fromkeys(words))
 
 
-def _paths(values: Iterable[Any]) -> list[Path]:
+def paths_of(values: Iterable[Any]) -> list[Path]:
     """Return the paths among some arguments, including options with several values."""
     several = (value if isinstance(value, (list, tuple)) else (value,) for value in values)
     return [path for group in several for path in group if isinstance(path, Path)]

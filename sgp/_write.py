@@ -297,6 +297,7 @@ def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
     inside = height_map.height[height_map.mask]
     metrics: SurfaceMetrics = {
         "unit": height_map.unit,
+        "pixel_size": height_map.pixel_size,
         "height_range": float(np.ptp(inside)),
         "vertices": len(inside),
         "parts": int(height_map.parts.max()) + 1,

@@ -38,6 +38,7 @@ _COMMANDS = Path(__file__).with_name("commands")
 _TOP = (
     "demo",
     "run",
+    "batch",
     "normals",
     "inspect",
     "surface",
@@ -45,6 +46,7 @@ _TOP = (
     "project",
     "compare",
     "simulate",
+    "report",
     "doctor",
 )
 _COMPLETION = "completion"

@@ -25,11 +25,14 @@ class Crop:
         The rectangle.
     pixel_mm
         Size of a pixel on the object in mm; None if it is not known.
+    most_px
+        Longest side of its pictures; larger ones are reduced.
     """
 
     rows: slice
     columns: slice
     pixel_mm: float | None = None
+    most_px: float = _MOST_PX
 
     @classmethod
     def around(cls, mask: npt.NDArray[np.bool_], pixel_mm: float | None = None) -> Crop:
@@ -67,7 +70,7 @@ class Crop:
     @property
     def step(self) -> float:
         """Number of pixels of the image per pixel of the picture."""
-        return max(1.0, max(self.size) / _MOST_PX)
+        return max(1.0, max(self.size) / self.most_px)
 
     def picture(self, values: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None) -> Float:
         """Cut out a map or an image, ``(H, W)`` or ``(H, W, 3)``, and reduce it.

@@ -10,6 +10,7 @@ import numpy.typing as npt
 import acquisition
 import calibration
 import processing
+import rig
 import simulator
 from sgp._console import Stages, note
 from sgp._demo_folder import DemoFolder, claimed
@@ -20,6 +21,7 @@ from sgp._overview import source_title, write_overview
 from sgp._panels.lights import spheres_panel
 from sgp._panels.maps import map_panel, signed_panel
 from sgp._pipeline import Outcome, process
+from sgp._report.report import write_report
 from sgp._result import Result
 from sgp._stages import Stopwatch
 
@@ -80,7 +82,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
     result = outcome.result
     result.warnings[:0] = estimate.warnings
     errors = _Errors(lights, outcome, truth["coin"])
-    folder.begin("overview.png", "summary.json")
+    folder.begin("overview.png", "report.html", "summary.json")
     with watch.stage("overview"):
         panels, crop = outcome.panels, outcome.crop
         panels += [
@@ -100,6 +102,9 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
             spheres_panel("chrome spheres and highlights", brightest, estimate),
         ]
         write_overview(out / "overview.png", source_title(source, f"coin, seed {seed}"), panels)
+    result.summary += errors.table()
+    with watch.stage("report"):
+        write_report(out / "report.html", out, result, rig.MAX_PIXELS)
     metrics: DemoMetrics = {**outcome.metrics, **errors.metrics(), "seconds": watch.seconds}
     result.metrics = metrics
     result.outputs |= {
@@ -110,7 +115,7 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
         "overview": out / "overview.png",
         "summary": out / "summary.json",
     }
-    result.summary += [*errors.table(), f"look at {out / 'overview.png'}"]
+    result.summary.append(f"look at {out / 'overview.png'}")
     write_record(out / "summary.json", "sgp demo", {"out": out, "seed": seed}, result)
     return result
 

@@ -9,6 +9,7 @@ from sgp._options import Input, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import source_title, write_overview
 from sgp._pipeline import process
+from sgp._report.report import write_report
 from sgp._result import Result
 from sgp._spheres import add_sphere_lights
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
@@ -41,7 +42,7 @@ def run(
     source
         Session, DiLiGenT object folder, images with an .lp file, or folder of images.
     out
-        Folder for overview.png, summary.json, normals/, detail/ and surface/.
+        Folder for overview.png, report.html, summary.json, normals/, detail/ and surface/.
     options
         Lights, camera, mask and method.
     maps
@@ -72,6 +73,8 @@ def run(
     with watch.stage("overview"):
         title = source_title(opened, source.name)
         write_overview(result.outputs["overview"], title, outcome.panels)
+    with watch.stage("report"):
+        write_report(out / "report.html", out, result, options.max_pixels)
     figures = outcome.metrics["normals"]
     known = "mae_deg" in figures
     truth: TruthMetrics = {"normals_mae_deg": figures["mae_deg"]} if known else {}

@@ -81,6 +81,7 @@ def test_spheres_are_searched_for_in_each_recording(camera, both):
     assert error_mm(result) < 4 * sigma_mm(result)
 
 
+@pytest.mark.slow
 def test_the_lights_may_be_in_any_order(camera, both):
     second = planes(1)[::-1]
     ids = tuple(f"L{i:02d}" for i in range(6))

@@ -229,6 +229,7 @@ def test_wrong_cards_are_named(sgp, card, tmp_path, options, code, message):
     assert message in sgp(*words, *options).error_line(code)
 
 
+@pytest.mark.slow
 def test_a_mask_of_the_card_is_used(sgp, card, tmp_path):
     truth = card / "derived" / "truth" / "lights.json"
     write_png(tmp_path / "card.png", np.full((256, 320), 255, np.uint8))

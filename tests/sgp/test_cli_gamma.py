@@ -253,7 +253,8 @@ def test_only_wrong_curves_of_real_captures_are_doubted(
 
 
 @needs_data
-@pytest.mark.parametrize("name", quick(["catPNG", "bearPNG"], every=2))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["catPNG", "bearPNG"])
 def test_diligent_is_linear_without_a_word(name) -> None:
     from processing import reconstruct
 

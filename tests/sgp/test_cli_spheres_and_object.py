@@ -97,6 +97,7 @@ def test_inspect_takes_the_lights_of_the_spheres(sgp, recording):
     assert "8 images, distant lights" in result.out
 
 
+@pytest.mark.slow
 def test_lights_that_contradict_the_rig_file_are_named(sgp, recording, tmp_path):
     rows = np.round(450 * directions()).tolist()
     rows[2], rows[5] = rows[5], rows[2]

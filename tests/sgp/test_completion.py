@@ -1,25 +1,27 @@
 """Scripts that complete commands and options in shells."""
 
+import io
 import shutil
 import subprocess
-import sys
+from contextlib import redirect_stdout
 
 import pytest
+
+from sgp.app import build, run
 
 SHELLS = ("bash", "zsh", "fish")
 
 
 @pytest.fixture(scope="module")
 def scripts(tmp_path_factory):
-    """Write the scripts of both programs for all shells, as users do."""
+    """Write the scripts of both programs for all shells."""
     folder = tmp_path_factory.mktemp("completion")
-    code = "import sgp; sgp.main()"
     for program in ("sgp", "capture"):
         for shell in SHELLS:
-            words = [sys.executable, "-c", code, "completion", shell, "--program", program]
-            done = subprocess.run(words, capture_output=True, text=True, check=True)
-            assert done.stderr == ""
-            (folder / f"{program}.{shell}").write_text(done.stdout)
+            words = ["completion", shell, "--program", program]
+            with redirect_stdout(io.StringIO()) as script:
+                assert run(build(words), words) == 0
+            (folder / f"{program}.{shell}").write_text(script.getvalue())
     return folder
 
 

@@ -1,0 +1,1 @@
+"""Many sources: plan, state on disk, workers here or on a cluster, tables of results."""

@@ -1,0 +1,135 @@
+"""Workers of a Dask cluster, which Dask's own commands have started."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import acquisition
+from sgp._batch.perform import perform
+from sgp._batch.task import Outcome, Task
+from sgp._exit import ClusterError, UsageError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+# Time for a scheduler to answer.
+_CONNECT_S = 5.0
+_LOST = 1
+
+
+class ClusterWorkers:
+    """The workers of a Dask cluster.
+
+    Parameters
+    ----------
+    client
+        The connection to the scheduler.
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self.count = len(client.scheduler_info(n_workers=-1)["workers"])
+
+    def outcomes(
+        self, tasks: Sequence[Task], started: Callable[[Task], None]
+    ) -> Iterator[tuple[Task, Outcome]]:
+        """Yield each task with its outcome as it ends; ``started`` is called as it begins.
+
+        If the caller stops early, tasks that wait are taken back.
+        """
+        from distributed import Future, as_completed
+
+        run = uuid.uuid4().hex[:8]
+        futures: dict[Future, Task] = {
+            self._client.submit(
+                perform, task, key=f"sgp-{run}-{task.name}", pure=False, retries=0
+            ): task
+            for task in tasks
+        }
+        for task in tasks:
+            started(task)
+        try:
+            for future in as_completed(list(futures)):
+                task = futures.pop(future)
+                error = future.exception()
+                yield task, (future.result() if error is None else _lost(error))
+        finally:
+            self._client.cancel(list(futures))
+
+
+@contextmanager
+def cluster(address: str, folder: Path) -> Iterator[ClusterWorkers]:
+    """Connect to a scheduler, and check that all workers can do the work.
+
+    Raises
+    ------
+    UsageError
+        If the extra ``cluster`` is not installed, or a worker has another version of the software,
+        or more than one thread.
+    ClusterError
+        If the scheduler does not answer, has no workers, or one of them does not see ``folder``.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        text = "--scheduler needs Dask: pip install 'surface-geometry-processing[cluster]'"
+        raise UsageError(text) from None
+    try:
+        client = Client(address, timeout=_CONNECT_S)
+    except (OSError, ValueError) as error:
+        text = f"{address}: the scheduler does not answer: start it with `dask scheduler`"
+        raise ClusterError(text) from error
+    with client:
+        _check(client, address, folder)
+        yield ClusterWorkers(client)
+
+
+def _check(client: Client, address: str, folder: Path) -> None:
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    if not workers:
+        text = f"{address}: has no workers: start some with `dask worker {address} --nthreads 1`"
+        raise ClusterError(text)
+    busy = next((name for name, one in workers.items() if one["nthreads"] != 1), None)
+    if busy is not None:
+        raise UsageError(
+            f"{busy}: this worker has {workers[busy]['nthreads']} threads: start it with "
+            "--nthreads 1, and more workers with --nworkers"
+        )
+    token = folder / f".seen-{uuid.uuid4().hex[:8]}"
+    acquisition.write_durably(token, token.name.encode())
+    try:
+        answers = client.run(_probe, str(token), on_error="return")
+    finally:
+        with suppress(OSError):
+            token.unlink()
+    here = acquisition.software_version()
+    for name, answer in answers.items():
+        if isinstance(answer, BaseException):
+            raise ClusterError(f"{name}: this worker cannot run sgp: {answer}")
+        version, seen = answer
+        if version != here:
+            text = f"{name}: this worker has version {version} of sgp, here is {here}"
+            raise UsageError(f"{text}: install the same version")
+        if not seen:
+            text = f"{name}: this worker does not see {folder}"
+            raise ClusterError(f"{text}: mount the storage there under the same path")
+
+
+def _probe(token: str) -> tuple[str, bool]:
+    """Return the version of the software of a worker, and whether it sees and may write a file."""
+    path = Path(token)
+    try:
+        seen = path.read_bytes() == path.name.encode() and os.access(path.parent, os.W_OK)
+    except OSError:
+        seen = False
+    return acquisition.software_version(), seen
+
+
+def _lost(error: Any) -> Outcome:
+    text = " ".join(str(error).split())
+    return Outcome(f"the cluster did not complete it: {type(error).__name__}: {text}", _LOST)

@@ -1,0 +1,151 @@
+"""Run one task, in whichever process it arrived."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import chdir, contextmanager, redirect_stderr
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from cyclopts import App, CycloptsError, Parameter
+
+import acquisition
+from sgp._batch.files import Stamp, stamps
+from sgp._batch.task import Outcome, Stage, Task
+from sgp._exit import error_text, exit_code
+from sgp._help import usage_complaint
+from sgp._options import require_inputs, transfer_files
+from sgp._output import flat_parameters, paths_of, sha256
+from sgp._result import Result
+
+# Exit code of errors that may pass: a full disk, a network drive that does not answer.
+_MAY_PASS = 3
+_PAUSE_S = 2.0
+_THUMBNAIL_PX = 192
+_PICTURES = ("normals.normals_png", "normals_png", "normals.png")
+
+
+def bound_arguments(stage: Stage) -> Any:
+    """Return the arguments of a stage as its command line says.
+
+    Raises
+    ------
+    CycloptsError
+        If an option does not exist, is missing or has a wrong value.
+    """
+    app = App(name=stage.name, default_parameter=Parameter(negative=()))
+    app.default(stage.command)
+    _, bound, _ = app.parse_args(list(stage.words), exit_on_error=False, print_error=False)
+    bound.apply_defaults()
+    return bound
+
+
+def perform(task: Task) -> Outcome:
+    """Run a task; errors become its outcome, and messages go to its log."""
+    began_s, cpu_s = time.monotonic(), time.process_time()
+    attempt = 1
+    while True:
+        outcome = _attempt(task)
+        if outcome.exit_code != _MAY_PASS or attempt >= task.attempts:
+            break
+        attempt += 1
+        time.sleep(_PAUSE_S)
+    return replace(
+        outcome,
+        attempts=attempt,
+        seconds=round(time.monotonic() - began_s, 3),
+        cpu_seconds=round(time.process_time() - cpu_s, 3),
+    )
+
+
+def _attempt(task: Task) -> Outcome:
+    roots: dict[str, None] = {str(task.source): None}
+    before: dict[str, Stamp] = {}
+    try:
+        acquisition.make_folder(task.log.parent)
+        with _logged(task.log), chdir(task.folder), _threads(task.threads):
+            return _stages(task, roots, before)
+    except CycloptsError as error:
+        return Outcome(usage_complaint(error, "sgp batch"), 2)
+    except Exception as error:  # noqa: BLE001 - one source must not stop the others
+        text = "; ".join([error_text(error), *getattr(error, "__notes__", ())])
+        return Outcome(" ".join(text.split()), exit_code(error), roots=tuple(roots), files=before)
+
+
+def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Outcome:
+    results: list[Result] = []
+    for stage in task.stages:
+        bound = bound_arguments(stage)
+        require_inputs(stage.command, bound.arguments)
+        for root in _inputs(bound.arguments):
+            if not root.absolute().is_relative_to(task.out):
+                roots[str(root.absolute())] = None
+        before |= {path: stamp for path, stamp in stamps(roots).items() if path not in before}
+        results.append(stage.command(*bound.args, **bound.kwargs))
+        if not results[-1].ok:
+            return Outcome("; ".join(results[-1].summary), results[-1].failing_code)
+    hashes = {str(path.absolute()): sha256(path) for result in results for path in result.inputs}
+    outputs = {name: path for result in results for name, path in result.outputs.items()}
+    _write_thumbnail(outputs, task.thumbnail)
+    notices = Counter[str](notice.severity for result in results for notice in result.warnings)
+    return Outcome(
+        roots=tuple(roots),
+        files={path: stamp._replace(sha256=hashes.get(path, "")) for path, stamp in before.items()},
+        outputs=tuple(str(path.absolute()) for path in outputs.values()),
+        notices=dict(notices),
+        figures=_figures(results[-1].metrics),
+    )
+
+
+def _inputs(arguments: Mapping[str, Any]) -> list[Path]:
+    """Return the paths among the arguments of a command except that of its result."""
+    flat = flat_parameters({name: value for name, value in arguments.items() if name != "out"})
+    return [*paths_of(flat.values()), *transfer_files(flat.get("gamma", "auto"))]
+
+
+def _figures(metrics: Mapping[str, Any]) -> dict[str, int | float | None]:
+    """Return the figures of the normals for the table."""
+    normals = metrics.get("normals", metrics)
+    names = ("pixels", "images", "normal_sigma_deg", "residual_relative", "mae_deg")
+    return {name: normals[name] for name in names if isinstance(normals.get(name), (int, float))}
+
+
+@contextmanager
+def _logged(path: Path) -> Iterator[None]:
+    with path.open("w", encoding="utf-8", errors="backslashreplace") as log, redirect_stderr(log):
+        yield
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    import cv2
+    import numba
+
+    before = numba.get_num_threads(), cv2.getNumThreads()
+    numba.set_num_threads(min(count, before[0]))
+    cv2.setNumThreads(count)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(before[0])
+        cv2.setNumThreads(before[1])
+
+
+def _write_thumbnail(outputs: Mapping[str, Path], path: Path) -> None:
+    """Write a small picture of the normals, if the result has one."""
+    import cv2
+
+    source = next((outputs[name] for name in _PICTURES if name in outputs), None)
+    if source is None:
+        return
+    values = acquisition.read_image(source)
+    if values.dtype == np.uint16:
+        values = np.right_shift(values, 8).astype(np.uint8)
+    scale = _THUMBNAIL_PX / max(values.shape[:2])
+    small = cv2.resize(values, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    acquisition.make_folder(path.parent)
+    acquisition.write_png(path, np.asarray(small, np.uint8))

@@ -1,0 +1,138 @@
+"""What is known of each source of a batch, on disk between runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+import acquisition
+import rig
+from sgp._batch.files import Stamp, difference, stamps
+from sgp._batch.task import Outcome, Task
+from sgp._result import dumps
+
+FORMAT, VERSION = "sgp-batch-state", 1
+
+
+class State(BaseModel):
+    """The last run of one source.
+
+    Parameters
+    ----------
+    format, version
+        ``sgp-batch-state`` and 1.
+    source
+        The recording.
+    lines
+        The command lines.
+    software
+        Version of the program.
+    error, exit_code, attempts, seconds, cpu_seconds, roots, files, outputs, notices, figures
+        As in `Outcome`.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    format: str
+    version: int
+    source: str
+    lines: list[list[str]]
+    software: str
+    error: str | None
+    exit_code: int
+    attempts: int
+    seconds: float
+    cpu_seconds: float
+    roots: list[str]
+    files: dict[str, Stamp]
+    outputs: list[str]
+    notices: dict[str, int]
+    figures: dict[str, int | float | None]
+
+
+@dataclass(frozen=True)
+class States:
+    """The states of a batch: one file for each source in a folder."""
+
+    folder: Path
+
+    def path(self, name: str) -> Path:
+        """Return the file of a source."""
+        return self.folder / f"{name}.json"
+
+    def read_all(self) -> dict[str, State]:
+        """Return all states by the names of the sources; files that are damaged are left out.
+
+        Raises
+        ------
+        DataError
+            If a state was written by another version.
+        """
+        found = {}
+        for path in sorted(self.folder.glob("*.json")):
+            state = _read(path)
+            if state is not None:
+                found[path.stem] = state
+        return found
+
+    def write(self, task: Task, outcome: Outcome) -> State:
+        """Write the outcome of a task."""
+        state = State(
+            format=FORMAT,
+            version=VERSION,
+            source=str(task.source),
+            lines=task.lines(),
+            software=acquisition.software_version(),
+            error=outcome.error,
+            exit_code=outcome.exit_code,
+            attempts=outcome.attempts,
+            seconds=outcome.seconds,
+            cpu_seconds=outcome.cpu_seconds,
+            roots=list(outcome.roots),
+            files=dict(outcome.files),
+            outputs=list(outcome.outputs),
+            notices=dict(outcome.notices),
+            figures=dict(outcome.figures),
+        )
+        content = f"{dumps(state.model_dump())}\n".encode()
+        acquisition.write_durably(self.path(task.name), content)
+        return state
+
+
+def _read(path: Path) -> State | None:
+    try:
+        content = rig.parse_json(rig.read_bounded(path))
+    except (FileNotFoundError, rig.UnreadableError):
+        return None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        return None
+    if content.get("version") != VERSION:
+        raise acquisition.DataError(
+            f"{path}: has version {str(content.get('version'))[:20]} of {FORMAT}, and this program "
+            f"reads version {VERSION}: choose another --out, or remove {path.parent.parent}"
+        )
+    try:
+        return State.model_validate(content)
+    except ValidationError:
+        return None
+
+
+def reason_to_run(task: Task, states: Mapping[str, State]) -> str | None:
+    """Return why a task has to run, or None if its result is complete and up to date."""
+    state = states.get(task.name)
+    if state is None:
+        return "new"
+    if state.error is not None:
+        return "failed before"
+    if state.lines != task.lines():
+        return "other options"
+    if state.software != acquisition.software_version():
+        return f"computed by version {state.software}"
+    missing = [name for name in state.outputs if not os.path.isfile(name)]
+    if missing:
+        return f"{Path(missing[0]).name} is missing"
+    return difference(state.files, stamps(state.roots))

@@ -1,0 +1,118 @@
+"""The tables of a batch: batch.csv, and index.html with thumbnails."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from urllib.parse import quote
+
+from sgp._batch.state import State
+from sgp._printable import printable
+
+_FIGURES = {
+    "images": "images",
+    "pixels": "pixels",
+    "normal_sigma_deg": "sigma (deg)",
+    "residual_relative": "residual",
+    "mae_deg": "error (deg)",
+}
+_COLUMNS = ("name", "source", "status", "seconds", "cpu_seconds", "attempts", "errors", "warnings")
+# Pages that a result may have, the best one first.
+_PAGES = ("report.html", "overview.png")
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; img-src 'self' file:; style-src 'unsafe-inline'">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<style>
+:root {{ color-scheme: light dark; font: 15px/1.4 system-ui, sans-serif; }}
+body {{ margin: 1.5rem; }}
+table {{ border-collapse: collapse; }}
+th, td {{ padding: .35rem .7rem; text-align: left; border-bottom: 1px solid #8885;
+ vertical-align: middle; }}
+td.number {{ text-align: right; font-variant-numeric: tabular-nums; }}
+tr.failed td {{ background: #d0302018; }}
+img {{ width: 96px; height: 72px; object-fit: contain; display: block; }}
+td.text {{ max-width: 36rem; overflow-wrap: anywhere; }}
+</style></head><body>
+<h1>{title}</h1>
+<p>{counts}</p>
+<table><thead><tr>{head}</tr></thead><tbody>
+{rows}
+</tbody></table></body></html>
+"""
+
+
+def csv_table(states: Mapping[str, State]) -> str:
+    """Return the table as CSV, one line for each source."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*_COLUMNS, *_FIGURES, "error"])
+    for name, state in states.items():
+        writer.writerow(
+            [
+                name,
+                state.source,
+                "done" if state.error is None else "failed",
+                state.seconds,
+                state.cpu_seconds,
+                state.attempts,
+                state.notices.get("error", 0),
+                state.notices.get("warning", 0),
+                *[state.figures.get(key, "") for key in _FIGURES],
+                state.error or "",
+            ]
+        )
+    return text.getvalue()
+
+
+def html_table(folder: Path, states: Mapping[str, State]) -> str:
+    """Return the table as a page, failed sources first; it links to the results in ``folder``."""
+    failed = [name for name, state in states.items() if state.error is not None]
+    order = sorted(states, key=lambda name: (name not in failed, name))
+    head = ["", "name", *_FIGURES.values(), "seconds", "errors", "warnings", ""]
+    counts = f"{len(states) - len(failed)} of {len(states)} sources done, {len(failed)} failed"
+    return _PAGE.format(
+        title=_text(f"Batch {folder.name}"),
+        counts=_text(counts),
+        head="".join(f"<th>{_text(word)}</th>" for word in head),
+        rows="\n".join(_row(folder, name, states[name]) for name in order),
+    )
+
+
+def _row(folder: Path, name: str, state: State) -> str:
+    page = next((one for one in _PAGES if (folder / name / one).is_file()), None)
+    picture = folder / "thumbnails" / f"{name}.png"
+    image = f'<img src="{_link("thumbnails", picture.name)}" alt="">' if picture.is_file() else ""
+    label = _text(name)
+    if page is not None:
+        link = _link(name, page)
+        label, image = f'<a href="{link}">{label}</a>', image and f'<a href="{link}">{image}</a>'
+    numbers: Sequence[float | None] = [
+        *[state.figures.get(key) for key in _FIGURES],
+        state.seconds,
+        state.notices.get("error", 0),
+        state.notices.get("warning", 0),
+    ]
+    cells = "".join(f'<td class="number">{_number(value)}</td>' for value in numbers)
+    kind = ' class="failed"' if state.error else ""
+    last = f'<td class="text">{_text(state.error or "")}</td>'
+    return f"<tr{kind}><td>{image}</td><td>{label}</td>{cells}{last}</tr>"
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:,.0f}" if float(value).is_integer() else f"{value:.3g}"
+
+
+def _text(text: str) -> str:
+    return escape(printable(text))
+
+
+def _link(*parts: str) -> str:
+    return escape("/".join(quote(part, safe="", errors="surrogateescape") for part in parts))

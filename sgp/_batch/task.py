@@ -1,0 +1,118 @@
+"""One source of a batch: its command lines, and what came of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from sgp._batch.files import Stamp
+from sgp._result import Result
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One command line.
+
+    Parameters
+    ----------
+    name
+        The command, such as ``sgp run``.
+    command
+        The function of the command; processes receive it by its name.
+    words
+        The words after the command.
+    """
+
+    name: str
+    command: Callable[..., Result]
+    words: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Task:
+    """The work for one source.
+
+    Parameters
+    ----------
+    name
+        Name of the source in the batch, and of its folder.
+    source
+        The recording.
+    stages
+        What runs, one after another.
+    out
+        Folder of the result.
+    folder
+        Working directory, to which paths among the words are relative.
+    log
+        File for progress and messages.
+    thumbnail
+        Picture to write.
+    threads
+        Number of threads.
+    attempts
+        How often a failure that may pass is tried.
+    """
+
+    name: str
+    source: Path
+    stages: tuple[Stage, ...]
+    out: Path
+    folder: Path
+    log: Path
+    thumbnail: Path
+    threads: int = 1
+    attempts: int = 2
+
+    def lines(self) -> list[list[str]]:
+        """Return the command lines as lists of words."""
+        return [[*stage.name.split()[1:], *stage.words] for stage in self.stages]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a task.
+
+    Parameters
+    ----------
+    error
+        The line that says why it failed; None if it succeeded.
+    exit_code
+        That of the command which failed, otherwise 0.
+    attempts
+        How often it was tried.
+    seconds, cpu_seconds
+        Time of all attempts.
+    roots
+        Files and folders that were named on the command lines and read.
+    files
+        Every file in them as it was before the work, by its path.
+    outputs
+        Files of the result.
+    notices
+        Number of notices by severity.
+    figures
+        Some figures of the result by name, for the table.
+    """
+
+    error: str | None = None
+    exit_code: int = 0
+    attempts: int = 1
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+    roots: tuple[str, ...] = ()
+    files: Mapping[str, Stamp] = field(default_factory=dict)
+    outputs: tuple[str, ...] = ()
+    notices: Mapping[str, int] = field(default_factory=dict)
+    figures: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Workers(Protocol):
+    """What performs tasks: processes here, or a cluster."""
+
+    def outcomes(
+        self, tasks: Sequence[Task], started: Callable[[Task], None]
+    ) -> Iterator[tuple[Task, Outcome]]:
+        """Yield each task with its outcome as it ends; ``started`` is called as it begins."""

@@ -1,0 +1,114 @@
+"""What a result folder contains: its records, and its maps by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import acquisition
+import rig
+from sgp._metrics import RECORD_FORMAT
+from sgp._record import ResultRecord, read_record
+
+# Of the folders of `sgp run`; the first one that has a map counts.
+_STAGES: Final = ("", "normals", "detail", "surface", "curvature")
+_PIPELINE: Final = ("normals", "detail", "surface")
+_MOST_RECORDS: Final = 40
+
+
+@dataclass(frozen=True, eq=False)
+class ResultFolder:
+    """A result folder, as far as it can be read.
+
+    Parameters
+    ----------
+    path
+        The folder.
+    records
+        Records by their path relative to the folder.
+    notices
+        Records that could not be read, and stages that are missing.
+    """
+
+    path: Path
+    records: Mapping[str, ResultRecord]
+    notices: list[rig.Notice] = field(default_factory=list)
+
+    def file(self, name: str) -> Path | None:
+        """Return the file of this name, of the folder or of its stages."""
+        paths = (self.path / stage / name for stage in _STAGES)
+        return next((path for path in paths if path.is_file()), None)
+
+    def record_of(self, path: Path) -> ResultRecord | None:
+        """Return the record that lists a file as an output."""
+        for name, record in self.records.items():
+            folder = (self.path / name).parent
+            if path.parent == folder and path.name in record.outputs.values():
+                return record
+        return None
+
+    @property
+    def main(self) -> ResultRecord | None:
+        """The record of the complete folder: the one with the fewest folders in its path."""
+        names = sorted(self.records, key=lambda name: (name.count("/"), name))
+        return self.records[names[0]] if names else None
+
+    def parameter(self, name: str) -> object:
+        """Return the first parameter of this name that is not None."""
+        values = (record.parameters.get(name) for record in self.records.values())
+        return next((value for value in values if value is not None), None)
+
+
+def read_folder(path: Path) -> ResultFolder:
+    """Read the records of a result folder.
+
+    Raises
+    ------
+    DataError
+        If the path is a file.
+    """
+    if not path.is_dir():
+        raise acquisition.DataError(f"{path}: is a file: give the folder of a result")
+    records: dict[str, ResultRecord] = {}
+    notices: list[rig.Notice] = []
+    for stage in _STAGES:
+        for file in sorted((path / stage).glob("*.json"))[:_MOST_RECORDS]:
+            if not _is_record(file):
+                continue
+            name = str(file.relative_to(path))
+            try:
+                records[name] = read_record(file)
+            except (acquisition.DataError, acquisition.MissingPathError) as error:
+                notices.append(rig.Notice("record-unreadable", str(error), severity="error"))
+    folder = ResultFolder(path, records, notices)
+    notices += _unfinished(folder)
+    return folder
+
+
+def _unfinished(folder: ResultFolder) -> list[rig.Notice]:
+    """Return what is missing of a folder of several stages."""
+    present = [stage for stage in _PIPELINE if (folder.path / stage).is_dir()]
+    if not present:
+        return []
+    missing = [stage for stage in _PIPELINE if stage not in present]
+    begun = [one for one in present if not (folder.path / one / f"{one}.json").exists()]
+    texts = [
+        *(f"{stage}: is missing" for stage in missing),
+        *(
+            f"{stage}: has no record: the command that writes it has not finished"
+            for stage in begun
+        ),
+    ]
+    return [rig.Notice("result-unfinished", text) for text in texts]
+
+
+def _is_record(path: Path) -> bool:
+    try:
+        content = rig.parse_json(rig.read_bounded(path))
+    except (OSError, rig.UnreadableError):
+        # A record that was cut short is reported, other files are not.
+        with path.open("rb") as file:
+            return RECORD_FORMAT.encode() in file.read(200)
+    return isinstance(content, dict) and content.get("format") == RECORD_FORMAT

@@ -1,0 +1,12 @@
+// What the page keeps in its address, after the #. Each view uses keys of its own.
+
+export function remembered(key) {
+  return new URLSearchParams(location.hash.slice(1)).get(key);
+}
+
+export function remember(key, value) {
+  const values = new URLSearchParams(location.hash.slice(1));
+  if (value === null) values.delete(key);
+  else values.set(key, value);
+  history.replaceState(null, "", `#${values}`);
+}

@@ -1,0 +1,165 @@
+"""The lights of a result: where they are, how sure that is, and how well the images fit them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+import acquisition
+from sgp._report.charts import bar_chart
+from sgp._report.folder import ResultFolder
+from sgp._report.html import Html, tag
+
+_RADIUS: Final = 100
+_RINGS_DEG: Final = (30, 60, 90)
+_MOST_ROWS: Final = 400
+_SD_MM: Final = "Standard deviation of the position, mm"
+_SD_DEG: Final = "Standard deviation of the direction, deg"
+_RESIDUAL: Final = "Distance of highlights from the calibration, px"
+_OF_IMAGES: Final = {
+    "light_errors_deg": "Angle between light and image, deg",
+    "image_residuals": "Residual of the image, % of the signal",
+    "light_gains": "Brightness of the image, relative",
+}
+_CHARTS: Final = (_SD_MM, _SD_DEG, _RESIDUAL, *_OF_IMAGES.values())
+
+
+def lights_section(folder: ResultFolder, lights: acquisition.Lights) -> Html:
+    """Return a drawing of the lights as the camera sees them, and a table of them."""
+    columns = {
+        "Elevation, deg": np.degrees(np.arcsin(np.clip(lights.unit_directions[:, 2], -1, 1))),
+        "Azimuth, deg": np.degrees(
+            np.arctan2(lights.unit_directions[:, 1], lights.unit_directions[:, 0])
+        ),
+        **_positions(lights),
+        **_errors(lights),
+        **_of_images(folder, lights),
+    }
+    return tag(
+        "div",
+        tag(
+            "figure",
+            _drawing(lights, columns),
+            tag(
+                "figcaption",
+                "Lights as the camera sees them: overhead in the middle, the horizon at the rim. "
+                "Rings are 30, 60 and 90 degrees from the optical axis.",
+            ),
+            class_="lights",
+        ),
+        tag(
+            "div",
+            (
+                bar_chart(title, lights.ids, columns[title].tolist())
+                for title in _CHARTS
+                if title in columns
+            ),
+            tag(
+                "details",
+                tag("summary", f"Table of {len(lights)} lights"),
+                tag("div", _table(lights.ids, columns), class_="scroll"),
+            ),
+        ),
+        class_="columns",
+    )
+
+
+def _positions(lights: acquisition.Lights) -> dict[str, npt.NDArray[np.float64]]:
+    if lights.positions_mm is None:
+        return {}
+    return {f"{axis}, mm": lights.positions_mm[:, i] for i, axis in enumerate("XYZ")}
+
+
+def _errors(lights: acquisition.Lights) -> dict[str, npt.NDArray[np.float64]]:
+    errors = lights.errors
+    if errors is None:
+        return {}
+    found: dict[str, npt.NDArray[np.float64]] = {}
+    if errors.covariances is not None:
+        spread = np.sqrt(np.trace(errors.covariances, axis1=1, axis2=2))
+        if lights.near:
+            found[_SD_MM] = spread
+        else:
+            found[_SD_DEG] = np.degrees(spread)
+    if errors.residual_px is not None:
+        found[_RESIDUAL] = errors.residual_px
+    return found
+
+
+def _of_images(
+    folder: ResultFolder, lights: acquisition.Lights
+) -> dict[str, npt.NDArray[np.float64]]:
+    """Return the figures of agreement that a record has for each image, if they fit the lights."""
+    found = {}
+    for record in folder.records.values():
+        metrics: Mapping[str, Any] = record.metrics
+        for name, title in _OF_IMAGES.items():
+            values = metrics.get(name)
+            if isinstance(values, list) and len(values) == len(lights):
+                factor = 100 if name == "image_residuals" else 1
+                numbers = [np.nan if value is None else float(value) for value in values]
+                found[title] = factor * np.array(numbers)
+    return found
+
+
+def _drawing(lights: acquisition.Lights, columns: Mapping[str, npt.NDArray[np.float64]]) -> Html:
+    parts = [
+        tag("circle", r=round(_RADIUS * float(np.sin(np.radians(ring))), 1), class_="ring")
+        for ring in _RINGS_DEG
+    ]
+    named = len(lights) <= 60
+    for number, (x, y, _) in enumerate(lights.unit_directions):
+        across, down = round(_RADIUS * float(x), 1), round(-_RADIUS * float(y), 1)
+        values = ", ".join(
+            f"{title} {_number(column[number])}" for title, column in columns.items()
+        )
+        dot = tag(
+            "circle", tag("title", f"{lights.ids[number]}: {values}"), cx=across, cy=down, r=3
+        )
+        parts.append(dot)
+        if named:
+            # Names point away from the middle.
+            length = max(float(np.hypot(x, y)), 1e-6)
+            parts.append(
+                tag(
+                    "text",
+                    _short(lights.ids[number]),
+                    x=round(across + 9 * float(x) / length, 1),
+                    y=round(down - 9 * float(y) / length + 2.5, 1),
+                    text_anchor="middle",
+                )
+            )
+    box = _RADIUS + 18
+    return tag(
+        "svg",
+        parts,
+        viewBox=f"{-box} {-box} {2 * box} {2 * box}",
+        role="img",
+        aria_label=f"Directions of {len(lights)} lights",
+    )
+
+
+def _table(ids: Sequence[str], columns: Mapping[str, npt.NDArray[np.float64]]) -> Html:
+    head = tag("tr", tag("th", "Light", scope="col"), (tag("th", n, scope="col") for n in columns))
+    rows = [
+        tag(
+            "tr",
+            tag("th", ids[number], scope="row"),
+            (tag("td", _number(column[number]), class_="number") for column in columns.values()),
+        )
+        for number in range(min(len(ids), _MOST_ROWS))
+    ]
+    return tag("table", tag("thead", head), tag("tbody", rows))
+
+
+def _number(value: float) -> str:
+    if not np.isfinite(value):
+        return "unknown"
+    return f"{value:.1f}" if abs(value) >= 10 else f"{value:.3g}"
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 8 else f"…{name[-6:]}"

@@ -1,0 +1,137 @@
+"""What surrounds the views: notices, parameters, inputs, versions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import rig
+from sgp._record import ResultRecord
+from sgp._report.folder import ResultFolder
+from sgp._report.html import Html, tag
+from sgp._report.lights import lights_section
+from sgp._report.maps import Embedded
+from sgp._report.recording import Image, Recording
+
+_SEVERITIES: Final = {"error": "Error", "warning": "Warning", "info": "Note"}
+
+
+def sections(
+    number: int,
+    folder: ResultFolder,
+    embedded: Embedded | None,
+    recording: Recording,
+    heading: str,
+) -> list[Html]:
+    """Return the sections about a result; ``heading`` names it if there are several."""
+    notices = [*folder.notices, *(embedded.notices if embedded else ()), *recording.notices]
+    for record in folder.records.values():
+        notices += record.notices
+    found = [tag("section", tag("h2", "Notices", heading), notices_list(notices))]
+    if embedded and any(plane.kind == "scalar" for plane in embedded.planes.values()):
+        lead = tag("p", "Colour scales leave out .5 % of the pixels at each end.", class_="lead")
+        maps = tag("div", id=f"maps-{number}", class_="maps")
+        found.append(tag("section", tag("h2", "Maps", heading), lead, maps))
+    if recording.images:
+        found.append(
+            tag("section", tag("h2", "Recording", heading), _contact_sheet(number, recording))
+        )
+    if recording.lights is not None:
+        lights = lights_section(folder, recording.lights)
+        found.append(tag("section", tag("h2", "Lights", heading), lights))
+    records = [_record(name, record) for name, record in folder.records.items()]
+    return [*found, tag("section", tag("h2", "Records", heading), records)]
+
+
+def _contact_sheet(number: int, recording: Recording) -> Html:
+    shown, total = len(recording.images), recording.total
+    rejected = sum(image.status == "rejected" for image in recording.images)
+    count = f"{total} images" if shown == total else f"{shown} of {total} images"
+    lead = f"{count}, {rejected} of them rejected. " if rejected else f"{count}. "
+    lead += "Images of the same exposure time are shown equally bright."
+    figures = (
+        tag(
+            "figure",
+            tag(
+                "img",
+                src=f"data:image/jpeg;base64,{image.jpeg}",
+                alt=f"Image {image.name}",
+                id=image_id(number, place),
+            ),
+            tag("figcaption", _caption(image)),
+            class_=image.status,
+        )
+        for place, image in enumerate(recording.images)
+    )
+    return tag("div", tag("p", lead, class_="lead"), tag("div", figures, class_="contact"))
+
+
+def image_id(number: int, place: int) -> str:
+    """Return the id of an image of a result, which the scripts use."""
+    return f"image-{number}-{place}"
+
+
+def _caption(image: Image) -> str:
+    role = "" if image.role == "light" else f" {image.role}"
+    exposure = "" if image.exposure_us is None else f", {_milliseconds(image.exposure_us)}"
+    rejected = ", REJECTED" if image.status == "rejected" else ""
+    return f"{image.light_id}{role}{exposure}{rejected}"
+
+
+def _milliseconds(exposure_us: float) -> str:
+    return f"{exposure_us / 1000:g} ms" if exposure_us >= 1000 else f"{exposure_us:g} µs"
+
+
+def notices_list(notices: Iterable[rig.Notice]) -> Html:
+    """Return notices, the most severe ones first, each of them once."""
+    ordered = sorted(dict.fromkeys(notices), key=lambda one: [*_SEVERITIES].index(one.severity))
+    if not ordered:
+        return tag("p", "No notices.")
+    return tag(
+        "ul",
+        (
+            tag(
+                "li",
+                tag("span", f"{_SEVERITIES[one.severity]}: ", class_="severity"),
+                str(one),
+                " ",
+                tag("code", one.code),
+                class_=one.severity,
+            )
+            for one in ordered
+        ),
+        class_="notices",
+    )
+
+
+def _record(name: str, record: ResultRecord) -> Html:
+    return tag(
+        "div",
+        tag("h3", name),
+        tag("p", f"{record.command}, {record.software.name} {record.software.version}"),
+        _details("Figures", _rows(record.metrics)),
+        _details("Parameters", _rows(record.parameters)),
+        _details("Inputs (SHA-256)", _rows(record.inputs)),
+    )
+
+
+def _details(title: str, rows: Html) -> Html:
+    return tag("details", tag("summary", title), tag("div", rows, class_="scroll"))
+
+
+def _rows(values: Mapping[str, object]) -> Html:
+    rows = (
+        tag("tr", tag("th", key, scope="row"), tag("td", tag("code", _shown(value))))
+        for key, value in values.items()
+    )
+    return tag("table", rows)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_shown(item)}" for key, item in value.items())
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(_shown, value)) or "none"
+    return "not given" if value is None else str(value)

@@ -1,0 +1,218 @@
+"""``sgp batch``: process many recordings with the same options."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import chdir, contextmanager
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import CycloptsError, Parameter
+from cyclopts.validators import Number
+
+import acquisition
+import rig as rigs
+from sgp._batch.cluster import cluster
+from sgp._batch.folder import batch_folder
+from sgp._batch.local import LocalWorkers
+from sgp._batch.names import names_of
+from sgp._batch.perform import bound_arguments
+from sgp._batch.progress import BatchProgress
+from sgp._batch.recipe import Recipe, option_words, placed, read_recipe
+from sgp._batch.state import State, States, reason_to_run
+from sgp._batch.tables import csv_table, html_table
+from sgp._batch.task import Stage, Task, Workers
+from sgp._console import note
+from sgp._exit import UsageError
+from sgp._help import usage_complaint
+from sgp._metrics import BatchMetrics
+from sgp._options import OptionalInput, Whole
+from sgp._output import check_output, write_record
+from sgp._result import Result
+from sgp.commands.calibrate import spheres
+from sgp.commands.run import run
+
+_Workers = Annotated[Whole, Parameter(validator=Number(gte=1, lte=256))]
+_Retries = Annotated[Whole, Parameter(validator=Number(gte=0, lte=100))]
+
+
+def batch(
+    source: Annotated[tuple[Path, ...], Parameter(negative=())],
+    *,
+    out: Path,
+    recipe: OptionalInput = None,
+    workers: _Workers | None = None,
+    scheduler: str | None = None,
+    retries: _Retries = 1,
+) -> Result:
+    """Process many recordings with the same options; run it again to do what is missing.
+
+    Each source gets a folder in --out with the files of `sgp run`. A source is computed again only
+    if its files, the options or the version of sgp have changed, if files of its result are
+    missing, or if it failed. A source that fails does not stop the others; the exit code is then 4.
+    The tables are batch.csv and index.html.
+
+    A recipe is a TOML file. Its table [run] has options of `sgp run` by their long names. If each
+    source has its own recording of spheres, the table [calibrate] has recordings, and options of
+    `sgp calibrate spheres`. Paths are relative to the recipe; {source}, {name} and {parent} stand
+    for the path of the source, its name and the folder that contains it.
+
+    For example:
+
+        sgp batch recordings/* --out results
+        sgp batch recordings/* --out results --recipe recipe.toml --workers 2
+        sgp batch recordings/* --out results --scheduler tcp://10.0.0.5:8786
+
+    Parameters
+    ----------
+    source
+        Sessions, DiLiGenT object folders, or folders of images.
+    out
+        Folder of the batch: a new one, or that of an earlier batch.
+    recipe
+        Recipe (.toml); default: the options that `sgp run` has by default.
+    workers
+        Number of processes on this computer; default: one for each core.
+    scheduler
+        Address of a Dask scheduler, whose workers do the work; they need the same paths and the
+        same version of sgp.
+    retries
+        How often a source is tried again after an error of disk or network, or the end of its
+        process.
+    """
+    if scheduler is not None and workers is not None:
+        raise UsageError("--workers is for this computer and --scheduler for a cluster: give one")
+    if not source:
+        raise UsageError("no source is given: name at least one recording")
+    chosen = Recipe() if recipe is None else read_recipe(recipe)
+    check_output(out, [*source, recipe], force=True)
+    with batch_folder(out) as states:
+        known = states.read_all()
+        named = names_of(source, {name: state.source for name, state in known.items()})
+        threads = 1 if scheduler or workers is None else max(1, _cores() // workers)
+        tasks = [
+            _task(name, place, chosen, out.absolute(), threads=threads, attempts=retries + 1)
+            for name, place in named.items()
+        ]
+        _check_options(tasks[0], recipe)
+        due = _due(tasks, known)
+        with _pool(scheduler, workers, states.folder) as pool:
+            _work(pool, due, states, known)
+        shown = {task.name: known[task.name] for task in tasks}
+        result = _written(out, shown, recipe, len(due))
+        parameters = {
+            "source": list(source),
+            "recipe": recipe,
+            "workers": workers,
+            "scheduler": scheduler,
+            "retries": retries,
+        }
+        write_record(out / "batch.json", "sgp batch", parameters, result)
+        result.outputs["record"] = out / "batch.json"
+    return result
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _pool(scheduler: str | None, workers: int | None, folder: Path) -> Iterator[Workers]:
+    if scheduler is None:
+        yield LocalWorkers(workers or _cores())
+    else:
+        with cluster(scheduler, folder.absolute()) as found:
+            yield found
+
+
+def _task(
+    name: str, source: Path, recipe: Recipe, out: Path, *, threads: int, attempts: int
+) -> Task:
+    """Return the task for one source."""
+    places = {"source": str(source), "name": source.name, "parent": str(source.parent)}
+    target, stages = out / name, []
+    words = [str(source), f"--out={target}", "--force", *option_words(recipe.run, places)]
+    if recipe.calibrate is not None:
+        lights = target / "calibration" / "lights.json"
+        options = dict(recipe.calibrate)
+        listed = options.pop("recordings")
+        recordings = listed if isinstance(listed, list) else [listed]
+        paths = [placed(one, places) for one in recordings]
+        given = [f"--out={lights}", "--force", *option_words(options, places)]
+        stages.append(Stage("sgp calibrate spheres", spheres, (*paths, *given)))
+        words.append(f"--lights={lights}")
+    stages.append(Stage("sgp run", run, tuple(words)))
+    return Task(
+        name=name,
+        source=source,
+        stages=tuple(stages),
+        out=target,
+        folder=recipe.folder,
+        log=out / "state" / f"{name}.log",
+        thumbnail=out / "thumbnails" / f"{name}.png",
+        threads=threads,
+        attempts=attempts,
+    )
+
+
+def _check_options(task: Task, recipe: Path | None) -> None:
+    """Refuse a recipe whose options are wrong before any work."""
+    with chdir(task.folder):
+        for stage in task.stages:
+            try:
+                bound_arguments(stage)
+            except CycloptsError as error:
+                text = usage_complaint(error, stage.name)
+                raise UsageError(f"{recipe or 'the options'}: {text}") from error
+
+
+def _due(tasks: list[Task], known: Mapping[str, State]) -> list[Task]:
+    """Return the tasks that have to run, and report why those that have a result do."""
+    due = []
+    for task in tasks:
+        why = reason_to_run(task, known)
+        if why is not None:
+            due.append(task)
+        if why not in (None, "new"):
+            note(f"{task.name}: computed again: {why}")
+    done = len(tasks) - len(due)
+    if done:
+        note(f"{rigs.pluralize(done, 'result is', 'results are')} up to date")
+    return due
+
+
+def _work(pool: Workers, due: list[Task], states: States, known: dict[str, State]) -> None:
+    with BatchProgress(len(due)) as progress:
+        for task, outcome in pool.outcomes(due, progress.started):
+            known[task.name] = states.write(task, outcome)
+            progress.ended(task, outcome)
+
+
+def _written(out: Path, states: Mapping[str, State], recipe: Path | None, computed: int) -> Result:
+    """Write the tables."""
+    failed = {name: state for name, state in states.items() if state.error is not None}
+    done = len(states) - len(failed)
+    metrics: BatchMetrics = {
+        "sources": len(states),
+        "done": done,
+        "failed": len(failed),
+        "computed": computed,
+    }
+    outputs = {"table": out / "batch.csv", "page": out / "index.html"}
+    acquisition.write_durably(outputs["table"], csv_table(states).encode(errors="backslashreplace"))
+    page = html_table(out, states)
+    acquisition.write_durably(outputs["page"], page.encode(errors="backslashreplace"))
+    summary = [
+        f"{name}: {state.error} (log: {out / 'state' / name}.log)" for name, state in failed.items()
+    ]
+    counts = f"{done} of {rigs.pluralize(len(states), 'source')} done, {computed} computed now"
+    if failed:
+        counts += f", {len(failed)} failed: run the command again to try them again"
+    return Result(
+        outputs=outputs,
+        metrics=metrics,
+        summary=[*summary, counts, f"look at  {outputs['page']}"],
+        inputs=[] if recipe is None else [recipe],
+        ok=not failed,
+    )

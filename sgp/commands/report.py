@@ -1,0 +1,59 @@
+"""``sgp report``: one page that shows results under a light that you turn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import acquisition
+import rig
+from sgp._metrics import ReportMetrics
+from sgp._options import Input, Pixels
+from sgp._output import check_file
+from sgp._report.report import make_report
+from sgp._result import Result
+
+
+def report(
+    folder: Input,
+    *others: Input,
+    out: Path = Path("report.html"),
+    max_pixels: Pixels = rig.MAX_PIXELS,
+    force: bool = False,
+) -> Result:
+    """Write one HTML page that shows results under a light that you turn by hand.
+
+    The page needs no server and no network: it contains the maps, at most 8 MB by default, reduced
+    if necessary, and opens in any browser. It also shows the records of the results: notices,
+    figures, parameters and input hashes.
+
+    For example:
+
+        sgp report result --out report.html
+        sgp report before after --out comparison.html
+
+    Parameters
+    ----------
+    folder
+        Result folder: of sgp run, normals, detail, surface, curvature or demo.
+    others
+        More result folders, to compare them with the first.
+    out
+        The page, an .html file.
+    max_pixels
+        Refuse images with more pixels than this, before decoding them.
+    force
+        Replace an existing file.
+    """
+    check_file(out, ".html", force=force)
+    made = make_report([folder, *others], max_pixels=max_pixels)
+    content = made.html.encode()
+    acquisition.write_durably(out, content)
+    result = Result(outputs={"report": out}, warnings=made.notices)
+    metrics: ReportMetrics = {
+        "results": len(others) + 1,
+        "bytes": len(content),
+        "reduction": made.reduction,
+    }
+    result.metrics = metrics
+    result.summary = [f"open {out} in a browser ({len(content) / 1e6:.1f} MB)"]
+    return result

@@ -1,0 +1,236 @@
+"""The parts of ``sgp batch``: what has to run again, names, recipes, tables, one task."""
+
+from __future__ import annotations
+
+import csv
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import acquisition
+import rig
+from acquisition import DataError, StorageError
+from sgp._batch.files import difference, stamps
+from sgp._batch.names import names_of
+from sgp._batch.perform import perform
+from sgp._batch.recipe import option_words, read_recipe
+from sgp._batch.state import States, reason_to_run
+from sgp._batch.tables import csv_table, html_table
+from sgp._batch.task import Stage, Task
+from sgp._exit import UsageError
+from sgp._output import sha256
+from sgp._result import Result
+
+SOFTWARE = acquisition.software_version()
+
+
+def copy(source: Path, *, out: Path, force: bool = False, text: str = "", fail: str = "") -> Result:
+    """Stand for a command that processes a recording."""
+    sys.stderr.write("working\n")
+    if fail == "once" and not (out / "tried").exists():
+        out.mkdir(exist_ok=True)
+        (out / "tried").touch()
+        raise StorageError("the disk is full")
+    if fail not in ("", "once"):
+        raise {"disk": StorageError, "data": DataError, "bug": ZeroDivisionError}[fail](fail)
+    files = [path for path in source.iterdir() if path.is_file()]
+    out.mkdir(exist_ok=True)
+    (out / "copy.txt").write_text(text + "".join(path.read_text() for path in files))
+    notice = rig.Notice("files-not-used", "one file")
+    figures = {"pixels": 12, "images": 3}
+    return Result({"copy": out / "copy.txt"}, {"normals": figures}, [notice], inputs=files)
+
+
+@pytest.fixture
+def source(tmp_path) -> Path:
+    folder = tmp_path / "owl"
+    folder.mkdir()
+    for name in "ab":
+        (folder / f"{name}.txt").write_text(name)
+    return folder
+
+
+@pytest.fixture
+def task(tmp_path, source) -> Task:
+    out = tmp_path / "out"
+    stage = Stage("sgp copy", copy, (str(source), f"--out={out / 'owl'}"))
+    log = out / "state" / "owl.log"
+    return Task("owl", source, (stage,), out / "owl", tmp_path, log, out / "owl.png", attempts=3)
+
+
+def with_words(task: Task, *words: str) -> Task:
+    stage = task.stages[0]
+    return replace(task, stages=(replace(stage, words=(*stage.words, *words)),))
+
+
+def touch(folder: Path) -> None:
+    os.utime(folder / "a.txt", ns=(1, 1))
+
+
+def edit(folder: Path) -> None:
+    (folder / "a.txt").write_text("c")
+    touch(folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        pytest.param(lambda folder: None, None, id="nothing"),
+        pytest.param(touch, None, id="another time"),
+        pytest.param(edit, "a.txt was changed", id="as many bytes"),
+        pytest.param(lambda f: (f / "b.txt").write_text("longer"), "b.txt was changed", id="size"),
+        pytest.param(lambda f: (f / "c.txt").touch(), "c.txt is new", id="one more"),
+        pytest.param(lambda f: (f / "a.txt").unlink(), "a.txt was removed", id="one less"),
+    ],
+)
+def test_a_changed_file_is_named(source, change, expected) -> None:
+    before = {
+        path: stamp._replace(sha256=sha256(Path(path))) for path, stamp in stamps([source]).items()
+    }
+    change(source)
+    assert difference(before, stamps([source])) == expected
+
+
+def test_results_inside_a_session_are_not_its_files(source) -> None:
+    (source / "session.toml").touch()
+    (source / "derived").mkdir()
+    (source / "derived" / "normals.exr").touch()
+    assert {Path(path).name for path in stamps([source])} == {"a.txt", "b.txt", "session.toml"}
+
+
+def test_a_touched_file_that_was_not_hashed_counts_as_changed(source) -> None:
+    before = stamps([source])
+    touch(source)
+    assert difference(before, stamps([source])) == "a.txt was changed"
+
+
+def test_a_result_is_computed_again_only_if_it_has_to_be(task, monkeypatch) -> None:
+    states = States(task.log.parent)
+    assert reason_to_run(task, {}) == "new"
+    outcome = perform(task)
+    assert outcome.error is None
+    states.write(task, outcome)
+    assert reason_to_run(task, states.read_all()) is None
+    other = with_words(task, "--text=more")
+    assert reason_to_run(other, states.read_all()) == "other options"
+    (task.out / "copy.txt").unlink()
+    assert reason_to_run(task, states.read_all()) == "copy.txt is missing"
+    (task.out / "copy.txt").touch()
+    edit(task.source)
+    assert reason_to_run(task, states.read_all()) == "a.txt was changed"
+    states.write(task, replace(outcome, error="the disk is full", exit_code=3))
+    assert reason_to_run(task, states.read_all()) == "failed before"
+    states.write(task, perform(task))
+    assert reason_to_run(task, states.read_all()) is None
+    monkeypatch.setattr(acquisition, "software_version", lambda: "99")
+    assert reason_to_run(task, states.read_all()) == f"computed by version {SOFTWARE}"
+
+
+def test_a_damaged_state_costs_one_source_and_one_of_another_version_is_refused(task) -> None:
+    states = States(task.log.parent)
+    states.write(task, perform(task))
+    path = states.path("owl")
+    whole = path.read_text()
+    for text in ("", "[]", "{", whole[: len(whole) // 2], whole.replace('"error": null', '"e": 1')):
+        path.write_text(text)
+        assert states.read_all() == {}
+    path.write_text(whole.replace('"version": 1', '"version": 2'))
+    with pytest.raises(DataError, match="has version 2 of sgp-batch-state, and this program"):
+        states.read_all()
+
+
+@pytest.mark.parametrize(
+    ("fail", "code", "attempts"),
+    [
+        pytest.param("", 0, 1, id="success"),
+        pytest.param("once", 0, 2, id="an error that passes"),
+        pytest.param("disk", 3, 3, id="an error that stays"),
+        pytest.param("data", 4, 1, id="wrong data"),
+        pytest.param("bug", 1, 1, id="an error in this program"),
+    ],
+)
+def test_errors_are_outcomes(task, fail, code, attempts, monkeypatch) -> None:
+    monkeypatch.setattr("sgp._batch.perform._PAUSE_S", 0.0)
+    outcome = perform(with_words(task, f"--fail={fail}"))
+    assert (outcome.exit_code, outcome.attempts) == (code, attempts)
+    assert (outcome.error is None) == (code == 0)
+    assert "working" in task.log.read_text()
+
+
+def test_an_outcome_has_files_figures_and_notices(task) -> None:
+    outcome = perform(task)
+    folder = task.source
+    assert {name: stamp.sha256 for name, stamp in outcome.files.items()} == {
+        str(folder / name): sha256(folder / name) for name in ("a.txt", "b.txt")
+    }
+    assert outcome.outputs == (str(task.out / "copy.txt"),)
+    assert outcome.notices == {"warning": 1}
+    assert outcome.figures == {"pixels": 12, "images": 3}
+
+
+def test_names_stay_when_sources_are_added(tmp_path) -> None:
+    first = names_of([tmp_path / "may" / "owl"], {})
+    assert list(first) == ["owl"]
+    known = {name: str(path) for name, path in first.items()}
+    both = [tmp_path / "june" / "owl", tmp_path / "may" / "owl"]
+    assert names_of(both, known) == {"june-owl": both[0], "owl": both[1]}
+    assert "state" not in names_of([tmp_path / "state"], {})
+    assert list(names_of([tmp_path / "A", tmp_path / "x" / "a"], {})) == ["A", "x-a"]
+    with pytest.raises(UsageError, match="is given twice and as"):
+        names_of([tmp_path / "owl", tmp_path / "x" / ".." / "owl"], {})
+
+
+def test_a_recipe_becomes_words(tmp_path) -> None:
+    recipe = tmp_path / "recipe.toml"
+    recipe.write_text(
+        '[calibrate]\nrecordings = "{parent}/balls"\nradius-mm = [12, 8.5]\n'
+        '[run]\nmethod = "best"\ndiscontinuity = true\nheight-sigma = false\nk = 2\n'
+    )
+    found = read_recipe(recipe)
+    assert found.folder == tmp_path
+    assert option_words(found.run, {}) == ["--method=best", "--discontinuity", "--k=2"]
+    places = {"source": "/r/owl", "name": "owl", "parent": "/r"}
+    assert option_words({"a": "{parent}/{name}-{x}"}, places) == ["--a=/r/owl-{x}"]
+    assert option_words({"radius_mm": [12, 8.5]}, {}) == ["--radius-mm=12", "--radius-mm=8.5"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        pytest.param("[run", "recipe.toml: is not TOML", id="not TOML"),
+        pytest.param("[walk]\n", "'walk' is unknown: a recipe has .calibrate. and", id="table"),
+        pytest.param("run = 3\n", "'run' is unknown", id="no table"),
+        pytest.param('[run]\nout = "x"\n', "out: the batch itself gives this", id="out"),
+        pytest.param("[run]\na = {b = 1}\n", "a: give text, a number", id="nested"),
+        pytest.param("[calibrate]\nradius-mm = 3\n", "recordings is missing", id="recordings"),
+        pytest.param(
+            '[calibrate]\nrecordings = "b"\n[run]\nspheres = true\n', "both give", id="both"
+        ),
+    ],
+)
+def test_wrong_recipes_are_refused(tmp_path, text, message) -> None:
+    recipe = tmp_path / "recipe.toml"
+    recipe.write_text(text)
+    with pytest.raises(DataError, match=message):
+        read_recipe(recipe)
+
+
+def test_tables_escape_what_names_and_errors_contain(task, tmp_path) -> None:
+    hostile = "<script>\u202e\"'&\n"
+    states = States(task.log.parent)
+    good = states.write(task, perform(task))
+    bad = good.model_copy(update={"error": hostile, "source": f"/{hostile}"})
+    (tmp_path / "out" / hostile).mkdir()
+    (tmp_path / "out" / hostile / "report.html").touch()
+    page = html_table(tmp_path / "out", {"owl": good, hostile: bad})
+    assert "<script" not in page
+    assert "\u202e" not in page
+    assert page.index("script") < page.index("owl")  # failed ones first
+    assert '<a href="%3Cscript%3E%E2%80%AE%22%27%26%0A/report.html">' in page
+    rows = list(csv.DictReader(csv_table({"owl": good, hostile: bad}).splitlines(keepends=True)))
+    assert [row["status"] for row in rows] == ["done", "failed"]
+    assert rows[0]["pixels"] == "12"
+    assert rows[1]["name"] == hostile

@@ -1,0 +1,137 @@
+"""``sgp batch --scheduler``: a real Dask scheduler with workers, and clusters that do not fit."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import acquisition
+from sgp._batch.cluster import _check, _probe
+from sgp._exit import ClusterError, UsageError
+from tests.sgp.test_cli_batch import recipe as recipe
+from tests.sgp.test_cli_batch import table, wait_for
+from tests.sgp.test_cli_batch import two as two
+
+ADDRESS = "tcp://127.0.0.1:8786"
+HERE = acquisition.software_version()
+
+
+class Cluster:
+    """What `_check` uses of a client."""
+
+    def __init__(self, threads: int | None = 1, answer: object = None) -> None:
+        self._workers = {} if threads is None else {"tcp://w:1": {"nthreads": threads}}
+        self._answer = answer
+
+    def scheduler_info(self, n_workers: int) -> dict:
+        return {"workers": self._workers}
+
+    def run(self, function, token, on_error):
+        assert function(token) == (HERE, True)
+        return {"tcp://w:1": self._answer}
+
+
+@pytest.mark.parametrize(
+    ("client", "error", "message"),
+    [
+        pytest.param(Cluster(None), ClusterError, "has no workers: start some", id="no workers"),
+        pytest.param(Cluster(4), UsageError, "w:1: this worker has 4 threads", id="threads"),
+        pytest.param(
+            Cluster(answer=("0.0", True)), UsageError, "has version 0.0 of sgp, here", id="version"
+        ),
+        pytest.param(
+            Cluster(answer=(HERE, False)), ClusterError, "does not see .*: mount", id="storage"
+        ),
+        pytest.param(
+            Cluster(answer=ModuleNotFoundError("No module named 'sgp'")),
+            ClusterError,
+            "cannot run sgp: No module named 'sgp'",
+            id="not installed",
+        ),
+    ],
+)
+def test_workers_that_cannot_do_the_work_are_named(client, error, message, tmp_path) -> None:
+    with pytest.raises(error, match=message):
+        _check(client, ADDRESS, tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_good_cluster_is_accepted(tmp_path) -> None:
+    _check(Cluster(answer=(HERE, True)), ADDRESS, tmp_path)
+    assert _probe(str(tmp_path / "missing")) == (HERE, False)
+
+
+def test_without_dask_the_extra_is_named(sgp, two, tmp_path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    words = ["batch", *two, "--out", tmp_path / "out", "--scheduler", ADDRESS]
+    assert "pip install 'surface-geometry-processing[cluster]'" in sgp(*words).error_line(2)
+
+
+def dask(*words: object, folder: Path) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "dask", *map(str, words), "--host", "127.0.0.1"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    return subprocess.Popen([*command, "--no-dashboard"], cwd=folder, **quiet)
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory) -> Iterator[SimpleNamespace]:
+    """A scheduler with two workers, one of which may be killed."""
+    from distributed import Client
+
+    folder = tmp_path_factory.mktemp("dask")
+    file = folder / "scheduler.json"
+    running = [dask("scheduler", "--port", 0, "--scheduler-file", file, folder=folder)]
+    try:
+        wait_for(file.exists)
+        address = json.loads(file.read_text())["address"]
+        one = ("worker", address, "--nthreads", 1, "--no-nanny")
+        running += [dask(*one, folder=folder), dask(*one, folder=folder)]
+        with Client(address) as client:
+            client.wait_for_workers(2, timeout=100)
+        yield SimpleNamespace(address=address, workers=running[1:])
+    finally:
+        for process in running[::-1]:
+            process.kill()
+            process.wait()
+
+
+def batch(*words: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "sgp", "batch", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_results_and_survives_the_loss_of_a_worker(
+    scheduler, two, recipe, tmp_path
+) -> None:
+    here, there = tmp_path / "here", tmp_path / "there"
+    assert batch(*two, "--out", here, "--recipe", recipe).returncode == 0
+    done = batch(*two, "--out", there, "--recipe", recipe, "--scheduler", scheduler.address)
+    assert done.returncode == 0, done.stderr
+    for name in ("ball", "bright"):
+        for path in ("normals/normals.exr", "surface/height.exr", "detail/detail.exr"):
+            assert (there / name / path).read_bytes() == (here / name / path).read_bytes()
+    lost = tmp_path / "lost"
+    words = [*two, "--out", lost, "--recipe", recipe, "--scheduler", scheduler.address]
+    command = [sys.executable, "-m", "sgp", "batch", *map(str, words)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as run:
+        wait_for(lambda: len(list((lost / "state").glob("*.log"))) == 2)
+        scheduler.workers[0].send_signal(signal.SIGKILL)
+        _, errors = run.communicate(timeout=280)
+    assert run.returncode == 0, errors
+    assert {row["status"] for row in table(lost).values()} == {"done"}
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_does_not_answer(two, tmp_path) -> None:
+    done = batch(*two, "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
+    assert done.returncode == 3
+    assert "the scheduler does not answer" in done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr

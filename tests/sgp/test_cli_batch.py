@@ -1,0 +1,192 @@
+"""``sgp batch``: many recordings, run again, failures, and real workers."""
+
+from __future__ import annotations
+
+import csv
+import fcntl
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import read_image, write_png
+from sgp._batch.perform import perform
+from tests.sgp.conftest import ball, ring_lights
+
+SGP = [sys.executable, "-m", "sgp"]
+
+
+class Here:
+    """Perform tasks in this process, so that tests need not start others."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+
+    def outcomes(self, tasks, started):
+        for task in tasks:
+            started(task)
+            yield task, perform(task)
+
+
+@pytest.fixture
+def here(monkeypatch) -> None:
+    monkeypatch.setattr("sgp.commands.batch.LocalWorkers", Here)
+
+
+@pytest.fixture
+def two(recording, tmp_path) -> list[Path]:
+    """Two recordings, of which the second is brighter."""
+    other = tmp_path / "bright"
+    other.mkdir()
+    normals, _ = ball()
+    for i, light in enumerate(ring_lights().unit_directions):
+        shade = 0.9 * np.clip(normals @ light, 0, 1)
+        write_png(other / f"ball.{i}.png", np.rint(shade * 65535).astype(np.uint16))
+    return [recording, other]
+
+
+@pytest.fixture
+def recipe(tmp_path) -> Path:
+    path = tmp_path / "recipe.toml"
+    path.write_text('[run]\nlights = "lights.json"\n')
+    return path
+
+
+def table(out: Path) -> dict[str, dict[str, str]]:
+    with (out / "batch.csv").open(newline="") as file:
+        return {row["name"]: row for row in csv.DictReader(file)}
+
+
+def damage(folder: Path) -> None:
+    (folder / "ball.3.png").write_bytes(b"no image")
+
+
+def test_a_batch_does_what_is_missing(here, sgp, two, recipe, tmp_path) -> None:
+    out = tmp_path / "out"
+    words = ["batch", *two, "--out", out, "--recipe", recipe, "--json"]
+    kept = (two[1] / "ball.3.png").read_bytes()
+    damage(two[1])
+    answer = sgp(*words)
+    assert answer.code == 4
+    assert json.loads(answer.out)["metrics"] == {
+        "sources": 2, "done": 1, "failed": 1, "computed": 2,
+    }  # fmt: skip
+    assert {name: row["status"] for name, row in table(out).items()} == {
+        "ball": "done",
+        "bright": "failed",
+    }
+    assert "ball.3.png" in table(out)["bright"]["error"]
+    picture = read_image(out / "thumbnails" / "ball.png")
+    assert picture.shape == (160, 192, 3)
+    assert np.ptp(picture[75:85, 94:98].astype(int), axis=(0, 1)).max() < 40  # flat in the middle
+    (two[1] / "ball.3.png").write_bytes(kept)
+    answer = sgp(*words)
+    assert answer.code == 0
+    assert json.loads(answer.out)["metrics"]["computed"] == 1
+    assert "bright: computed again: failed before" in answer.err
+    assert json.loads(sgp(*words).out)["metrics"]["computed"] == 0
+    os.utime(two[0] / "ball.0.png")
+    assert json.loads(sgp(*words).out)["metrics"]["computed"] == 0
+    damage(two[0])
+    assert "ball: computed again: ball.3.png was changed" in sgp(*words).err
+    by_hand = tmp_path / "by-hand"
+    lights = ["--lights", tmp_path / "lights.json"]
+    assert sgp("run", two[1], *lights, "--out", by_hand).code == 0
+    for name in ("normals/normals.exr", "surface/height.exr"):
+        assert (out / "bright" / name).read_bytes() == (by_hand / name).read_bytes()
+
+
+def test_wrong_commands_are_refused_before_any_work(here, sgp, two, recipe, tmp_path) -> None:
+    out = tmp_path / "out"
+    asked = ["batch", *two, "--out", out]
+    assert "is given twice" in sgp("batch", two[0], two[0], "--out", out).error_line(2)
+    recipe.write_text("[run]\nmethod = 'bst'\n")
+    assert "bst" in sgp(*asked, "--recipe", recipe).error_line(2)
+    recipe.write_text("[run]\ncolour = true\n")
+    assert "--colour" in sgp(*asked, "--recipe", recipe).error_line(2)
+    text = sgp(*asked, "--workers", "2", "--scheduler", "tcp://127.0.0.1:1").error_line(2)
+    assert text.endswith("give one")
+    assert not out.exists() or not any(path.is_file() for path in out.rglob("*"))
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "notes.txt").touch()
+    text = sgp("batch", *two, "--out", tmp_path / "full").error_line(2)
+    assert "already contains files" in text
+    assert "folder of the input" in sgp("batch", *two, "--out", two[0] / "out").error_line(2)
+
+
+def test_two_batches_do_not_share_a_folder(here, sgp, two, tmp_path) -> None:
+    state = tmp_path / "out" / "state"
+    state.mkdir(parents=True)
+    place = os.open(state, os.O_RDONLY)
+    try:
+        fcntl.flock(place, fcntl.LOCK_EX)
+        text = sgp("batch", *two, "--out", tmp_path / "out").error_line(2)
+    finally:
+        os.close(place)
+    assert "another batch is writing into" in text
+
+
+def started(*words: object) -> subprocess.Popen[str]:
+    command = [*SGP, *map(str, words)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def children(pid: int) -> list[int]:
+    """Return the workers of a batch, without the process that tracks its semaphores."""
+    found = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [
+        int(child)
+        for child in found
+        if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()
+    ]
+
+
+def wait_for(what, limit_s: float = 100.0):
+    end_s = time.monotonic() + limit_s
+    while time.monotonic() < end_s:
+        if found := what():
+            return found
+        time.sleep(0.05)
+    raise TimeoutError
+
+
+@pytest.mark.slow
+def test_real_workers_and_one_that_is_killed(two, recipe, tmp_path) -> None:
+    out = tmp_path / "out"
+    run = started("batch", *two, "--out", out, "--recipe", recipe, "--workers", "1")
+    (first,) = wait_for(lambda: children(run.pid))
+    wait_for((out / "state" / "ball.log").exists)
+    os.kill(first, signal.SIGKILL)
+    printed, errors = run.communicate(timeout=280)
+    assert run.returncode == 0, errors
+    assert "2 of 2 sources done" in printed
+    assert {row["status"] for row in table(out).values()} == {"done"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_batch_that_is_ended_leaves_no_process_and_continues(
+    two, recipe, tmp_path, number
+) -> None:
+    out = tmp_path / "out"
+    words = ("batch", *two, "--out", out, "--recipe", recipe, "--workers", "2")
+    run = started(*words)
+    workers = wait_for(lambda: len(found := children(run.pid)) == 2 and found)
+    wait_for(lambda: (out / "state" / "ball.log").exists())
+    run.send_signal(number)
+    _, errors = run.communicate(timeout=100)
+    ended = {signal.SIGINT: 130, signal.SIGTERM: 143, signal.SIGKILL: -9}
+    assert run.returncode == ended[number], errors
+    wait_for(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+    again = started(*words)
+    printed, errors = again.communicate(timeout=280)
+    assert again.returncode == 0, errors
+    assert "2 of 2 sources done" in printed

@@ -1,0 +1,116 @@
+"""``sgp report``: complete, unfinished and unreadable folders, the size of the page, its errors."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from acquisition import write_exr
+from rig import MAX_PIXELS
+from sgp._report.report import make_report
+from tests.sgp.report_folder import SIZE, write_folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return write_folder(tmp_path_factory.mktemp("results") / "ball", source="nowhere")
+
+
+def report_of(html: str) -> dict:
+    """Return the data for the scripts of a page."""
+    found = re.search(r'id="report">(.*?)</script>', html, re.DOTALL)
+    return json.loads(found[1])
+
+
+def test_a_page_names_its_maps_and_what_is_missing(sgp, folder, tmp_path):
+    page = tmp_path / "page.html"
+    answer = sgp("report", folder, "--out", page, "--json")
+    printed = json.loads(answer.out)
+    assert printed["metrics"] == {"results": 1, "bytes": page.stat().st_size, "reduction": [1.0]}
+    assert [one["code"] for one in printed["notices"]] == ["recording-unreadable"]
+    html = page.read_text(encoding="utf-8")
+    (result,) = report_of(html)["results"]
+    names = [plane["name"] for plane in result["planes"]]
+    assert names == ["normals", "shape", "albedo", "height", "normal_sigma_deg", "height_sigma"]
+    assert (result["unit"], result["pixelSize"]) == ("mm", 0.2)
+    assert result["full"] == {"rows": SIZE[0], "columns": SIZE[1]}
+    assert "https://" not in html
+    assert "http://" not in html.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_maps_are_reduced_until_the_page_is_small_enough(folder):
+    large = make_report([folder], max_pixels=MAX_PIXELS)
+    assert large.reduction == [1.0]
+    # Scripts, style and colour maps are about 70 kB of it.
+    limit = len(large.html) - 20_000
+    small = make_report([folder], max_pixels=MAX_PIXELS, most_bytes=limit)
+    assert small.reduction[0] > 1
+    assert len(small.html.encode()) <= limit
+    (result,) = report_of(small.html)["results"]
+    assert result["pixelSize"] == pytest.approx(0.2 * small.reduction[0])
+    assert "reduced from" in small.html
+
+
+def test_two_folders_are_on_one_page(sgp, folder, tmp_path):
+    page = tmp_path / "page.html"
+    assert sgp("report", folder, folder, "--out", page).code == 0
+    first, second = report_of(page.read_text(encoding="utf-8"))["results"]
+    assert first["planes"][0]["id"] != second["planes"][0]["id"]
+
+
+def test_an_unfinished_folder_is_shown_as_far_as_it_is_there(sgp, folder, tmp_path):
+    part, page = tmp_path / "part", tmp_path / "page.html"
+    shutil.copytree(folder, part / "normals")
+    (part / "normals" / "surface.json").unlink()
+    height = part / "normals" / "height.exr"
+    height.write_bytes(height.read_bytes()[:2000])
+    write_exr(part / "normals" / "curl_deg.exr", np.zeros((3, 4), np.float32))
+    answer = sgp("report", part, "--out", page, "--json")
+    notices = {one["text"]: one["code"] for one in json.loads(answer.out)["notices"]}
+    expected = {
+        "detail: is missing": "result-unfinished",
+        "surface: is missing": "result-unfinished",
+        "normals: has no record: the command that writes it has not finished": "result-unfinished",
+        "curl_deg: has another size than the other maps, and is left out": "map-unreadable",
+    }
+    assert expected.items() <= notices.items()
+    assert sum("height.exr" in text for text in notices) == 1
+    html = page.read_text(encoding="utf-8")
+    assert all(text in html for text in expected)
+
+
+def test_a_record_of_another_version_is_named(sgp, folder, tmp_path):
+    other, page = tmp_path / "other", tmp_path / "page.html"
+    shutil.copytree(folder, other)
+    record = other / "surface.json"
+    record.write_text(record.read_text().replace('"version": 1', '"version": 7', 1))
+    answer = sgp("report", other, "--out", page)
+    (line,) = answer.err.splitlines()
+    assert "surface.json: has version 7" in line
+    assert "has version 7" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("make", "code", "text"),
+    [
+        (lambda path: None, 2, "no such file or folder"),
+        (lambda path: path.mkdir(), 4, "no record and no map of a result"),
+        (lambda path: path.write_text("{}"), 4, "is a file: give the folder"),
+    ],
+)
+def test_what_is_no_result_is_refused(sgp, tmp_path, make, code, text):
+    place = tmp_path / "place"
+    make(place)
+    assert text in sgp("report", place, "--out", tmp_path / "page.html").error_line(code)
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_an_existing_page_is_kept_unless_forced(sgp, folder, tmp_path):
+    page = tmp_path / "page.html"
+    page.write_text("mine")
+    assert "already exists" in sgp("report", folder, "--out", page).error_line(2)
+    assert page.read_text() == "mine"
+    assert sgp("report", folder, "--out", page, "--force").code == 0
+    assert ".html" in sgp("report", folder, "--out", tmp_path / "page.png").error_line(2)
