@@ -64,7 +64,7 @@ from acquisition import (
 from acquisition._import.image import read_for_import
 from acquisition._pixels.icc_curve import icc_curve
 from acquisition._pixels.images import image_form
-from processing import read_geometry, read_normals
+from processing import read_geometry, read_normals, read_ptm
 from rig import RigConfigError, UnreadableError, read_rig_config
 from simulator import MeshBody, read_scene
 
@@ -123,6 +123,7 @@ READERS: dict[str, Reader] = {
     "rig": Reader(read_rig_config, "rig", (RigConfigError,)),
     "scene": Reader(read_scene, "scene"),
     "normals": Reader(read_normals, "normals"),
+    "ptm": Reader(read_ptm, "ptm"),
     "mesh": Reader(read_geometry, "mesh"),
     "scene-mesh": Reader(lambda path: MeshBody.read(path, radius_mm=20), "mesh"),
     "diligent": Reader(_source, "diligent"),

@@ -45,6 +45,7 @@ from acquisition import (
     write_sensor,
     write_tiff,
 )
+from processing import RelightableImage, write_ptm
 from simulator import scene_named, write_scene
 
 # Larger real files would only make the runs slower.
@@ -230,6 +231,18 @@ def _profiles(root: Path) -> Iterator[Seed]:
 def _curves(root: Path) -> Iterator[Seed]:
     (root / "curve.csv").write_text("sample,light\n0,0\n64,4.2\n128,20.9\n255,100\n")
     (root / "curve.txt").write_text("# measured\n0 0\n0.5 0.2\n1 1\n")
+    for path in sorted(root.iterdir()):
+        yield single(path)
+
+
+def _texture_maps(root: Path) -> Iterator[Seed]:
+    random = np.random.default_rng(1)
+    shared = random.normal(size=(12, 16, 6)).astype(np.float32)
+    colour = random.random((12, 16, 3)).astype(np.float32)
+    write_ptm(root / "lrgb.ptm", RelightableImage("ptm", shared, colour))
+    write_ptm(root / "rgb.ptm", RelightableImage("ptm", np.stack([shared] * 3, axis=-1)))
+    older = (root / "lrgb.ptm").read_bytes().replace(b"1.2", b"1.1", 1)
+    (root / "older.ptm").write_bytes(older)
     for path in sorted(root.iterdir()):
         yield single(path)
 
@@ -531,6 +544,7 @@ _MAKERS: dict[str, Callable[[Path], Iterator[Seed]]] = {
     "rig": _rigs,
     "scene": _scenes,
     "normals": _normal_maps,
+    "ptm": _texture_maps,
     "mesh": _meshes,
     "diligent": _diligents,
     "stack": _stacks,

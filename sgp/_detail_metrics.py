@@ -220,3 +220,20 @@ class FillMetrics(TypedDict):
         float | None, "deg", "the same inside the holes; null if they have no interior"
     ]
     seam_ratio: Annotated[float | None, "1", "`seam_step_deg` / `interior_step_deg`"]
+
+
+class TrainMetrics(TypedDict):
+    """Figures of the training of a network."""
+
+    steps: Annotated[int, "", "steps of the training"]
+    parameters: Annotated[int, "", "weights of the network"]
+    bicubic_mae_deg: Annotated[
+        float, "deg", "mean angular error of bicubic interpolation on held-out surfaces"
+    ]
+    network_mae_deg: Annotated[float, "deg", "the same of the network"]
+    actual_over_predicted: Annotated[
+        list[float],
+        "1",
+        "actual over predicted deviation of the network's normals, for each tenth of the pixels in "
+        "order of the prediction; 1 is best",
+    ]

@@ -27,8 +27,10 @@ from sgp._detail_metrics import (
     FillMetrics,
     PropertiesMetrics,
     SynthesisMetrics,
+    TrainMetrics,
     TransferMetrics,
 )
+from sgp._relight_metrics import RelightMetrics, RtiMetrics
 
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
@@ -458,8 +460,11 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail properties": (PropertiesMetrics,),
     "sgp detail synthesize": (SynthesisMetrics,),
     "sgp detail fill": (FillMetrics,),
+    "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
+    "sgp export": (RtiMetrics,),
+    "sgp relight": (RelightMetrics,),
     "sgp bench paper": (BenchMetrics,),
     "sgp bench synthesis": (SheetBenchMetrics,),
     "sgp capture export": (ExportMetrics,),

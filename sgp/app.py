@@ -45,6 +45,8 @@ _TOP = (
     "curvature",
     "project",
     "compare",
+    "export",
+    "relight",
     "simulate",
     "report",
     "doctor",
@@ -103,6 +105,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "detail_properties": ("properties",),
             "detail_synthesize": ("synthesize",),
             "detail_fill": ("fill",),
+            "detail_train": ("train",),
         },
     ),
     "bench": (

@@ -135,8 +135,8 @@ def _read_samples(
         samples = alpha
     if not _inside(samples).any():
         raise DataError(
-            f"{path}: a mask with nothing inside: paint the object in white, brighter than half "
-            "of the range"
+            f"{path}: a mask with nothing inside: paint what belongs to it in white, brighter "
+            "than half of the range"
         )
     return samples
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._detail.rotation import rotate_from_z
+from processing._detail.rotation import rotate_from_z, rotate_to_z
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
@@ -93,6 +93,39 @@ def separate(
     return Separation(*shape_filter.split(normal_map, on_progress), shape_filter)
 
 
+def relative_detail(normal_map: NormalMap, shape: NormalMap) -> NormalMap:
+    """Return the detail relative to any shape (eq. ``eq_detail_form`` of the paper).
+
+    `combine` of the shape and this detail restores the map.
+
+    Parameters
+    ----------
+    normal_map, shape
+        Maps of the same size. The shape need not be the low-pass part of the map.
+
+    Returns
+    -------
+    NormalMap
+        Normals in the local frames of the shape, known where both maps are known.
+
+    Raises
+    ------
+    DataError
+        If the sizes differ or the masks do not overlap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, relative_detail
+    >>> y, x = np.mgrid[1:-1:24j, -1:1:24j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> relative_detail(bowl, bowl).normals[3, 4]
+    array([0., 0., 1.], dtype=float32)
+    """
+    mask = _common_mask("normal_map", normal_map, shape)
+    return NormalMap.of_unit_vectors(rotate_to_z(normal_map.normals, shape.normals), mask)
+
+
 def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
     """Combine a shape component and a detail component (eq. ``eq_transfer`` of the paper).
 
@@ -121,15 +154,22 @@ def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
     >>> angular_error(combine(parts.shape, parts.detail), ripples).mae_deg < 1e-3
     True
     """
-    check_normal_map("shape", shape)
-    check_normal_map("detail", detail)
-    if shape.size != detail.size:
-        raise DataError(
-            f"a shape of {shape.size[1]} x {shape.size[0]} pixels and a detail of "
-            f"{detail.size[1]} x {detail.size[0]} cannot be combined: they must have the same size"
-        )
-    mask = shape.mask & detail.mask
-    if not mask.any():
-        raise DataError("the masks of shape and detail do not overlap: nothing to combine")
+    mask = _common_mask("detail", detail, shape)
     # The result is 0 where either component is 0.
     return NormalMap.of_unit_vectors(rotate_from_z(detail.normals, shape.normals), mask)
+
+
+def _common_mask(name: str, normal_map: NormalMap, shape: NormalMap) -> npt.NDArray[np.bool_]:
+    check_normal_map("shape", shape)
+    check_normal_map(name, normal_map)
+    what = "a normal map" if name == "normal_map" else f"a {name}"
+    if shape.size != normal_map.size:
+        raise DataError(
+            f"a shape of {shape.size[1]} x {shape.size[0]} pixels and {what} of "
+            f"{normal_map.size[1]} x {normal_map.size[0]} cannot be combined: they must have the "
+            "same size"
+        )
+    mask = shape.mask & normal_map.mask
+    if not mask.any():
+        raise DataError(f"the masks of shape and {what[2:]} do not overlap: nothing to combine")
+    return mask

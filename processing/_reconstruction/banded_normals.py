@@ -2,34 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, Lights
-from calibration import StackNoise
 from processing._reconstruction.error_bars import depth_deviation, judged
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.recorded_images import Band, RowSample
 from processing._reconstruction.solved_images import SolvedImages
-from processing._reconstruction.specular import excess
+from processing._reconstruction.specular import mean_excess
 from processing._stereo.frames import Frames
-from processing._stereo.image_noise import ImageLaw, law_of_images
+from processing._stereo.image_noise import law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import stereo_of
-from processing._stereo.solve import solve_maps
+from processing._stereo.solve import solve_maps, toward_camera, write_solutions
 from processing._stereo.stereo_maps import StereoMaps
-from processing._uncertainty.normal_uncertainty import NormalUncertainty, as_uncertainty
-from processing._uncertainty.pixel_variances import PixelVariances, law_of_errors, pixel_variances
+from processing._uncertainty.model_error import common_error, deviations
+from processing._uncertainty.normal_uncertainty import (
+    NormalUncertainty,
+    in_degrees,
+    sums_of,
+    valid_errors,
+)
+from processing._uncertainty.pixel_variances import (
+    Counts,
+    Origin,
+    VarianceMaps,
+    law_of_errors,
+    origin_of,
+    some_of,
+)
+from processing._uncertainty.reference_solver import ReferenceSolver, row_blocks
 from processing._uncertainty.sample_kind import SampleKind
 from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 # Rows around a pixel on which its error bars depend.
 _AROUND = 2
@@ -40,8 +48,7 @@ def normals_in_bands(
 ) -> SolvedImages:
     """Solve gray images band by band; the result does not depend on the bands.
 
-    Some rows show first the law of the noise, if it is not known, and whether the residuals are
-    noise.
+    The samples of a block of pixels are read once, for its normals, error bars and gloss.
 
     Parameters
     ----------
@@ -59,118 +66,137 @@ def normals_in_bands(
     EstimateError
         As `photometric_stereo`, or if no pixel is valid.
     """
-    images, lights, mask = examined.images, examined.lights, examined.mask
-    points_mm, camera, near = examined.points_mm, examined.source.camera, examined.near
-    sample = examined.sample()
+    lights, mask, points_mm = examined.lights, examined.mask, examined.points_mm
     LightModel(lights, points_mm, mask).check(mask)
-    solver = _Solver(
-        lights, method, camera, depth_deviation(near, examined.view, mask), sample, points_mm
-    )
-    _, shown = solver.variances(sample.values, sample.noise, sample.mask, sample.of(points_mm), 0)
-    solver.common_model = shown.common_model
-    maps, specular = StereoMaps.empty(mask.shape), np.zeros(mask.shape, np.float32)
-    found = _unknown(len(lights), mask.shape, shown)
-    del sample, shown
+    solver = _Solver(examined, method)
     total, done = int(np.count_nonzero(mask)), 0
-    for band in images.bands(mask, _AROUND, rows):
-        solver.solve(band, mask, points_mm, maps, specular, found)
+    for band in examined.images.bands(mask, _AROUND, rows):
+        solver.solve(band)
         done += int(np.count_nonzero(mask[band.rows]))
         on_progress("normals", done, total)
-    stereo = stereo_of(maps, mask, images)
-    stereo, uncertainty, doubts = judged(stereo, found, mask)
+    stereo = stereo_of(solver.maps, mask, examined.images)
+    stereo, uncertainty, doubts = judged(stereo, solver.error_bars(), mask)
+    specular = solver.specular
     specular[~stereo.normal_map.mask] = 0
     return SolvedImages(stereo, uncertainty, specular, (*stereo.warnings, *doubts))
 
 
 class _Solver:
-    """Solves rows of images with one law of the noise."""
+    """Solves rows of images with one law of the noise.
 
-    def __init__(
-        self,
-        lights: Lights,
-        method: Method,
-        camera: CameraModel | None,
-        depth_error: tuple[CameraModel | None, float],
-        sample: RowSample,
-        points_mm: Double | None,
-    ) -> None:
-        self._lights = lights
+    Some rows show the law of the noise, if it is not known, and whether the residuals are noise.
+    """
+
+    def __init__(self, examined: Examination, method: Method) -> None:
+        self._lights, self._mask = examined.lights, examined.mask
+        self._points_mm, self._camera = examined.points_mm, examined.source.camera
         self._method = method
-        self._camera = camera
-        self._depth_error = depth_error
-        self.common_model = 0.0
-        self._law = None
+        self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
+        self._law: Float | None = None
+        self._law_of_errors: Float | None = None
+        count, shape = len(examined.lights), examined.mask.shape
+        self.maps = StereoMaps.empty(shape)
+        self.specular = np.zeros(shape, np.float32)
+        self._total, self._common = (np.full(shape, np.nan, np.float32) for _ in range(2))
+        self._samples: Counts = np.zeros(
+            (len(SampleKind), *shape), np.uint8 if count < 256 else np.uint16
+        )
+        self._reason = np.zeros(shape, np.uint8)
+        self._valid = np.zeros(shape, np.bool_)
+        self._deviations, self._solved = np.zeros(shape[0]), np.zeros(shape[0], np.intp)
+        self._origin, self._correlation = self._examine(examined.sample())
+
+    def _examine(self, sample: RowSample) -> tuple[Origin, float]:
+        """Return where the law of the noise is from, and the correlation of the residuals."""
+        mask, points = sample.mask, sample.of(self._points_mm)
+        frames, model = Frames(sample.values), LightModel(self._lights, points, mask)
+        pixels = np.flatnonzero(mask)
         if sample.noise is None:
-            model = LightModel(lights, sample.of(points_mm), sample.mask)
-            self._law = law_of_images(Frames(sample.values), model, sample.mask)
-        pixels = int(np.count_nonzero(sample.mask))
-        self._of_errors = ImageLaw(law_of_errors(self._law, len(lights), pixels))
-
-    def solve(
-        self,
-        band: Band,
-        mask: Mask,
-        points_mm: Double | None,
-        maps: StereoMaps,
-        specular: Float,
-        uncertainty: NormalUncertainty,
-    ) -> None:
-        """Write the maps of the rows of a band."""
-        stack, inner, around = band.stack, band.inside, band.around
-        points = None if points_mm is None else points_mm[around]
-        of_band, variances = self.variances(
-            stack.values, stack.noise, mask[around], points, around.start
-        )
-        for name in ("normals", "albedo", "residual", "used"):
-            getattr(maps, name)[band.rows] = getattr(of_band, name)[inner]
-        solved = of_band.albedo > 0
-        model = LightModel(self._lights, points, solved)
-        law = None if stack.noise is None else NoiseLaw(stack.noise, stack.values.shape)
-        specular[band.rows] = excess(
-            stack.values, model, law, solved, of_band.normals, of_band.albedo
-        )[inner]
-        found = as_uncertainty(replace(variances, common_model=self.common_model))
-        for name in ("sigma_deg", "common_sigma_deg", "reason"):
-            getattr(uncertainty, name)[band.rows] = getattr(found, name)[inner]
-        uncertainty.samples[:, band.rows] = found.samples[:, inner]
-
-    def variances(
-        self,
-        values: Float,
-        noise: StackNoise | None,
-        mask: Mask,
-        points_mm: Double | None,
-        first_row: int,
-    ) -> tuple[StereoMaps, PixelVariances]:
-        """Return the maps of some rows, and the variances of their normals."""
-        model, frames = LightModel(self._lights, points_mm, mask), Frames(values)
-        law: NoiseLaw | Float | None = None
-        if noise is not None:
-            law = NoiseLaw(noise, values.shape)
-        elif self._method != "ls":
-            law = self._law
+            self._law = law_of_images(frames, model, mask)
+            self._law_of_errors = law_of_errors(self._law, len(self._lights), len(pixels))
+        some = some_of(pixels)
+        law = None if sample.noise is None else NoiseLaw(sample.noise, sample.values.shape)
         maps = StereoMaps.empty(mask.shape)
-        solve_maps(
-            frames, model, mask, law, self._method, maps, self._camera, no_progress, first_row
+        solver = ReferenceSolver(
+            self._lights, (maps.normals, maps.albedo), points, *self._depth_error
         )
-        return maps, pixel_variances(
-            values,
-            self._lights,
-            mask,
-            (maps.normals, maps.albedo),
-            points_mm=points_mm,
-            camera=self._depth_error[0],
-            depth_sigma=self._depth_error[1],
-            noise=noise,
-            keep_reference=False,
-            on_progress=no_progress,
-            estimated=self._of_errors,
+        samples, vectors, known = self._estimated(frames, model, some, law, maps, sample.rows)
+        correlation = solver.correlation(some, samples, vectors, known)
+        return origin_of(sample.noise, self._law_of_errors), correlation
+
+    def _estimated(
+        self,
+        frames: Frames,
+        model: LightModel,
+        pixels: npt.NDArray[np.intp],
+        law: NoiseLaw | None,
+        maps: StereoMaps,
+        rows: npt.NDArray[np.intp],
+        *,
+        solved: bool = False,
+    ) -> tuple[Float, Float, Float | None]:
+        """Write the maps of some pixels; return samples, light vectors and the law of their errors.
+
+        ``rows`` are those of the image of the camera. Pixels that are ``solved`` have their maps.
+        """
+        samples, vectors = model.samples(frames, pixels)
+        known = None if law is None else law.of(pixels, samples, vectors)
+        if not solved:
+            of_method = known
+            if law is None and self._method != "ls":
+                of_method = self._law
+            view = None
+            if self._camera is not None:
+                view = toward_camera(self._camera, pixels, frames.width, rows)
+            write_solutions(pixels, samples, vectors, of_method, view, self._method, maps)
+        return samples, vectors, self._law_of_errors if law is None else known
+
+    def solve(self, band: Band) -> None:
+        """Write the maps of the rows of a band."""
+        stack, inner, mask = band.stack, band.inside, self._mask[band.around]
+        points = None if self._points_mm is None else self._points_mm[band.around]
+        model, frames = LightModel(self._lights, points, mask), Frames(stack.values)
+        law = None if stack.noise is None else NoiseLaw(stack.noise, stack.values.shape)
+        maps, specular = StereoMaps.empty(mask.shape), np.zeros(mask.shape, np.float32)
+        plain = self._method == "ls" and law is None
+        if plain:
+            solve_maps(frames, model, mask, None, "ls", maps, None, no_progress)
+        scaled = (maps.normals, maps.albedo)
+        solver = ReferenceSolver(self._lights, scaled, points, *self._depth_error)
+        variances = VarianceMaps(solver, maps.albedo, len(self._lights), self._origin)
+        rows = np.arange(band.around.start, band.around.stop)
+        for block in row_blocks(np.flatnonzero(mask), mask.shape[1]):
+            samples, vectors, known = self._estimated(
+                frames, model, block, law, maps, rows, solved=plain
+            )
+            variances.add(block, samples, vectors, known)
+            albedo = maps.albedo.reshape(-1)[block, None]
+            of_block = maps.normals.reshape(-1, 3)[block] * albedo
+            of_noise = None if law is None else known
+            above = mean_excess(samples, vectors, of_noise, of_block)
+            specular.reshape(-1)[block] = np.where(albedo[:, 0] > 0, above, np.float32(0))
+        for name in ("normals", "albedo", "residual", "used"):
+            getattr(self.maps, name)[band.rows] = getattr(maps, name)[inner]
+        self.specular[band.rows] = specular[inner]
+        found = variances.variances(self._correlation)
+        common, total = sums_of(found)
+        self._common[band.rows], self._total[band.rows] = common[inner], total[inner]
+        self._samples[:, band.rows] = found.samples[:, inner]
+        self._reason[band.rows] = found.reason[inner]
+        self._valid[band.rows] = valid_errors(found)[inner]
+        sums, solved = deviations(found.model[inner], (found.noise + found.lights)[inner])
+        self._deviations[band.rows], self._solved[band.rows] = sums, solved
+
+    def error_bars(self) -> NormalUncertainty:
+        """Return the error bars after all bands."""
+        self._total += np.float32(common_error(self._deviations, self._solved))
+        in_degrees(self._total, self._valid)
+        in_degrees(self._common, self._valid)
+        return NormalUncertainty(
+            self._total,
+            self._common,
+            self._samples,
+            self._reason,
+            self._origin,
+            self._correlation,
         )
-
-
-def _unknown(count: int, shape: tuple[int, ...], sample: PixelVariances) -> NormalUncertainty:
-    """Return the error bars of pixels outside the object; the noise is that of a sample."""
-    sigma, common = (np.full(shape, np.nan, np.float32) for _ in range(2))
-    samples = np.zeros((len(SampleKind), *shape), np.uint8 if count < 256 else np.uint16)
-    reason = np.zeros(shape, np.uint8)
-    return NormalUncertainty(sigma, common, samples, reason, sample.origin, sample.correlation)

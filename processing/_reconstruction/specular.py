@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -14,8 +12,10 @@ from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._stereo.pixel_algebra import law_or_alike
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, law_or_alike
 from rig import check_type, in_threads
+
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -114,29 +114,34 @@ def excess(
             samples, vectors = np.ascontiguousarray(seen.T), model.vectors(block)
         else:
             samples, vectors = model.samples(gray, block)
-        of_block, known = law_or_alike(
-            None if law is None else law.of(block, samples, vectors), lights
-        )
-        means = np.zeros(len(block), np.float32)
-        in_threads(_above, len(block), samples, vectors, of_block, known, scaled[block], means)
-        residual[block] = means
+        of_block = None if law is None else law.of(block, samples, vectors)
+        residual[block] = mean_excess(samples, vectors, of_block, scaled[block])
     return residual.reshape(mask.shape)
 
 
-@numba.njit(cache=True)
+def mean_excess(samples: Float, vectors: Float, law: Float | None, scaled: Float) -> Float:
+    """Return `specular_residual` of P pixels with scaled normals ``(P, 3)``; see `Estimator`."""
+    of_noise, known = law_or_alike(law, samples.shape[1])
+    means = np.zeros(len(samples), np.float32)
+    in_threads(_above, len(samples), samples, vectors, of_noise, known, scaled, means)
+    return means
+
+
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def _mean_excess(values: Float, vectors: Float, law: Float, known: bool, scaled: Float) -> float:
-    total, count = 0.0, 0
+    total, count = 0.0, np.int32(0)
+    zero, sigmas = np.float32(0), np.float32(_SIGMAS if known else 0.0)
+    nx, ny, nz = scaled[0], scaled[1], scaled[2]
     for i in range(len(values)):
         x, y, z = vectors[0, i], vectors[1, i], vectors[2, i]
         # The vector of a near light that does not reach the point is 0.
-        if not math.isfinite(values[i]) or (x == 0 and y == 0 and z == 0):
-            continue
-        matte = max(x * scaled[0] + y * scaled[1] + z * scaled[2], np.float32(0))
-        least = _SIGMAS * math.sqrt(law[0, i] + law[1, i] * matte) if known else 0.0
+        measured = abs(values[i]) < np.float32(np.inf) and abs(x) + abs(y) + abs(z) > zero
+        matte = max(x * nx + y * ny + z * nz, zero)
         excess = values[i] - matte
-        total += excess if excess > least else 0.0
-        count += 1
-    return total / max(count, 1)
+        counts = measured and excess > sigmas * np.sqrt(law[0, i] + law[1, i] * matte)
+        total += float(excess if counts else zero)
+        count += np.int32(measured)
+    return total / float(max(int(count), 1))
 
 
 @numba.njit(nogil=True, cache=True)

@@ -16,6 +16,7 @@ from processing._stereo.least_trimmed import (
     rank_of_spread,
 )
 from processing._stereo.pixel_algebra import (
+    IN_PLACE,
     Double,
     Float,
     law_or_alike,
@@ -27,11 +28,11 @@ from processing._stereo.reflectance_fit import reflectance_fit
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/cauchy.py f72ed1979cbe
-# Compiled in: processing/_stereo/least_trimmed.py 6488b5e06f2f
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reflectance_fit.py 08c41a43f3d2
-# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
+# Compiled in: processing/_stereo/cauchy.py 3517b9ab6835
+# Compiled in: processing/_stereo/least_trimmed.py 05b410607295
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/reflectance_fit.py 500a37f3e271
+# Compiled in: processing/_stereo/reweighted.py 8db802d8fdc7
 
 # With fewer samples the subsets that agree are too small, and noise decides between them.
 _FEWEST = 16
@@ -56,13 +57,14 @@ def best(
     return scaled, rms
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _best_pixel(
     count: int, usable: Float, known: bool, view: Float, triples: Triples, bright: Float,
     scratch: Float, gram: Double,
 ) -> tuple[bool, float, float, float]:  # fmt: skip
     if count < _FEWEST:
-        return cauchy_pixel(count, usable, known, scratch)
+        solved, m0, m1, m2 = cauchy_pixel(count, usable, known, scratch)
+        return solved, m0, m1, m2
     scratch[0, :count] = 1.0
     solved, m0, m1, m2 = weighted_solution(count, usable, scratch[0])
     length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
@@ -70,7 +72,8 @@ def _best_pixel(
         return solved, m0, m1, m2
     found = bright_samples(count, usable, bright)
     if found < 4:
-        return cauchy_pixel(count, usable, known, scratch)
+        solved, m0, m1, m2 = cauchy_pixel(count, usable, known, scratch)
+        return solved, m0, m1, m2
     if known:
         noise, n0, n1, n2 = reweighted(count, usable, scratch, m0, m1, m2)
         if noise:

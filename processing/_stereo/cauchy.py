@@ -8,6 +8,7 @@ import numba
 import numpy as np
 
 from processing._stereo.pixel_algebra import (
+    IN_PLACE,
     Double,
     Float,
     law_or_alike,
@@ -19,9 +20,9 @@ from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/ranks.py 1468582858bf
+# Compiled in: processing/_stereo/reweighted.py 8db802d8fdc7
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).
@@ -49,7 +50,7 @@ def cauchy(
     return scaled, rms
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def _iterated(
     count: int, usable: Float, shading: Float, deviation: Float, m0: float, m1: float, m2: float
 ) -> tuple[float, float, float]:
@@ -87,7 +88,7 @@ def _iterated(
     return m0, m1, m2
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def cauchy_pixel(
     count: int, usable: Float, known: bool, scratch: Float
 ) -> tuple[bool, float, float, float]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from processing._stereo.pixel_algebra import (
     ANY_ORDER,
+    IN_PLACE,
     Double,
     Float,
     law_or_alike,
@@ -19,8 +20,8 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/reweighted.py 8db802d8fdc7
 
 
 def least_squares(
@@ -46,7 +47,7 @@ def least_squares(
     return scaled, rms
 
 
-@numba.njit(cache=True, fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
 def _sums(values: Float, vectors: Float) -> tuple[float, float, float, float]:
     """Return the sums of ``x v``, ``y v``, ``z v`` and ``v v``; NaN if a sample is missing."""
     bx = by = bz = vv = 0.0
@@ -59,7 +60,7 @@ def _sums(values: Float, vectors: Float) -> tuple[float, float, float, float]:
     return bx, by, bz, vv
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def _pixel(
     values: Float, vectors: Float, law: Float, known: bool, inverse: Double, usable: Float,
     scratch: Float,

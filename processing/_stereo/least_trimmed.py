@@ -8,11 +8,11 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from processing._stereo.pixel_algebra import ANY_ORDER, Float, weighted_solution
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, Float, weighted_solution
 from processing._stereo.ranks import count_up_to, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/ranks.py 1468582858bf
 
 Triples = npt.NDArray[np.int64]
 
@@ -38,7 +38,7 @@ def light_triples(lights: int) -> Triples:
     return np.argsort(rng.uniform(size=(_DRAWN, lights)), axis=1)[:, :3].astype(np.int64)
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def bright_samples(count: int, usable: Float, bright: Float) -> int:
     """Copy the samples that show light, in the form of `usable_samples`; return their number.
 
@@ -57,13 +57,13 @@ def bright_samples(count: int, usable: Float, bright: Float) -> int:
     return found
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def rank_of_spread(count: int) -> int:
     """Return the rank, from 0, of the deviation that is the spread of ``count`` samples."""
     return min(max(int(_SHARE * count), _LEAST_RANK), count - 1)
 
 
-@numba.njit(cache=True, fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
 def _deviations(
     count: int, usable: Float, m0: float, m1: float, m2: float, deviation: Float
 ) -> None:
@@ -73,7 +73,7 @@ def _deviations(
         deviation[k] = abs(v[k] - max(lx[k] * x + ly[k] * y + lz[k] * z, zero))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def least_trimmed(
     count: int, usable: Float, triples: Triples, scratch: Float, m0: float, m1: float, m2: float
 ) -> tuple[float, float, float, np.float32]:

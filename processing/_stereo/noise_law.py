@@ -62,9 +62,9 @@ class NoiseLaw:
         values, vectors
             The samples, see `LightModel.samples`.
         """
-        rows, columns = np.divmod(pixels, self._width)
         if self._alike and self._linear is not None:
             return np.ascontiguousarray(self._linear[None, :, :, 0, 0])
+        rows, columns = np.divmod(pixels, self._width)
         if self._linear is not None:
             return np.ascontiguousarray(
                 np.moveaxis(self._linear[:, :, rows % 2, columns % 2], 2, 0)

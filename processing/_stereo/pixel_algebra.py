@@ -2,11 +2,13 @@
 
 numba does not compile a kernel again after a change in a function of another file that it calls.
 After a change in this file, the lines "Compiled in" of its callers must change; a test prints them.
+
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numba
 import numpy as np
@@ -26,6 +28,9 @@ _CONDITION2 = 9.0 * MAX_CONDITION**2
 _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
 # Sums may be evaluated in any order, so that they vectorise; the order is the same in every run.
 ANY_ORDER = {"reassoc", "contract", "nsz"}
+# Options of functions of single pixels, which allocate nothing: otherwise numba counts references
+# to every row that they use, which takes up to half of their time.
+IN_PLACE: dict[str, Any] = {"cache": True, "_nrt": False}
 
 
 def law_or_alike(law: Float | None, lights: int) -> tuple[Float, bool]:
@@ -40,7 +45,7 @@ def law_or_alike(law: Float | None, lights: int) -> tuple[Float, bool]:
     return alike, False
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def usable_samples(values: Float, vectors: Float, law: Float, usable: Float) -> int:
     """Copy the finite samples of one pixel, their light vectors and noise; return their number.
 
@@ -48,6 +53,14 @@ def usable_samples(values: Float, vectors: Float, law: Float, usable: Float) -> 
     value, x, y, z, variance without light and per value.
     """
     v, lx, ly, lz, floor, slope = usable[0], usable[1], usable[2], usable[3], usable[4], usable[5]
+    measured = np.int32(0)
+    for i in range(len(values)):
+        measured += np.int32(abs(values[i]) < np.float32(np.inf))
+    if measured == len(values):
+        for i in range(len(values)):
+            v[i], lx[i], ly[i], lz[i] = values[i], vectors[0, i], vectors[1, i], vectors[2, i]
+            floor[i], slope[i] = law[0, i], law[1, i]
+        return len(values)
     count = 0
     for i in range(len(values)):
         if math.isfinite(values[i]):
@@ -61,7 +74,7 @@ def usable_samples(values: Float, vectors: Float, law: Float, usable: Float) -> 
     return count
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def _solve(
     a00: float, a01: float, a02: float, a11: float, a12: float, a22: float,
     b0: float, b1: float, b2: float,
@@ -89,7 +102,7 @@ def _solve(
     )
 
 
-@numba.njit(cache=True, fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
 def weighted_solution(count: int, usable: Float, weight: Float) -> tuple[bool, float, float, float]:
     """Solve ``v = l . m`` by weighted least squares over the first ``count`` samples.
 
@@ -109,10 +122,11 @@ def weighted_solution(count: int, usable: Float, weight: Float) -> tuple[bool, f
         b0 += wx * v[k]
         b1 += wy * v[k]
         b2 += wz * v[k]
-    return _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
+    solution: tuple[bool, float, float, float] = _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
+    return solution
 
 
-@numba.njit(cache=True, fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
 def rms_residual(count: int, usable: Float, m0: float, m1: float, m2: float) -> float:
     """Return the root mean square of ``v - l . m`` over the first ``count`` samples."""
     total = 0.0

@@ -7,11 +7,11 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import ANY_ORDER, Double, Float
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, Double, Float
 from processing._stereo.ranks import ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/ranks.py 1468582858bf
 
 _ITERATIONS = 12
 # In the first iterations samples up to this multiple of the spread have weight 1, others 0.
@@ -27,7 +27,7 @@ _LEAST_Z = 0.02
 _STEP = 3e-4
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def _half_vectors(count: int, usable: Float, view: Float, half: Float) -> None:
     """Write the unit vectors between the lights and the direction of the camera."""
     vx, vy, vz = view[0], view[1], view[2]
@@ -39,7 +39,7 @@ def _half_vectors(count: int, usable: Float, view: Float, half: Float) -> None:
         half[0, k], half[1, k], half[2, k] = x * per, y * per, z * per
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def _linearized(
     count: int, usable: Float, half: Float,
     n0: np.float32, n1: np.float32, n2: np.float32, c0: np.float32, c1: np.float32,
@@ -68,7 +68,7 @@ def _linearized(
         model[5, k] = abs(residual)
 
 
-@numba.njit(cache=True, fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
 def _normal_equations(count: int, model: Float, weight: Float, gram: Double) -> None:
     """Write the lower triangle of the weighted 4 x 4 matrix, and the right-hand side as row 4."""
     a, b, c, d, r = model[0], model[1], model[2], model[3], model[4]
@@ -96,7 +96,7 @@ def _normal_equations(count: int, model: Float, weight: Float, gram: Double) -> 
     gram[4, 0], gram[4, 1], gram[4, 2], gram[4, 3] = r0, r1, r2, r3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _solve_in_place(gram: Double) -> bool:
     """Replace row 4 by the solution (Cholesky); return False if the matrix is not definite."""
     for i in range(5):
@@ -117,7 +117,7 @@ def _solve_in_place(gram: Double) -> bool:
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def reflectance_fit(
     count: int, usable: Float, view: Float, rank: int, spread: np.float32, scratch: Float,
     gram: Double, m0: float, m1: float, m2: float,

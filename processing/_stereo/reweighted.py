@@ -7,11 +7,11 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import Float, weighted_solution
+from processing._stereo.pixel_algebra import IN_PLACE, Float, weighted_solution
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/ranks.py 1468582858bf
 
 _STEPS = 2
 # Samples beyond this many standard deviations are outliers, and at most this share may be.
@@ -25,7 +25,7 @@ _TOLERANCE = 1.25
 _HOPELESS = 4.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def reweighted(
     count: int, usable: Float, scratch: Float, m0: float, m1: float, m2: float
 ) -> tuple[bool, float, float, float]:

@@ -32,12 +32,10 @@ def solve_maps(
     maps: StereoMaps,
     camera: CameraModel | None,
     on_progress: Progress,
-    first_row: int = 0,
 ) -> None:
     """Estimate the pixels of a mask and write their maps, which are 0 before.
 
-    The law of the noise may be one for all pixels, ``(1, 2, N)``. ``first_row`` is the row of the
-    image of the camera at which the frames begin.
+    The law of the noise may be one for all pixels, ``(1, 2, N)``.
     """
     if method == "ls" and law is None:
         # What is left are single pixels.
@@ -49,25 +47,46 @@ def solve_maps(
         block = pixels[first : first + _BLOCK]
         samples, vectors = model.samples(frames, block)
         of_block = law.of(block, samples, vectors) if isinstance(law, NoiseLaw) else law
-        view = None if camera is None else _toward_camera(camera, block, frames.width, first_row)
-        scaled, rms = ESTIMATORS[method](samples, vectors, of_block, view)
-        length = np.sqrt(np.einsum("pc,pc->p", scaled, scaled))
-        with np.errstate(over="ignore"):
-            strength = length.astype(np.float32)
-        solved = strength > 0
-        determined = block[solved]
-        maps.normals.reshape(-1, 3)[determined] = scaled[solved] / length[solved, None]
-        maps.albedo.flat[determined] = strength[solved]
-        maps.residual.flat[determined] = rms[solved]
-        maps.used.flat[block] = np.isfinite(samples).sum(axis=1)
+        view = None if camera is None else toward_camera(camera, block, frames.width)
+        write_solutions(block, samples, vectors, of_block, view, method, maps)
         on_progress("normals", min(first + _BLOCK, len(pixels)), len(pixels))
 
 
-def _toward_camera(
-    camera: CameraModel, pixels: npt.NDArray[np.intp], width: int, first_row: int
+def write_solutions(
+    pixels: npt.NDArray[np.intp],
+    samples: Float,
+    vectors: Float,
+    law: Float | None,
+    view: Float | None,
+    method: Method,
+    maps: StereoMaps,
+) -> None:
+    """Estimate some pixels, indices into the flat maps, from their samples; see `Estimator`."""
+    scaled, rms = ESTIMATORS[method](samples, vectors, law, view)
+    length = np.sqrt(np.einsum("pc,pc->p", scaled, scaled))
+    with np.errstate(over="ignore"):
+        strength = length.astype(np.float32)
+    solved = strength > 0
+    determined = pixels[solved]
+    maps.normals.reshape(-1, 3)[determined] = scaled[solved] / length[solved, None]
+    maps.albedo.reshape(-1)[determined] = strength[solved]
+    maps.residual.reshape(-1)[determined] = rms[solved]
+    maps.used.reshape(-1)[pixels] = np.isfinite(samples).sum(axis=1)
+
+
+def toward_camera(
+    camera: CameraModel,
+    pixels: npt.NDArray[np.intp],
+    width: int,
+    of_rows: npt.NDArray[np.intp] | None = None,
 ) -> Float:
-    """Return unit vectors ``(P, 3)`` from the surface at some pixels toward the camera."""
+    """Return unit vectors ``(P, 3)`` from the surface at some pixels toward the camera.
+
+    ``of_rows`` are the rows of the image of the camera, if the pixels are in a part of it.
+    """
     rows, columns = np.divmod(pixels, width)
-    rays = camera.rays(np.stack([columns, rows + first_row], axis=1))
+    if of_rows is not None:
+        rows = of_rows[rows]
+    rays = camera.rays(np.stack([columns, rows], axis=1))
     toward = -rays / np.sqrt(np.einsum("pc,pc->p", rays, rays))[:, None]
     return np.ascontiguousarray(toward, np.float32)

@@ -6,6 +6,7 @@ import numba
 import numpy as np
 
 from processing._stereo.pixel_algebra import (
+    IN_PLACE,
     Double,
     Float,
     law_or_alike,
@@ -17,9 +18,9 @@ from processing._stereo.ranks import ranked
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_stereo/reweighted.py c42f363f1a88
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/ranks.py 1468582858bf
+# Compiled in: processing/_stereo/reweighted.py 8db802d8fdc7
 
 # Share of the samples that is left out on either side.
 _TRIMMED = 0.2
@@ -46,7 +47,7 @@ def trimmed(
     return scaled, rms
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def _keep_the_middle(count: int, values: Float, above: Float, weight: Float) -> None:
     """Write the weight 1 for samples of middle brightness and 0 for others.
 
@@ -67,7 +68,7 @@ def _keep_the_middle(count: int, values: Float, above: Float, weight: Float) -> 
         weight[k] = np.float32(1) if low < above[k] <= high else np.float32(0)
 
 
-@numba.njit(cache=True)
+@numba.njit(**IN_PLACE)
 def _trimmed_pixel(
     count: int, usable: Float, known: bool, scratch: Float
 ) -> tuple[bool, float, float, float]:

@@ -1,11 +1,12 @@
-"""Comparison of an integrated surface with the normals that it was computed from."""
+"""Whether normals are those of one surface: their axes, and the surface integrated from them."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from processing._surface.integrability import Axes, Integrability
+from processing._normal_map import NormalMap, check_normal_map
+from processing._surface.integrability import Axes, Integrability, integrability
 from rig import Notice
 
 Double = npt.NDArray[np.float64]
@@ -65,16 +66,41 @@ _CAUSES: dict[Axes, str] = {
 }
 
 
+def axes_notices(normal_map: NormalMap) -> list[Notice]:
+    """Return a notice if normals are those of a surface only with other axes.
+
+    The slopes p and q of a surface satisfy dp/dy = dq/dx (see `integrability`). A map whose green
+    channel increases downwards contradicts that, and all its relief is inverted along y.
+
+    Parameters
+    ----------
+    normal_map
+        The normals, as they are or a shape or detail component, in orthographic projection.
+
+    Returns
+    -------
+    list of Notice
+        ``normals-mirrored``, or nothing. Turns by 180 degrees, planes and relief with slopes along
+        one axis only cannot be judged.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, axes_notices
+    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> green_up = NormalMap.from_vectors(np.dstack([x + y, x - y, 0 * x + 4]))  # of a saddle
+    >>> green_down = NormalMap(green_up.normals * np.float32([1, -1, 1]), green_up.mask)
+    >>> [len(axes_notices(green)) for green in (green_up, green_down)]
+    [0, 1]
+    """
+    check_normal_map("normal_map", normal_map)
+    return _axes_notices(integrability(normal_map.normals, normal_map.mask), "")
+
+
 def consistency_warning(angle_deg: float, shape: Integrability) -> list[Notice]:
     """Return a warning if normals are not those of one surface."""
     if shape.axes != "right":
-        text = (
-            f"the normals are not those of a surface, from which they differ by {angle_deg:.1f} "
-            f"degrees (median; curl {shape.curl:.2f} of 0 to 1), but {_CAUSES[shape.axes]} they "
-            f"are (curl {shape.other_curl:.2f}): check the axes of the map; a turn by 180 degrees "
-            "cannot be seen"
-        )
-        return [Notice("normals-mirrored", text)]
+        return _axes_notices(shape, f", from which they differ by {angle_deg:.1f} degrees (median)")
     if angle_deg > _LIMIT_DEG:
         text = (
             "the normals are not those of one surface: the normals of the surface differ from them "
@@ -83,3 +109,14 @@ def consistency_warning(angle_deg: float, shape: Integrability) -> list[Notice]:
         )
         return [Notice("normals-inconsistent", text)]
     return []
+
+
+def _axes_notices(shape: Integrability, by: str) -> list[Notice]:
+    if shape.axes == "right":
+        return []
+    text = (
+        f"the normals are not those of a surface{by} (curl {shape.curl:.2f} of 0 to 1), but "
+        f"{_CAUSES[shape.axes]} they are (curl {shape.other_curl:.2f}): check the axes of the map; "
+        "a turn by 180 degrees cannot be seen"
+    )
+    return [Notice("normals-mirrored", text)]

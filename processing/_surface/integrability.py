@@ -17,14 +17,21 @@ Axes = Literal["right", "mirrored", "turned", "swapped"]
 
 # The slopes of steeper normals vary too much with their errors.
 _LEAST_NZ = 0.3
-# Curvatures of fewer cells say little.
-_FEWEST_CELLS = 300
-# Cells are as large as needed to have at most this many of them. Smaller ones show more noise,
-# which all axes share.
-_CELLS = 4_000
+# Curvatures of fewer corners say little.
+_FEWEST_CORNERS = 300
+# The map is judged by this many square tiles of this side, those with the most normals.
+_TILES, _TILE_PX = 8, 256
+# Differences that are smaller than the derivatives of the map by this factor are rounding.
+_ROUNDING = 1e-3
+# Share of the weights that is inside the mask, up to rounding.
+_WHOLE = 0.999
 # The curl with other axes must be smaller by this factor. By noise alone all are equal, within 5 %
-# for the fewest cells.
+# for the fewest corners.
 _CLEARER = 0.75
+# And it must be that of a surface rather than that of noise (.7), which differs by up to 5 %. Of a
+# dense relief of leaves that hide each other it is .60; of separate slopes with steps between them,
+# which are no evidence of wrong axes, it is above .72 with all axes.
+_LIKE_A_SURFACE = 0.65
 
 # The slopes (p, q) of a map with these axes are `matrix @ (p, q)` of a map with the right ones.
 # Turns by 180 degrees do not change the curl.
@@ -45,7 +52,9 @@ class Integrability:
     curl
         Mean absolute difference of the two mixed second derivatives, divided by the mean sum of
         their absolute values: 0 for the normals of a surface, 1 if the map is mirrored, about .7
-        for noise. NaN if too few normals face the camera.
+        for noise. It is that of the scale (1, 2, 4, ... pixels) at which the map is most like a
+        surface: fine scales show noise, and coarse ones nothing of fine detail. NaN if too few
+        normals face the camera.
     axes
         Under which axes the normals are those of a surface: ``right`` as they are; ``mirrored``
         about x or y; ``turned`` by 90 degrees; ``swapped`` x and y. ``right`` if that is not clear.
@@ -85,47 +94,79 @@ def integrability(normals: npt.NDArray[np.float32], mask: Mask) -> Integrability
     >>> integrability(normals, np.ones((32, 32), bool)).curl < 0.01
     True
     """
-    cells, inside = _cells(normals, mask)
-    inside &= cells[..., 2] > _LEAST_NZ
-    z = np.where(inside, cells[..., 2], 1.0)
-    slopes = np.stack([-cells[..., 0] / z, -cells[..., 1] / z], axis=-1)
-    # Around each corner of four cells; Y is up, rows run down.
+    found = [_judged(jacobian) for jacobian in _jacobians(normals, mask)]
+    if not found:
+        return Integrability(float("nan"), "right", float("nan"))
+    return min(found, key=lambda one: one.other_curl)
+
+
+def _judged(jacobian: Double) -> Integrability:
+    """Compare the mixed derivatives under all choices of the axes.
+
+    Parameters
+    ----------
+    jacobian
+        ``(N, 2, 2)`` derivatives of the slopes, [p or q, x or y].
+    """
+    size = np.linalg.norm(jacobian, axis=(1, 2))
+    # Edges of parts and outlines have huge derivatives: limit each to the typical ones.
+    limit = 3 * float(np.median(size))
+    jacobian = jacobian * (np.minimum(size, limit) / np.maximum(size, 1e-12))[:, None, None]
+    least = _ROUNDING * float(np.mean(np.minimum(size, limit)))
+    curls = {name: _curl(matrix.T @ jacobian, least) for name, matrix in _AXES.items()}
+    best = min(curls, key=lambda name: curls[name][0])
+    clear = curls[best][0] < _CLEARER * curls["right"][0] and curls[best][1] < _LIKE_A_SURFACE
+    axes: Axes = best if clear else "right"
+    return Integrability(curl=curls["right"][1], axes=axes, other_curl=curls[axes][1])
+
+
+def _curl(jacobian: Double, least: float) -> tuple[float, float]:
+    """Return the mean absolute difference of the mixed derivatives, as it is and relative."""
+    a, b = jacobian[:, 0, 1], jacobian[:, 1, 0]
+    difference = float(np.mean(np.abs(a - b)))
+    if difference <= least:
+        return 0.0, 0.0
+    return difference, difference / float(np.mean(np.abs(a) + np.abs(b)))
+
+
+def _jacobians(normals: npt.NDArray[np.float32], mask: Mask) -> list[Double]:
+    """Return the derivatives of the slopes at each scale that has enough of them.
+
+    Each scale is the one before, smoothed by a Gaussian and reduced to half: means over squares
+    would turn the sign of derivatives of detail that is finer than the squares.
+    """
+    scales: list[list[Double]] = []
+    for tile in _tiles(mask):
+        vectors, share = normals[tile], mask[tile].astype(np.float32)
+        for scale in range(max(vectors.shape).bit_length()):
+            if scale == len(scales):
+                scales.append([])
+            scales[scale].append(_derivatives(vectors.astype(np.float64), share > _WHOLE))
+            if min(share.shape) < 4:
+                break
+            # What is outside the tile is not known.
+            share[[0, -1]] = share[:, [0, -1]] = 0
+            vectors = np.asarray(cv2.pyrDown(vectors), np.float32)
+            share = np.asarray(cv2.pyrDown(share), np.float32)
+    together = [np.concatenate(parts) for parts in scales]
+    return [jacobian for jacobian in together if len(jacobian) >= _FEWEST_CORNERS]
+
+
+def _tiles(mask: Mask) -> list[tuple[slice, slice]]:
+    """Return the tiles of a map with the most normals."""
+    rows, columns = (range(0, side, _TILE_PX) for side in mask.shape)
+    tiles = [(slice(r, r + _TILE_PX), slice(c, c + _TILE_PX)) for r in rows for c in columns]
+    tiles.sort(key=lambda tile: -np.count_nonzero(mask[tile]))
+    return tiles[:_TILES]
+
+
+def _derivatives(vectors: Double, inside: Mask) -> Double:
+    """Return the derivatives of the slopes around the corners of four pixels."""
+    inside = inside & (vectors[..., 2] > _LEAST_NZ)
+    z = np.where(inside, vectors[..., 2], 1.0)
+    slopes = np.stack([-vectors[..., 0] / z, -vectors[..., 1] / z], axis=-1)
+    # Y is up, rows run down.
     four = inside[:-1, :-1] & inside[:-1, 1:] & inside[1:, :-1] & inside[1:, 1:]
     right = (slopes[:-1, 1:] + slopes[1:, 1:] - slopes[:-1, :-1] - slopes[1:, :-1])[four] / 2
     up = (slopes[:-1, :-1] + slopes[:-1, 1:] - slopes[1:, :-1] - slopes[1:, 1:])[four] / 2
-    if len(right) < _FEWEST_CELLS:
-        return Integrability(float("nan"), "right", float("nan"))
-    jacobian = np.stack([right, up], axis=-1)  # of the slopes, [p or q, x or y]
-    # Edges of parts and outlines have huge derivatives: limit each to the typical ones.
-    size = np.linalg.norm(jacobian, axis=(1, 2))
-    limit = 3 * float(np.median(size))
-    jacobian *= (np.minimum(size, limit) / np.maximum(size, 1e-12))[:, None, None]
-    curls = {name: _curl(matrix.T @ jacobian) for name, matrix in _AXES.items()}
-    best = min(curls, key=lambda name: curls[name][0])
-    difference, total = curls["right"]
-    clear = curls[best][0] < _CLEARER * difference
-    axes: Axes = best if clear else "right"
-    return Integrability(
-        curl=difference / total if total > 0 else 0.0,
-        axes=axes,
-        other_curl=curls[axes][0] / curls[axes][1] if curls[axes][1] > 0 else 0.0,
-    )
-
-
-def _curl(jacobian: Double) -> tuple[float, float]:
-    """Return the mean absolute difference and the mean absolute sum of the mixed derivatives."""
-    a, b = jacobian[:, 0, 1], jacobian[:, 1, 0]
-    return float(np.mean(np.abs(a - b))), float(np.mean(np.abs(a) + np.abs(b)))
-
-
-def _cells(normals: npt.NDArray[np.float32], mask: Mask) -> tuple[Double, Mask]:
-    """Average the normals over square cells that are completely inside the mask."""
-    size = max(1, int(np.ceil(np.sqrt(np.count_nonzero(mask) / _CELLS))))
-    if size == 1:
-        return normals.astype(np.float64), mask.copy()
-    rows, columns = mask.shape[0] // size, mask.shape[1] // size
-    crop = slice(0, rows * size), slice(0, columns * size)
-    shape = (columns, rows)
-    mean = cv2.resize(normals[crop], shape, interpolation=cv2.INTER_AREA).astype(np.float64)
-    share = cv2.resize(mask[crop].astype(np.float32), shape, interpolation=cv2.INTER_AREA)
-    return mean, share > 0.999
+    return np.stack([right, up], axis=-1)

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights, tangent_basis
-from processing._stereo.pixel_algebra import ANY_ORDER
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -59,7 +59,7 @@ def _rows(table: Double) -> Float:
     return np.ascontiguousarray(table.T, np.float32)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def distant_variances(table: Float, vectors: Float, m: Double, variance: Float) -> None:
     """Write the variances of ``l . m`` by the errors of distant lights; 0 in attached shadow."""
     mx, my, mz = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
@@ -73,7 +73,7 @@ def distant_variances(table: Float, vectors: Float, m: Double, variance: Float) 
         variance[i] = total if shading > zero else zero
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def near_variances(
     table: Float, vectors: Float, point: Double, view: Double, m: Double, variance: Float,
     higher: Float,

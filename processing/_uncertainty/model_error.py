@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+Double = npt.NDArray[np.float64]
 
 # Sums over this many pixels across, drawn toward 1 by a few degrees of freedom.
 _ACROSS = 5
@@ -41,8 +41,8 @@ def model_errors(
     left: Float,
     products: Float,
     paired: Float,
-) -> tuple[Float, float, Float]:
-    """Return variances by the model, a common one, and the share of differences that are errors.
+) -> tuple[Float, Float]:
+    """Return variances by the model, and the share of differences that are errors.
 
     Noise is independent from pixel to pixel and from light to light, and N lights average it. Where
     the surface is not matte, residuals of neighbouring pixels are alike: the mean of their products
@@ -51,10 +51,6 @@ def model_errors(
     times that of independent residuals of this size. Normals that a reflectance explains better
     than the reference have a smaller error; it falls with what the reflectance leaves. The factors
     are measured on simulated materials.
-
-    The common variance, from the mean deviation of the object, is that of every pixel besides its
-    own, because the part of a broad
-    highlight that is linear in the direction of the light turns normals and leaves no residual.
 
     Parameters
     ----------
@@ -79,8 +75,30 @@ def model_errors(
     explained = np.minimum(agreement(left, free) / agreement(chi2, free), 1)
     kept = np.where(excess > 0, explained, np.float32(1)) ** _LEFT
     own = np.sqrt(_COHERENT * kept * excess * total * (free + 3))
-    common = _COMMON * float(own[solved].mean()) if solved.any() else 0.0
-    return np.asarray(own**2, np.float32), common**2, np.asarray(kept, np.float32)
+    return np.asarray(own**2, np.float32), np.asarray(kept, np.float32)
+
+
+def deviations(model: Float, total: Float) -> tuple[Double, npt.NDArray[np.intp]]:
+    """Return sums ``(H,)`` of deviations over rows, and numbers ``(H,)`` of pixels with a solution.
+
+    Parameters
+    ----------
+    model
+        ``(H, W)`` variances of `model_errors`.
+    total
+        ``(H, W)`` variances by noise and lights, 0 where there is no solution.
+    """
+    return np.sqrt(model).sum(axis=1, dtype=np.float64), np.count_nonzero(total > 0, axis=1)
+
+
+def common_error(sums: Double, solved: npt.NDArray[np.intp]) -> float:
+    """Return the variance that every pixel has besides its own, from all rows of `deviations`.
+
+    It is from the mean deviation of the object, because the part of a broad highlight that is
+    linear in the direction of the light turns normals and leaves no residual.
+    """
+    pixels = int(solved.sum())
+    return (_COMMON * float(sums.sum()) / pixels) ** 2 if pixels else 0.0
 
 
 def _around(part: Float) -> Float:

@@ -152,14 +152,29 @@ def normal_uncertainty(
 
 def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
     """Return standard deviations in degrees from variances."""
-    valid = (found.reason == Reason.VALID) & (found.origin != "unknown")
-    common = found.lights + found.height
-    model = found.model + np.float32(found.common_model)
-    total = found.noise + common + model + found.kept * found.difference
-    sigma, of_common = (
-        np.degrees(np.sqrt(part, out=np.full_like(part, np.nan), where=valid))
-        for part in (total, common)
-    )
+    valid = valid_errors(found)
+    common, total = sums_of(found)
+    total += np.float32(found.common_model)
+    in_degrees(total, valid)
+    in_degrees(common, valid)
     return NormalUncertainty(
-        sigma, of_common, found.samples, found.reason, found.origin, found.correlation
+        total, common, found.samples, found.reason, found.origin, found.correlation
     )
+
+
+def valid_errors(found: PixelVariances) -> Mask:
+    """Return which pixels have error bars."""
+    return np.asarray((found.reason == Reason.VALID) & (found.origin != "unknown"))
+
+
+def sums_of(found: PixelVariances) -> tuple[Float, Float]:
+    """Return the variances by lights and height, and all together except for the common ones."""
+    common = found.lights + found.height
+    return common, found.noise + common + found.model + found.kept * found.difference
+
+
+def in_degrees(variances: Float, valid: Mask) -> None:
+    """Replace variances in rad^2 by standard deviations in degrees, NaN where not valid."""
+    np.sqrt(variances, out=variances, where=valid)
+    np.degrees(variances, out=variances, where=valid)
+    variances[~valid] = np.nan

@@ -8,17 +8,28 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from processing._stereo.pixel_algebra import ANY_ORDER, MAX_CONDITION
-from processing._stereo.ranks import MAD_TO_SIGMA, ranked
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAX_CONDITION
+from processing._uncertainty.judged_samples import (
+    CAST,
+    LIT,
+    SATURATED,
+    all_agree,
+    count_kinds,
+    judged,
+    normalised_residuals,
+    predicted,
+    product,
+    usable_parts,
+)
 from processing._uncertainty.light_table import distant_variances, near_variances
 from processing._uncertainty.reflectance_left import reflectance_left
 from processing._uncertainty.tangents import squared_angle, tangent_change, tangent_trace
 
-# Compiled in: processing/_stereo/pixel_algebra.py f6c30f873f3b
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
-# Compiled in: processing/_uncertainty/light_table.py 3895e4e81938
-# Compiled in: processing/_uncertainty/tangents.py 7bf3c0a47826
-# Compiled in: processing/_uncertainty/reflectance_left.py 64c8af9cb796
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_uncertainty/judged_samples.py 42e53cb204a2
+# Compiled in: processing/_uncertainty/light_table.py 0bc2dd719882
+# Compiled in: processing/_uncertainty/tangents.py f4d50701891b
+# Compiled in: processing/_uncertainty/reflectance_left.py 3b2eaba38ce1
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -32,25 +43,13 @@ _SETTLED = 0.01
 _MOVED2 = 3e-4
 # Samples below this share of the mean show no light; only the first step needs it.
 _DARK = 0.05
-# Samples further away than this many standard deviations do not agree.
-_CUT = 4.0
-# A cast shadow has less than this share of the predicted signal. If the samples of the pixel
-# scatter more than the law says, so that it is no outlier by this scatter, less than the other one.
-_SHADOWED, _DEEP = 0.5, 0.25
-# Least variance relative to the square of the albedo: exact data have no noise.
-_LEAST_VARIANCE = np.float32(1e-12)
 # As in `pixel_algebra`: trace(A) trace(A^-1) is at most 9 times the squared condition number.
 _CONDITION2 = 9.0 * MAX_CONDITION**2
 _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
-# The values of `SampleKind`, for the compiler.
-LIT = 0
-_ATTACHED, _CAST, _SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
-# Columns of the result.
-REFERENCE, NOISE, RESULTS = slice(0, 3), 3, 12
-# Noise, lights, height, squared angle to the given solution, sum of squares of the normalised
-# residuals, their degrees of freedom, what a reflectance leaves of the sum, sum of the products
-# with the residuals of a neighbour, and their degrees of freedom.
-VARIANCES = slice(3, 12)
+# Variances by noise, lights and height, squared angle to the given solution, sum of squares of the
+# normalised residuals, their degrees of freedom, what a reflectance leaves of the sum, sum of the
+# products with the residuals of a neighbour, and their degrees of freedom.
+PARTS = 9
 # Residuals beyond this many standard deviations of their sum of squares are not noise.
 _NOT_NOISE = 4.0
 # Pixels between neighbours whose residuals are compared: demosaicing makes the noise of closer ones
@@ -58,7 +57,7 @@ _NOT_NOISE = 4.0
 _APART = 4
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def _normal_equations(count: int, samples: Float, weight: Float, sums: Double) -> None:
     """Write the 6 sums of the matrix and the 3 of the right-hand side."""
     v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
@@ -79,7 +78,7 @@ def _normal_equations(count: int, samples: Float, weight: Float, sums: Double) -
     sums[6], sums[7], sums[8] = b0, b1, b2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _inverted(sums: Double, inverse: Double) -> bool:
     """Write the inverse of a symmetric matrix; return False if it is ill-conditioned."""
     a00, a01, a02, a11, a12, a22 = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
@@ -101,34 +100,7 @@ def _inverted(sums: Double, inverse: Double) -> bool:
     return True
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=ANY_ORDER)
-def _predicted(
-    count: int, samples: Float, m: Double, shading: Float, variance: Float, distance: Float
-) -> None:
-    """Write predicted values, their variances, and distances in standard deviations."""
-    v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
-    floor, slope, of_light = samples[4], samples[5], samples[6]
-    x, y, z, zero = np.float32(m[0]), np.float32(m[1]), np.float32(m[2]), np.float32(0)
-    for k in range(count):
-        shading[k] = lx[k] * x + ly[k] * y + lz[k] * z
-        variance[k] = floor[k] + slope[k] * max(shading[k], zero) + of_light[k]
-        distance[k] = abs(v[k] - max(shading[k], zero)) / np.sqrt(variance[k])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _kind_of(value: float, shading: float, distance: float, scale: float, least: float) -> int:
-    """Return the kind of a measured sample."""
-    if shading <= 0.0:
-        return _ATTACHED if value <= 0.0 or distance <= _CUT * scale else _OUTLIER
-    beyond = distance > _CUT * scale
-    if value < _SHADOWED * shading and beyond:
-        return _CAST
-    if value < _DEEP * shading and least == 1.0 and distance > _CUT:
-        return _CAST
-    return _OUTLIER if beyond else LIT
-
-
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _light_errors(
     count: int, samples: Float, index: npt.NDArray[np.int64], vectors: Float, table: Float,
     near: bool, point: Double, view: Double, m: Double, scratch: Float,
@@ -144,68 +116,41 @@ def _light_errors(
         samples[6, k] = scratch[0, index[k]]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def _pixel(
     values: Float, vectors: Float, law: Float, start: Double, least: np.float32,
     table: Float, errors: bool, near: bool, point: Double, view: Double,
     samples: Float, scratch: Float, index: npt.NDArray[np.int64], work: Double, kinds: Kinds,
-    residuals: Float, result: Double,
+    residuals: Float, reference: Double, parts: Float,
 ) -> bool:  # fmt: skip
     """Solve one pixel, see `reference_solutions`; return whether its lit lights determine it."""
     m, sums, inverse, inner = work[0:3], work[3:12], work[12:18], work[18:24]
     length = math.sqrt(start[0] ** 2 + start[1] ** 2 + start[2] ** 2)
     per = 1.0 / length
     m[0], m[1], m[2] = start[0] * per, start[1] * per, start[2] * per
-    count, mean = 0, 0.0
-    for i in range(len(values)):
-        if math.isfinite(values[i]):
-            samples[0, count] = values[i] * per
-            for c in range(3):
-                samples[1 + c, count] = vectors[c, i]
-            samples[4, count] = law[0, i] * per * per + _LEAST_VARIANCE
-            samples[5, count] = law[1, i] * per
-            samples[6, count] = samples[7, count] = 0
-            mean += max(samples[0, count], np.float32(0))
-            index[count] = i
-            count += 1
-        else:
-            # A light that does not reach the point has no vector.
-            reached = vectors[0, i] != 0 or vectors[1, i] != 0 or vectors[2, i] != 0
-            kinds[i] = _SATURATED if reached else _MISSING
+    count, mean = usable_parts(values, vectors, law, per, samples, index, kinds)
     v = samples[0]
     shading, variance, distance, weight = scratch[0], scratch[1], scratch[2], scratch[3]
-    dark = np.float32(_DARK * mean / max(count, 1))
-    zero, one, cut = np.float32(0), np.float32(1), np.float32(_CUT)
+    dark = np.float32(_DARK * mean)
+    one = np.float32(1)
     scale, lit, moved = one, 0, False
     for step in range(_STEPS):
         if errors and (step == 0 or (step == 1 and moved)):
             _light_errors(count, samples, index, vectors, table, near, point, view, m, scratch)
-        _predicted(count, samples, m, shading, variance, distance)
-        found = 0
-        for k in range(count):
-            weight[found] = distance[k]
-            bright = v[k] > dark or (step > 0 and distance[k] <= cut * scale)
-            found += int(shading[k] > zero and bright)
-        if found > 0:
-            scale = np.float32(MAD_TO_SIGMA) * ranked(weight, found, found // 2, max(least, scale))
-        scale = max(least, scale)
-        lit, dim = 0, 0
-        for k in range(count):
-            kind = _kind_of(v[k], shading[k], distance[k], float(scale), float(least))
-            kinds[index[k]] = kind
-            weight[k] = one / variance[k] if kind == LIT else zero
-            lit += int(kind == LIT)
-            if step == 0 and kind == LIT and v[k] <= dark:
-                # It may be in a shadow, if the given solution is wrong.
-                weight[k] = zero
-                dim += 1
+        agreeing = predicted(count, samples, m, shading, variance, distance)
+        if agreeing == count and least == one:
+            # Whatever the scale is.
+            limit = dark if step == 0 else np.float32(-np.inf)
+            lit, dim = all_agree(count, v, limit, scratch, index, kinds)
+        else:
+            scale, lit, dim = judged(count, v, dark, step, least, scale, scratch, index, kinds)
         if lit < 3:
             return False
         _normal_equations(count, samples, weight, sums)
         if not _inverted(sums, inverse):
             for k in range(count):
                 if kinds[index[k]] == LIT and v[k] <= dark:
-                    kinds[index[k]] = _CAST
+                    kinds[index[k]] = CAST
             return False
         x = inverse[0] * sums[6] + inverse[1] * sums[7] + inverse[2] * sums[8]
         y = inverse[1] * sums[6] + inverse[3] * sums[7] + inverse[4] * sums[8]
@@ -230,11 +175,7 @@ def _pixel(
             b1 += weight[k] * samples[2, k] * samples[7, k]
             b2 += weight[k] * samples[3, k] * samples[7, k]
         of_height = tangent_change(inverse, m, b0, b1, b2) / length2
-    chi2 = 0.0
-    for k in range(count):
-        if weight[k] > zero:
-            chi2 += float(distance[k]) ** 2
-            residuals[index[k]] = math.copysign(distance[k], v[k] - shading[k])
+    chi2 = normalised_residuals(count, v, scratch, index, residuals)
     if errors:
         for k in range(count):
             weight[k] *= weight[k] * samples[6, k]
@@ -242,22 +183,61 @@ def _pixel(
         for i in range(6):
             inner[i] = sums[i]
         of_lights = min(tangent_trace(inverse, m, inner) / length2, total)
-    result[0], result[1], result[2] = m[0] * length, m[1] * length, m[2] * length
-    result[3], result[4], result[5] = total - of_lights, of_lights, of_height
+    reference[0], reference[1], reference[2] = m[0] * length, m[1] * length, m[2] * length
+    parts[0], parts[1], parts[2] = total - of_lights, of_lights, of_height
     free, away2 = lit - 3.0, squared_angle(m, start, length2)
-    result[6], result[7], result[8], result[9] = away2, chi2, free, chi2
+    parts[3], parts[4], parts[5], parts[6] = away2, chi2, free, chi2
     if away2 > total and chi2 > free + _NOT_NOISE * math.sqrt(2 * free):
         left = reflectance_left(count, samples, kinds, index, start, point, view, near, scratch)
-        result[9] = min(chi2, left * free)
+        parts[6] = min(chi2, left * free)
     return True
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
+def _solve_row(
+    first: int, last: int,
+    values: Float, vectors: Float, law: Float, normals: Float, albedo: Float, least: np.float32,
+    table: Float, errors: bool, near: bool, points: Double, view: Double,
+    places: npt.NDArray[np.intp], samples: Float, scratch: Float, index: npt.NDArray[np.int64],
+    work: Double, start: Double, residuals: Float, kinds: Kinds, counts: npt.NDArray[np.uint16],
+    reference: Double, parts: Float,
+) -> None:  # fmt: skip
+    """Solve the pixels of a row of the image."""
+    lights = values.shape[1]
+    for p in range(first, last):
+        at = places[p]
+        for c in range(3):
+            start[c] = normals[at, c] * albedo[at]
+        good = False
+        own = residuals[p % (_APART + 1)]
+        own[:] = 0
+        if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
+            good = _pixel(
+                values[p], vectors[p if len(vectors) > 1 else 0],
+                law[p if len(law) > 1 else 0], start, least, table, errors, near,
+                points[at if near else 0], view, samples, scratch, index, work, kinds[p], own,
+                reference[p], parts[p],
+            )  # fmt: skip
+        else:
+            for i in range(lights):
+                measured = math.isfinite(values[p, i])
+                kinds[p, i] = CAST if measured else SATURATED
+        count_kinds(kinds[p], counts[p])
+        if not good:
+            reference[p] = np.nan
+            own[:] = 0
+        elif p >= first + _APART and places[p - _APART] == at - _APART:
+            parts[p, 7] = product(own, residuals[(p + 1) % (_APART + 1)])
+            parts[p, 8] = parts[p, 5]
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def reference_solutions(
     first_row: int, last_row: int,
-    values: Float, vectors: Float, law: Float, starts: Double, least: np.float32, table: Float,
-    errors: bool, near: bool, points: Double, view: Double, places: npt.NDArray[np.intp],
-    rows: npt.NDArray[np.intp], kinds: Kinds, counts: npt.NDArray[np.int64], results: Double,
+    values: Float, vectors: Float, law: Float, normals: Float, albedo: Float, least: np.float32,
+    table: Float, errors: bool, near: bool, points: Double, view: Double,
+    places: npt.NDArray[np.intp], rows: npt.NDArray[np.intp], kinds: Kinds,
+    counts: npt.NDArray[np.uint16], reference: Double, parts: Float,
 ) -> None:  # fmt: skip
     """Solve pixels from given solutions, and classify their samples.
 
@@ -267,8 +247,9 @@ def reference_solutions(
         The rows of pixels to solve, without the last one.
     values, vectors, law
         As for an `Estimator`.
-    starts
-        ``(P, 3)`` scaled normals; 0 for pixels that are not solved.
+    normals, albedo
+        The given solutions of all pixels of the image, ``(M, 3)`` and ``(M,)``; 0 for pixels that
+        are not solved.
     least
         Least scale of the deviations: 1 if the law is that of the noise.
     table
@@ -276,7 +257,7 @@ def reference_solutions(
     errors
         Whether lights or height have errors.
     near, points
-        Whether lights are near, and the points ``(P, 3)``.
+        Whether lights are near, and the points ``(M, 3)`` of all pixels.
     view
         Centre of the camera, 0 if it is far away in direction z, and the relative standard
         deviation of the depths.
@@ -288,41 +269,19 @@ def reference_solutions(
         ``(P, N)``, receives the values of `SampleKind`.
     counts
         ``(P, 6)``, receives their numbers.
-    results
-        ``(P, 12)``, receives the solution, and what `VARIANCES` lists, variances and angles in
-        rad^2; NaN if the lit lights do not determine the pixel.
+    reference
+        ``(P, 3)``, receives the scaled normals; NaN if the lit lights do not determine the pixel.
+    parts
+        ``(P, 9)``, receives what `PARTS` lists, variances and angles in rad^2; 0 in that case.
     """
     lights = values.shape[1]
+    samples, scratch = np.zeros((8, lights), np.float32), np.zeros((4, lights), np.float32)
+    residuals = np.zeros((_APART + 1, lights), np.float32)
+    index = np.zeros(lights, np.int64)
+    work, start = np.zeros(24), np.zeros(3)
     for row in range(first_row, last_row):
-        samples = np.zeros((8, lights), np.float32)
-        scratch = np.zeros((4, lights), np.float32)
-        index = np.zeros(lights, np.int64)
-        work = np.zeros(24)
-        residuals = np.zeros((_APART + 1, lights), np.float32)
-        first = rows[row]
-        for p in range(first, rows[row + 1]):
-            start = starts[p]
-            of = p if near else 0
-            good = False
-            own = residuals[p % (_APART + 1)]
-            own[:] = 0
-            if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
-                good = _pixel(
-                    values[p], vectors[p if len(vectors) > 1 else 0],
-                    law[p if len(law) > 1 else 0], start, least, table, errors, near, points[of],
-                    view, samples, scratch, index, work, kinds[p], own, results[p],
-                )  # fmt: skip
-            else:
-                for i in range(lights):
-                    measured = math.isfinite(values[p, i])
-                    kinds[p, i] = _CAST if measured else _SATURATED
-            for i in range(lights):
-                counts[p, kinds[p, i]] += 1
-            if not good:
-                results[p] = np.nan
-                own[:] = 0
-            elif p >= first + _APART and places[p - _APART] == places[p] - _APART:
-                other = residuals[(p + 1) % (_APART + 1)]
-                for i in range(lights):
-                    results[p, 10] += float(own[i]) * float(other[i])
-                results[p, 11] = results[p, 8]
+        _solve_row(
+            rows[row], rows[row + 1], values, vectors, law, normals, albedo, least, table, errors,
+            near, points, view, places, samples, scratch, index, work, start, residuals, kinds,
+            counts, reference, parts,
+        )  # fmt: skip

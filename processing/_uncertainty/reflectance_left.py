@@ -8,9 +8,11 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from processing._stereo.pixel_algebra import IN_PLACE
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/ranks.py 5cde60d18192
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/ranks.py 1468582858bf
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -27,7 +29,7 @@ _RIDGE = 1e-6
 _LIT, _OUTLIER = 0, 4
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def reflectance_left(
     count: int, samples: Float, kinds: Kinds, index: npt.NDArray[np.int64], start: Double,
     point: Double, view: Double, near: bool, scratch: Float,

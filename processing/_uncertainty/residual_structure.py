@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 
+from processing._uncertainty.judged_samples import LIT, Kinds
 from processing._uncertainty.light_table import Double, Float
-from processing._uncertainty.reference import LIT, REFERENCE, Kinds
 
 # With fewer lights the nearest one is far away, and a highlight is in one image only.
 _FEWEST_LIGHTS = 8
 _FEWEST_PIXELS = 100
 
 
-def neighbour_correlation(values: Float, vectors: Float, kinds: Kinds, results: Double) -> float:
+def neighbour_correlation(values: Float, vectors: Float, kinds: Kinds, reference: Double) -> float:
     """Return the correlation between the residuals of each light and of the one nearest to it.
 
     Noise and errors of lights are independent from light to light; the fit makes their correlation
@@ -26,12 +26,12 @@ def neighbour_correlation(values: Float, vectors: Float, kinds: Kinds, results: 
     ----------
     values, vectors
         Samples of P pixels, see `LightModel.samples`.
-    kinds, results
+    kinds, reference
         See `reference_solutions`.
     """
-    solved = np.isfinite(results[:, REFERENCE]).all(axis=1)
+    solved = np.isfinite(reference).all(axis=1)
     of_pixel = np.broadcast_to(vectors, (len(values), *vectors.shape[1:]))[solved]
-    predicted = np.einsum("pc,pcn->pn", results[solved, REFERENCE], of_pixel)
+    predicted = np.einsum("pc,pcn->pn", reference[solved], of_pixel)
     residuals = np.where(kinds[solved] == LIT, np.nan_to_num(values[solved]) - predicted, 0.0)
     return correlation_of_neighbours(residuals, vectors.mean(axis=0).T)
 

@@ -8,10 +8,17 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from processing._stereo.pixel_algebra import IN_PLACE
+
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+
 Double = npt.NDArray[np.float64]
 
+# Below the square of this tangent, two terms of the series of the squared angle suffice.
+_SMALL2 = 1e-6
 
-@numba.njit(cache=True, error_model="numpy")
+
+@numba.njit(**IN_PLACE, error_model="numpy")
 def tangent_trace(inverse: Double, m: Double, inner: Double) -> float:
     """Return ``tr(P A B A P)`` for a symmetric B (6 numbers); A is an inverse."""
     length = math.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
@@ -34,7 +41,7 @@ def tangent_trace(inverse: Double, m: Double, inner: Double) -> float:
     return max(total, 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def tangent_change(inverse: Double, m: Double, b0: float, b1: float, b2: float) -> float:
     """Return the squared tangent part of ``A b``."""
     x = inverse[0] * b0 + inverse[1] * b1 + inverse[2] * b2
@@ -45,11 +52,15 @@ def tangent_change(inverse: Double, m: Double, b0: float, b1: float, b2: float) 
     return float(max(x * x + y * y + z * z - along * along / length2, 0.0))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy")
 def squared_angle(m: Double, start: Double, length2: float) -> float:
     """Return the squared angle between two vectors, the first of which has a known length."""
     x = m[1] * start[2] - m[2] * start[1]
     y = m[2] * start[0] - m[0] * start[2]
     z = m[0] * start[1] - m[1] * start[0]
     along = m[0] * start[0] + m[1] * start[1] + m[2] * start[2]
-    return math.atan2(math.sqrt(x * x + y * y + z * z), along) ** 2
+    across2 = x * x + y * y + z * z
+    if along > 0 and across2 < _SMALL2 * along * along:
+        tangent2 = across2 / (along * along)
+        return float(tangent2 * (1 - 2 / 3 * tangent2))
+    return math.atan2(math.sqrt(across2), along) ** 2

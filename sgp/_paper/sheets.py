@@ -21,6 +21,7 @@ from sgp._paper import figures as paper
 from sgp._paper.comparison import Comparison, Picture
 from sgp._paper.exemplars import captured, materials, structured
 from sgp._paper.measure import peaks
+from sgp._paper.pixel_by_pixel import pixel_by_pixel
 from sgp._paper.sources import Sources, bowl
 from sgp._paper.tables import Number, Table
 
@@ -73,6 +74,9 @@ def run_sheets(*, quick: bool, seed: int, advance: Progress, side: int | None = 
     table, panels = _quality("structured", structured(), side, advance)
     comparison.tables.append(table)
     comparison.pictures["structured"] = Picture("Ordered structures", panels, 4)
+    table, panels = pixel_by_pixel(simulated | structured(), advance)
+    comparison.tables.append(table)
+    comparison.pictures["efros_leung"] = Picture("Efros-Leung and quilting", panels, 3)
     comparison.tables.append(_cost(simulated, [_SAME_MPX] if quick else _SIZES_MPX, advance))
     table, comparison.profiles, panels = _onto_target(sources, simulated, advance)
     comparison.tables.append(table)
@@ -178,8 +182,7 @@ def _onto_target(
     for done, (name, normals) in enumerate(exemplars.items()):
         advance(f"{name} on {where}", done, len(exemplars))
         exemplar = processing.separate(normals).detail
-        made = processing.synthesize(exemplar, target.size, patch=PATCH_PX).detail
-        meant = processing.NormalMap(np.where(target.mask[..., None], made.normals, 0), target.mask)
+        meant = processing.synthesize_onto(exemplar, shape, patch=PATCH_PX).detail
         result = processing.combine(shape, meant)
         again = processing.compare_details(processing.separate(result).detail, meant)
         profile = processing.height_profile(ground, processing.integrate(result))

@@ -10,6 +10,7 @@ import numpy as np
 import acquisition
 import processing
 import rig
+from sgp._map_doubts import read_map
 from sgp._metrics import CompareMetrics
 from sgp._options import Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
@@ -53,8 +54,8 @@ def compare(
         Write into an output folder that already contains files.
     """
     first, second = (
-        processing.read_normals(a, green=green, max_pixels=max_pixels),
-        processing.read_normals(b, green=green, max_pixels=max_pixels),
+        read_map(a, green=green, max_pixels=max_pixels),
+        read_map(b, green=green, max_pixels=max_pixels),
     )
     counted = None if mask is None else acquisition.read_mask(mask, second.normal_map.size)
     error = processing.angular_error(first.normal_map, second.normal_map, counted)

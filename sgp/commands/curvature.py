@@ -10,6 +10,7 @@ import numpy as np
 import acquisition
 import processing
 import rig
+from sgp._map_doubts import read_map
 from sgp._metrics import CurvatureMetrics
 from sgp._options import FitScale, Input, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
@@ -70,7 +71,7 @@ def curvature(
     from sgp._overview import write_overview
     from sgp._panels.maps import signed_panel
 
-    read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
+    read = read_map(normals, green=green, max_pixels=max_pixels)
     normal_map = read.normal_map
     if mask is not None:
         inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask

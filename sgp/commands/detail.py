@@ -9,6 +9,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._detail_metrics import CombineMetrics
+from sgp._map_doubts import read_map
 from sgp._options import Input, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -55,7 +56,7 @@ def separate(
     force
         Write into an output folder that already contains files.
     """
-    read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
+    read = read_map(normals, green=green, max_pixels=max_pixels)
     with Stages() as progress:
         parts = processing.separate(
             read.normal_map, shape_filter=options.shape_filter(), on_progress=progress
@@ -98,9 +99,7 @@ def combine(
     force
         Write into an output folder that already contains files.
     """
-    first, second = (
-        processing.read_normals(path, max_pixels=max_pixels) for path in (shape, detail)
-    )
+    first, second = (read_map(path, option=None, max_pixels=max_pixels) for path in (shape, detail))
     combined = processing.combine(first.normal_map, second.normal_map)
     warnings = [*first.warnings, *second.warnings]
     count = int(combined.mask.sum())

@@ -12,6 +12,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._detail_metrics import FillMetrics
+from sgp._map_doubts import read_map
 from sgp._options import Count, Input, Pixels, Seed
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import write_overview
@@ -73,7 +74,7 @@ def fill(
     force
         Write into an output folder that already contains files.
     """
-    read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
+    read = read_map(normals, green=green, max_pixels=max_pixels)
     given = read.normal_map
     mask = acquisition.read_mask(holes, given.size)
     result = Result(warnings=list(read.warnings), inputs=[*read.files, holes])

@@ -11,6 +11,7 @@ import acquisition
 import processing
 import rig
 from sgp._detail_metrics import ChainStepMetrics, LikenessMetrics, PropertiesMetrics
+from sgp._map_doubts import read_map
 from sgp._options import Input, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, write_overview
@@ -59,10 +60,7 @@ def properties(
     force
         Write into an output folder that already contains files.
     """
-    read = [
-        processing.read_normals(path, green=green, max_pixels=max_pixels)
-        for path in (normals, *targets)
-    ]
+    read = [read_map(path, green=green, max_pixels=max_pixels) for path in (normals, *targets)]
     normal_map, *others = (one.normal_map for one in read)
     parts = processing.separate(normal_map, shape_filter=options.shape_filter())
     result = Result(

@@ -13,6 +13,7 @@ import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._guidance import GuidanceOptions
+from sgp._map_doubts import read_map
 from sgp._options import Count, Input, OptionalInput, Pixels, Region, Seed, image_size
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -131,14 +132,14 @@ def synthesize(
             "--onto, --rotate, --mirror, --tileable and --overlap require --method quilting"
         )
     width, height = (0, 0) if size is None else image_size("--size", size)
-    read = processing.read_normals(exemplar, green=green, max_pixels=max_pixels)
+    read = read_map(exemplar, green=green, max_pixels=max_pixels)
     result = Result(warnings=list(read.warnings), inputs=[*read.files, *guidance.files()])
     shape_filter = options.shape_filter()
     window = _window(read.normal_map, crop, exemplar)
     guides = guidance.read(window, read.normal_map.size, max_pixels)
     target = None
     if onto is not None:
-        second = processing.read_normals(onto, green=target_green, max_pixels=max_pixels)
+        second = read_map(onto, green=target_green, option="--target-green", max_pixels=max_pixels)
         result.warnings += second.warnings
         result.inputs += second.files
         target = second.normal_map

@@ -16,6 +16,7 @@ import rig
 from sgp._console import Stages
 from sgp._detail_metrics import TransferMetrics
 from sgp._exit import UsageError
+from sgp._map_doubts import read_map
 from sgp._options import (
     Count,
     Degrees,
@@ -154,8 +155,8 @@ def transfer(
         raise UsageError(
             "--tile cannot be used with --at or in a local transfer: only one copy is placed"
         )
-    first = processing.read_normals(source, green=source_green, max_pixels=max_pixels)
-    second = processing.read_normals(target, green=target_green, max_pixels=max_pixels)
+    first = read_map(source, green=source_green, option="--source-green", max_pixels=max_pixels)
+    second = read_map(target, green=target_green, option="--target-green", max_pixels=max_pixels)
     maps = first.normal_map, second.normal_map
     done: processing.TransferResult | processing.LocalTransferResult
     with Stages() as progress:

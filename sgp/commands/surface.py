@@ -15,6 +15,7 @@ import rig
 from sgp._camera_doubts import camera_notices
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._map_doubts import with_remedy
 from sgp._options import Input, Millimetres, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -165,10 +166,7 @@ def _with_remedy(
     """Name the option that turns green round, or keeps jumps in depth, if it may help."""
     if notice.code == "surface-differs" and not options.discontinuity:
         return replace(notice, text=f"{notice.text}; --discontinuity keeps jumps")
-    if notice.code != "normals-mirrored":
-        return notice
-    other = "down" if green == "up" else "up"
-    return replace(notice, text=f"{notice.text}; if green is the other way round, --green {other}")
+    return with_remedy(notice, green)
 
 
 def _depth(

@@ -54,10 +54,10 @@ def test_all_tables_are_written(sgp, tmp_path):
     assert answer.code == 0, answer.err
     report = json.loads(answer.out)
     assert any("SGP_DATA is not set" in line for line in report["warnings"])
-    assert read_record(tmp_path / "sheets" / "bench.json").metrics == {"tables": 4, "quick": True}
+    assert read_record(tmp_path / "sheets" / "bench.json").metrics == {"tables": 5, "quick": True}
     tables = json.loads((tmp_path / "sheets" / "tables.json").read_text(encoding="utf-8"))
     text = (tmp_path / "sheets" / "tables.md").read_text(encoding="utf-8")
-    assert set(tables) == {"sheets", "structured", "cost", "onto_target"}
+    assert set(tables) == {"sheets", "structured", "efros_leung", "cost", "onto_target"}
     # Only the cost is printed in the paper.
     assert text.count("The paper:") == 1
     for table in tables.values():

@@ -87,6 +87,7 @@ def writers(made: Path, disk: Path) -> list[str]:
         f"normals {made}/sim {lights} --out {disk}/normals",
         f"surface {made}/normals --out {disk}/surface --glb",
         f"curvature {made}/normals --out {disk}/curvature",
+        f"export {made}/normals --out {disk}/rti",
         f"report {made}/normals --out {disk}/report.html",
         f"detail separate {made}/normals --out {disk}/parts",
         f"detail combine {made}/normals {made}/normals --out {disk}/back",

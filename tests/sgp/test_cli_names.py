@@ -62,6 +62,7 @@ def test_sources_that_image_libraries_cannot_open(sgp, recording, place, as_json
             ("calibrate", "sensor", source, "--out", out),
             ("surface", source, "--out", out),
             ("curvature", source, "--out", out),
+            ("export", source, "--out", out),
             ("compare", source, source),
             ("detail", "separate", source, "--out", out),
             ("project", source, "--out", out),

@@ -52,7 +52,8 @@ def complete(app: App, path: tuple[str, ...], argument: Argument) -> list[str]:
         if other.required and other.name != argument.name:
             positional = other.field_info.is_positional
             chosen = next(iter(get_args(other.hint)), None)
-            value = "1" if numeric(other.hint) else chosen if isinstance(chosen, str) else "nowhere"
+            choice = chosen if isinstance(chosen, str | int) else "nowhere"
+            value = "1" if numeric(other.hint) else choice
             needed += [value] if positional else [f"{other.name}={value}"]
     return needed
 
@@ -81,7 +82,16 @@ def test_text_options_of_numbers_are_known() -> None:
         for file in Path(sgp.commands.__path__[0]).parent.rglob("*.py")
         for match in source.finditer(file.read_text(encoding="utf-8"))
     }
-    assert named == {"--at", "--ball", "--look", "--rotate-deg", "--sphere", "--size", "--leds"}
+    assert named == {
+        "--at",
+        "--ball",
+        "--light",
+        "--look",
+        "--rotate-deg",
+        "--sphere",
+        "--size",
+        "--leds",
+    }
 
 
 @pytest.mark.parametrize(("path", "argument"), quick(ALL, every=3))
@@ -126,6 +136,7 @@ def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, arg
         ("project", "a.obj", "--out=o", "--size={}"),
         ("simulate", "coin", "--out=o", "--size={}"),
         ("capture", "plan", "--size={}"),
+        ("relight", "a", "--out=o.png", "--light={}"),
     ],
     ids=lambda words: "-".join(words[:1] + words[-1:]),
 )

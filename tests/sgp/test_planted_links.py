@@ -77,6 +77,8 @@ REST = """
     detail synthesize {root}/normals --size 60x60 --patch 12 --out {root}/sheet
     detail fill {root}/normals --patch 9 --holes {root}/holes.png --out {root}/filled
     curvature {root}/normals --out {root}/curvature
+    export {root}/normals --out {root}/rti
+    relight {root}/rti/relight.ptm --light 0,1,1 --out {root}/above.png
     compare {root}/normals {root}/back --out {root}/compare
     project {root}/surface/surface.ply --out {root}/project
     rig snap --rig {root}/rig.toml --led 1 --out {root}/snap.tif

@@ -1,0 +1,140 @@
+"""Relightable images as RelightLab and OpenLIME read them: JPEG planes and info.json.
+
+Each plane is a JPEG whose three channels are three coefficients of 8 bits; ``(sample / 255 - bias)
+* scale`` is a coefficient. ``lrgb``: the first plane is the colour, and the next ones have the
+coefficients in turn. ``rgb``: each plane has one coefficient of the three colours. The first row is
+the highest one.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import DataError, StorageError, write_durably
+from processing._relight.bytes_of_coefficients import coded
+from processing._relight.relightable_image import RelightableImage
+from rig import check_type
+
+Float = npt.NDArray[np.float32]
+
+# Largest side of a JPEG that decoders accept.
+_LONGEST = 65_500
+_NAMES = {"ptm": "ptm", "hsh4": "hsh", "hsh9": "hsh"}
+
+
+def write_rti_planes(
+    folder: str | Path,
+    image: RelightableImage,
+    directions: npt.ArrayLike,
+    *,
+    quality: int = 95,
+) -> tuple[list[Path], RelightableImage]:
+    """Write a relightable image as planes for web viewers: ``plane_0.jpg`` ... and ``info.json``.
+
+    Parameters
+    ----------
+    folder
+        Existing folder; files of these names are replaced.
+    image
+        The image.
+    directions
+        ``(N, 3)`` directions of the lights of the images, which info.json lists.
+    quality
+        Quality of the JPEGs, 1 to 100. Chroma is not subsampled, because the channels are
+        unrelated.
+
+    Returns
+    -------
+    files : list of Path
+        The files; info.json is the last.
+    stored : RelightableImage
+        The image as viewers decode it.
+
+    Raises
+    ------
+    DataError
+        If the quality is out of range or the image is too large for a JPEG.
+    StorageError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import json
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from processing import NormalMap, fit_normals, write_rti_planes
+    >>> facing = NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (4, 5, 1)))
+    >>> image = fit_normals(facing, np.ones((4, 5)), basis="hsh9").image
+    >>> files, stored = write_rti_planes(".", image, [[0, 0, 1]])
+    >>> [path.name for path in files][::4], stored.relit([0, 0, 1])[0, 0].round(1)
+    (['plane_0.jpg', 'info.json'], array([1., 1., 1.], dtype=float32))
+    """
+    check_type("image", image, RelightableImage, "fit_recording(source).image is one")
+    height, width = image.size
+    if not 1 <= quality <= 100:
+        raise DataError(f"the quality of a JPEG is 1 to 100, not {quality}")
+    if max(height, width) > _LONGEST:
+        raise DataError(f"{width} x {height} pixels: a JPEG has at most {_LONGEST} on each side")
+    lights = np.asarray(directions, np.float64).reshape(-1, 3)
+    lights = lights / np.linalg.norm(lights, axis=1, keepdims=True)
+    planes = _planes(image)
+    scales, biases, written, stored = [], [], [], []
+    for number in range(planes.shape[2] // 3):
+        encoded = coded(planes[:, :, 3 * number : 3 * number + 3])
+        scales += [float(step) * 255 for step in encoded.scale]
+        biases += [float(bias) / 255 for bias in encoded.bias]
+        written.append(Path(folder) / f"plane_{number}.jpg")
+        data = _jpeg(encoded.samples, quality, written[-1])
+        write_durably(written[-1], data)
+        seen = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB))
+        stored.append(encoded._replace(samples=seen.astype(np.uint8)).decoded())
+    info = {
+        "width": width,
+        "height": height,
+        "format": "jpg",
+        "type": _NAMES[image.basis],
+        "colorspace": "rgb" if image.colour is None else "lrgb",
+        "lights": [round(float(x), 6) for x in lights.ravel()],
+        "nplanes": planes.shape[2],
+        "quality": quality,
+        "materials": [{"scale": scales, "bias": biases}],
+    }
+    written.append(Path(folder) / "info.json")
+    write_durably(written[-1], f"{json.dumps(info, indent=1)}\n".encode())
+    return written, _image(np.concatenate(stored, axis=2), image)
+
+
+def _planes(image: RelightableImage) -> Float:
+    """Return all coefficients ``(H, W, 3 M)`` in the order of the planes."""
+    height, width = image.size
+    if image.colour is None:
+        return image.coefficients.reshape(height, width, -1)
+    terms = image.coefficients.shape[2]
+    # The last plane is filled up with terms that are 0.
+    empty = np.zeros((height, width, -terms % 3), np.float32)
+    return np.concatenate([np.clip(image.colour, 0, 1), image.coefficients, empty], axis=2)
+
+
+def _image(planes: Float, like: RelightableImage) -> RelightableImage:
+    if like.colour is None:
+        return RelightableImage(like.basis, planes.reshape(like.coefficients.shape))
+    terms = like.coefficients.shape[2]
+    return RelightableImage(like.basis, planes[..., 3 : 3 + terms], planes[..., :3])
+
+
+def _jpeg(samples: npt.NDArray[np.uint8], quality: int, path: Path) -> bytes:
+    options = [
+        cv2.IMWRITE_JPEG_QUALITY,
+        quality,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ]
+    done, data = cv2.imencode(".jpg", np.ascontiguousarray(samples[..., ::-1]), options)
+    if not done:
+        raise StorageError(f"{path}: cannot be encoded: free memory on this computer")
+    return data.tobytes()

@@ -1,0 +1,213 @@
+"""What the samples of a pixel are, compared with a prediction, compiled.
+
+A loop that writes several arrays does not vectorise: the compiler would have to test too many of
+them for overlap. Each loop over samples therefore writes one array.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
+from processing._stereo.ranks import MAD_TO_SIGMA, ranked
+
+# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/ranks.py 1468582858bf
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Kinds = npt.NDArray[np.uint8]
+
+# Samples further away than this many standard deviations do not agree.
+_CUT = 4.0
+# A cast shadow has less than this share of the predicted signal. If the samples of the pixel
+# scatter more than the law says, so that it is no outlier by this scatter, less than the other one.
+_SHADOWED, _DEEP = 0.5, 0.25
+# Least variance relative to the square of the albedo: exact data have no noise.
+_LEAST_VARIANCE = np.float32(1e-12)
+# The values of `SampleKind`, for the compiler.
+LIT = 0
+_ATTACHED, CAST, SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
+
+
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
+def usable_parts(
+    values: Float, vectors: Float, law: Float, per: float, samples: Float,
+    index: npt.NDArray[np.int64], kinds: Kinds,
+) -> tuple[int, float]:  # fmt: skip
+    """Copy the measured samples, relative to the albedo; return their number and mean."""
+    per2, mean = per * per, 0.0
+    v, floor, slope = samples[0], samples[4], samples[5]
+    measured = np.int32(0)
+    for i in range(len(values)):
+        measured += np.int32(abs(values[i]) < np.float32(np.inf))
+    count = int(measured)
+    if count == len(values):
+        for i in range(count):
+            v[i] = values[i] * per
+        for c in range(3):
+            own, given = samples[1 + c], vectors[c]
+            for i in range(count):
+                own[i] = given[i]
+        for i in range(count):
+            floor[i] = law[0, i] * per2 + _LEAST_VARIANCE
+        for i in range(count):
+            slope[i] = law[1, i] * per
+        for i in range(count):
+            index[i] = i
+    else:
+        count = 0
+        for i in range(len(values)):
+            if math.isfinite(values[i]):
+                v[count] = values[i] * per
+                for c in range(3):
+                    samples[1 + c, count] = vectors[c, i]
+                floor[count] = law[0, i] * per2 + _LEAST_VARIANCE
+                slope[count] = law[1, i] * per
+                index[count] = i
+                count += 1
+            else:
+                # A light that does not reach the point has no vector.
+                reached = vectors[0, i] != 0 or vectors[1, i] != 0 or vectors[2, i] != 0
+                kinds[i] = SATURATED if reached else _MISSING
+    for k in range(count):
+        mean += max(v[k], np.float32(0))
+    return count, mean / max(count, 1)
+
+
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
+def predicted(
+    count: int, samples: Float, m: Double, shading: Float, variance: Float, distance: Float
+) -> int:
+    """Write predicted values, their variances, and distances in standard deviations.
+
+    Return how many samples are not further away than the limit for known noise.
+    """
+    v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
+    floor, slope, of_light = samples[4], samples[5], samples[6]
+    x, y, z, zero = np.float32(m[0]), np.float32(m[1]), np.float32(m[2]), np.float32(0)
+    agreeing = np.int32(0)
+    for k in range(count):
+        shading[k] = lx[k] * x + ly[k] * y + lz[k] * z
+    for k in range(count):
+        variance[k] = floor[k] + slope[k] * max(shading[k], zero) + of_light[k]
+    for k in range(count):
+        distance[k] = abs(v[k] - max(shading[k], zero)) / np.sqrt(variance[k])
+    for k in range(count):
+        agreeing += np.int32(distance[k] <= np.float32(_CUT))
+    return int(agreeing)
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
+def all_agree(
+    count: int, v: Float, dark: np.float32, scratch: Float, index: npt.NDArray[np.int64],
+    kinds: Kinds,
+) -> tuple[int, int]:  # fmt: skip
+    """Write kinds and weights of samples that all agree; return those lit, and the dark ones.
+
+    Lit samples up to ``dark`` have no weight.
+    """
+    shading, variance, weight = scratch[0], scratch[1], scratch[3]
+    zero, one = np.float32(0), np.float32(1)
+    lit, dim = np.int32(0), np.int32(0)
+    for k in range(count):
+        precision = one / variance[k]
+        weight[k] = precision if (shading[k] > zero) & (v[k] > dark) else zero
+    for k in range(count):
+        lit += np.int32(shading[k] > zero)
+        dim += np.int32((shading[k] > zero) & (v[k] <= dark))
+    if count == len(kinds):
+        for k in range(count):
+            kinds[k] = np.uint8(LIT) if shading[k] > zero else np.uint8(_ATTACHED)
+    else:
+        for k in range(count):
+            kinds[index[k]] = LIT if shading[k] > zero else _ATTACHED
+    return int(lit), int(dim)
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
+def _kind_of(value: float, shading: float, distance: float, scale: float, least: float) -> int:
+    """Return the kind of a measured sample."""
+    if shading <= 0.0:
+        return _ATTACHED if value <= 0.0 or distance <= _CUT * scale else _OUTLIER
+    beyond = distance > _CUT * scale
+    if value < _SHADOWED * shading and beyond:
+        return CAST
+    if value < _DEEP * shading and least == 1.0 and distance > _CUT:
+        return CAST
+    return _OUTLIER if beyond else LIT
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
+def judged(
+    count: int, v: Float, dark: np.float32, step: int, least: np.float32, scale: np.float32,
+    scratch: Float, index: npt.NDArray[np.int64], kinds: Kinds,
+) -> tuple[np.float32, int, int]:  # fmt: skip
+    """Write kinds and weights by a scale of the distances; return it and what `all_agree` does."""
+    shading, variance, distance, weight = scratch[0], scratch[1], scratch[2], scratch[3]
+    zero, one, cut = np.float32(0), np.float32(1), np.float32(_CUT)
+    found = 0
+    for k in range(count):
+        weight[found] = distance[k]
+        bright = v[k] > dark or (step > 0 and distance[k] <= cut * scale)
+        found += int(shading[k] > zero and bright)
+    if found > 0:
+        scale = np.float32(MAD_TO_SIGMA) * ranked(weight, found, found // 2, max(least, scale))
+    scale = max(least, scale)
+    lit, dim = 0, 0
+    for k in range(count):
+        kind = _kind_of(v[k], shading[k], distance[k], float(scale), float(least))
+        kinds[index[k]] = kind
+        weight[k] = one / variance[k] if kind == LIT else zero
+        lit += int(kind == LIT)
+        if step == 0 and kind == LIT and v[k] <= dark:
+            # It may be in a shadow, if the given solution is wrong.
+            weight[k] = zero
+            dim += 1
+    return scale, lit, dim
+
+
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
+def normalised_residuals(
+    count: int, v: Float, scratch: Float, index: npt.NDArray[np.int64], residuals: Float
+) -> float:
+    """Write normalised residuals of the samples with a weight; return their sum of squares."""
+    shading, distance, weight = scratch[0], scratch[2], scratch[3]
+    total, zero, one = 0.0, np.float32(0), np.float32(1)
+    if count == len(residuals):
+        for k in range(count):
+            sign = one if v[k] >= shading[k] else -one
+            own = distance[k] * sign
+            residuals[k] = own if weight[k] > zero else zero
+    else:
+        for k in range(count):
+            own = distance[k] if weight[k] > zero else zero
+            residuals[index[k]] = own if v[k] >= shading[k] else -own
+    for i in range(len(residuals)):
+        total += float(residuals[i]) * float(residuals[i])
+    return total
+
+
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
+def product(a: Float, b: Float) -> float:
+    total = 0.0
+    for k in range(len(a)):
+        total += float(a[k]) * float(b[k])
+    return total
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
+def count_kinds(kinds: Kinds, counts: npt.NDArray[np.uint16]) -> None:
+    lit, attached = np.int32(0), np.int32(0)
+    for k in range(len(kinds)):
+        lit += np.int32(kinds[k] == LIT)
+        attached += np.int32(kinds[k] == _ATTACHED)
+    counts[LIT], counts[_ATTACHED] = lit, attached
+    if lit + attached < len(kinds):
+        for k in range(len(kinds)):
+            if kinds[k] > _ATTACHED:
+                counts[kinds[k]] += 1

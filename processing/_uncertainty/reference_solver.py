@@ -1,0 +1,123 @@
+"""Reference solutions of blocks of pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, Lights
+from processing._uncertainty.light_table import ERRORS, light_table
+from processing._uncertainty.reference import PARTS, reference_solutions
+from processing._uncertainty.residual_structure import neighbour_correlation
+from processing._uncertainty.sample_kind import SampleKind
+from rig import in_threads
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Pixels = npt.NDArray[np.intp]
+
+_BLOCK = 16384
+_LEAST_SCALE = 1e-6
+
+
+class ReferenceSolver:
+    """Solves pixels again, from given normals.
+
+    Parameters
+    ----------
+    lights
+        The N lights.
+    scaled
+        Given normals ``(H, W, 3)`` and albedo ``(H, W)``; 0 for pixels that are not solved. They
+        may be filled after the solver is made.
+    points_mm, camera, depth_sigma
+        As in `normal_uncertainty`.
+    """
+
+    def __init__(
+        self,
+        lights: Lights,
+        scaled: tuple[Float, Float],
+        points_mm: Double | None,
+        camera: CameraModel | None,
+        depth_sigma: float,
+    ) -> None:
+        self._near = lights.near
+        self._table = light_table(lights)
+        self._width = scaled[1].shape[1]
+        self._normals, self._albedo = scaled[0].reshape(-1, 3), scaled[1].reshape(-1)
+        self._points = np.zeros((1, 3))
+        if points_mm is not None and lights.near:
+            self._points = np.ascontiguousarray(points_mm, np.float64).reshape(-1, 3)
+        self._view = np.zeros(4)
+        if camera is not None and lights.near:
+            self._view[:] = *camera.centre_mm, depth_sigma
+        self._errors = bool(self._table[ERRORS].any() or self._view[3] > 0)
+
+    def solve(
+        self, pixels: Pixels, samples: Float, vectors: Float, law: Float | None
+    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint16], Double, Float]:
+        """Return kinds, their numbers, references and variances of some pixels.
+
+        See `reference_solutions`. Without a law, all samples have the same unknown variance.
+        """
+        kinds = np.zeros(samples.shape, np.uint8)
+        counts = np.zeros((len(pixels), len(SampleKind)), np.uint16)
+        reference = np.zeros((len(pixels), 3))
+        parts = np.zeros((len(pixels), PARTS), np.float32)
+        wide = np.zeros((1, 2, samples.shape[1]), np.float32)
+        wide[:, 0] = 1
+        if law is not None:
+            wide = np.broadcast_to(law, (len(law), 2, samples.shape[1]))
+            # A kernel is compiled again for arrays that cannot be written.
+            wide = np.require(law if law.shape == wide.shape else wide, requirements=("C", "W"))
+        starts = _row_starts(pixels, self._width)
+        in_threads(
+            reference_solutions,
+            len(starts) - 1,
+            samples,
+            vectors,
+            wide,
+            self._normals,
+            self._albedo,
+            np.float32(_LEAST_SCALE if law is None else 1.0),
+            self._table,
+            self._errors and law is not None,
+            self._near,
+            self._points,
+            self._view,
+            pixels,
+            starts,
+            kinds,
+            counts,
+            reference,
+            parts,
+        )
+        return kinds, counts, reference, parts
+
+    def correlation(
+        self, pixels: Pixels, samples: Float, vectors: Float, law: Float | None
+    ) -> float:
+        """Return how alike the residuals of neighbouring lights are at some pixels."""
+        kinds, _, reference, _ = self.solve(pixels, samples, vectors, law)
+        return neighbour_correlation(samples, vectors, kinds, reference)
+
+
+def row_blocks(pixels: Pixels, width: int) -> Iterator[Pixels]:
+    """Yield complete rows of pixels, about 16,000 pixels at once."""
+    starts = _row_starts(pixels, width)
+    at = np.unique(np.searchsorted(starts, np.arange(0, len(pixels) + _BLOCK, _BLOCK)))
+    chosen = starts[np.minimum(at, len(starts) - 1)]
+    for first, last in pairwise(chosen):
+        if last > first:
+            yield pixels[first:last]
+
+
+def _row_starts(pixels: Pixels, width: int) -> Pixels:
+    """Return where rows of the image begin in a list of pixels, and its length."""
+    inside = np.flatnonzero(np.diff(pixels // width)) + 1
+    return np.concatenate([[0], inside, [len(pixels)]]).astype(np.intp)

@@ -1,0 +1,218 @@
+"""Relightable images of a result: fitted to its images or its normals, written and drawn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+import acquisition
+import processing
+import rig
+from sgp._overview import write_overview
+from sgp._panels.crop import Crop
+from sgp._panels.maps import image_panel, map_panel
+from sgp._relight_metrics import RtiMetrics
+from sgp._relight_options import RelightOptions
+from sgp._result import Result
+from sgp._result_source import NormalsResult, open_source_of
+
+Mask = npt.NDArray[np.bool_]
+
+# Rows and lights from which the deviations of the files are measured, at most.
+_ROWS = 200
+_LIGHTS = 24
+_SHOWN = {"above": (0, 1, 0.7), "the right": (1, 0, 0.7), "the left": (-1, 0, 0.7),
+          "below": (0, -1, 0.7)}  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Relightable:
+    """A fit and where it is from.
+
+    Parameters
+    ----------
+    fit
+        The image and its figures.
+    fitted_to, directions
+        As in `RtiMetrics`.
+    lights
+        ``(N, 3)`` directions of the lights.
+    files
+        Files that were read.
+    notices
+        What must be reported about the source.
+    """
+
+    fit: processing.RelightFit
+    fitted_to: Literal["images", "normals"]
+    directions: Literal["distant", "surface", "plane"]
+    lights: npt.NDArray[np.float64]
+    files: list[Path]
+    notices: list[rig.Notice]
+
+
+def fit_result(
+    path: Path,
+    found: NormalsResult,
+    normal_map: processing.NormalMap,
+    options: RelightOptions,
+    max_pixels: int,
+    progress: rig.Progress,
+) -> Relightable:
+    """Fit the images of a result if its recording is there, else the shading of its normals.
+
+    Raises
+    ------
+    DataError
+        If a file of the recording has changed, or a file does not fit the others.
+    """
+    recorded = open_source_of(path, found, max_pixels)
+    if recorded is None:
+        return _of_normals(found, normal_map, options, max_pixels, progress)
+    recording, pixel_mm = recorded
+    source = recording.source
+    if source.lights is None:
+        raise acquisition.DataError(f"{source.path}: these images have no lights")
+    distant = found.record.parameters.get("distant") is True
+    near = source.lights.near and not distant
+    depth = found.depth if near else None
+    fit = processing.fit_recording(
+        source,
+        basis=options.basis,
+        colours=options.colours,
+        values=options.values,
+        distant=distant,
+        depth_mm=None if depth is None else acquisition.read_image(depth, max_pixels=max_pixels),
+        height_mm=found.height_mm(),
+        pixel_mm=pixel_mm,
+        on_progress=progress,
+    )
+    return Relightable(
+        fit,
+        "images",
+        "distant" if not near else "plane" if depth is None else "surface",
+        fit.directions,
+        [*recording.files, *([] if depth is None else [depth])],
+        list(source.warnings),
+    )
+
+
+def _of_normals(
+    found: NormalsResult,
+    normal_map: processing.NormalMap,
+    options: RelightOptions,
+    max_pixels: int,
+    progress: rig.Progress,
+) -> Relightable:
+    albedo = found.folder / "albedo.exr"
+    fit = processing.fit_normals(
+        normal_map,
+        acquisition.read_image(albedo, max_pixels=max_pixels),
+        basis=options.basis,
+        colours=options.colours,
+        values=options.values,
+        on_progress=progress,
+    )
+    text = (
+        "the recorded images of this result are gone: fitted to the shading of its normals and "
+        "albedo, without gloss and cast shadows"
+    )
+    notice = rig.Notice("relit-from-normals", text, str(found.folder), "warning")
+    return Relightable(fit, "normals", "distant", fit.directions, [albedo], [notice])
+
+
+def write_relightable(
+    folder: Path, made: Relightable, mask: Mask, options: RelightOptions, quality: int
+) -> Result:
+    """Write the files of a relightable image into a folder and return them with their figures."""
+    image, residual = made.fit.image, made.fit.residual
+    result = Result(warnings=made.notices, inputs=made.files)
+    files, stored = processing.write_rti_planes(folder, image, made.lights, quality=quality)
+    result.outputs |= {path.stem: path for path in files}
+    planes = _difference(image, stored, made.lights)
+    inside = mask & np.isfinite(residual)
+    metrics: RtiMetrics = {
+        "fitted_to": made.fitted_to,
+        "directions": made.directions,
+        "lights": len(made.lights),
+        "coefficients": image.coefficients.shape[2],
+        "pixels": int(np.count_nonzero(mask)),
+        "pixels_without_samples": made.fit.without_samples,
+        "white": made.fit.white,
+        "fit_rms": float(np.median(residual[inside])) if inside.any() else float("nan"),
+        "planes_rms": planes[0],
+    }
+    height, width = image.size
+    kind = "images" if made.fitted_to == "images" else "shading of normals"
+    result.summary = [
+        f"{width} x {height} pixels, {image.basis} {options.colours}, fitted to {kind} under "
+        f"{len(made.lights)} lights",
+        f"fit {255 * metrics['fit_rms']:.1f} of 255 rms (median of the object)",
+        f"planes within {planes[0]:.2f} of 255 rms of the fit",
+    ]
+    if image.basis == "ptm":
+        result.outputs["ptm"] = folder / "relight.ptm"
+        added = _difference(image, processing.write_ptm(result.outputs["ptm"], image), made.lights)
+        metrics["ptm_rms"], metrics["ptm_largest"] = added
+        result.summary.append(
+            f"relight.ptm within {added[0]:.2f} of 255 rms of the fit, {added[1]:.1f} at most"
+        )
+    result.outputs["fit_rms"] = folder / "fit_rms.exr"
+    acquisition.write_exr(result.outputs["fit_rms"], residual)
+    result.outputs["picture"] = folder / "relit.png"
+    _draw(result.outputs["picture"], stored, residual, mask, options)
+    result.metrics = metrics
+    return result
+
+
+def _difference(
+    image: processing.RelightableImage,
+    stored: processing.RelightableImage,
+    lights: npt.NDArray[np.float64],
+) -> tuple[float, float]:
+    """Return rms and largest deviation of shown values, 0 to 255, in some rows under some lights.
+
+    Values that viewers show as black or white count as these.
+    """
+    step = 1 + len(image.coefficients) // _ROWS
+    one, other = (
+        replace(
+            which,
+            coefficients=which.coefficients[::step],
+            colour=None if which.colour is None else which.colour[::step],
+        )
+        for which in (image, stored)
+    )
+    total, largest, count = 0.0, 0.0, 0
+    for light in lights[:: 1 + len(lights) // _LIGHTS]:
+        shown = (np.clip(which.relit(light), 0, 1) for which in (one, other))
+        left = 255 * np.subtract(*shown)
+        total += float(np.sum(left * left, dtype=np.float64))
+        largest = max(largest, float(np.abs(left).max()))
+        count += left.size
+    return float(np.sqrt(total / count)), largest
+
+
+def _draw(
+    path: Path,
+    image: processing.RelightableImage,
+    residual: npt.NDArray[np.float32],
+    mask: Mask,
+    options: RelightOptions,
+) -> None:
+    """Draw the image, as it is in the files, under four lights, and the deviation of the fit."""
+    crop = Crop.around(mask)
+    panels = []
+    for side, direction in _SHOWN.items():
+        shown = np.clip(image.relit(direction), 0, 1)
+        if options.values == "display":
+            shown = acquisition.SRGB.light(shown).astype(np.float32)
+        panels.append(image_panel(f"light from {side}", shown, crop))
+    title = "deviation of the fit, rms over the lights"
+    percent = 100 * residual
+    panels.append(map_panel(title, percent, "% of white", crop, error=True, mask=mask))
+    write_overview(path, "As viewers show it", panels, columns=3)

@@ -1,0 +1,132 @@
+"""The recording that a result was computed from, found by its record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from pydantic import JsonValue
+
+import acquisition
+from sgp._exit import UsageError
+from sgp._options import RecordingOptions
+from sgp._output import sha256
+from sgp._record import ResultRecord, read_record
+from sgp._stages import Recording, open_recording, with_scale
+
+_RECORD = "normals.json"
+_LIGHTS = "lights.json"
+# What options of these names hold in a record, which has texts and lists.
+_PATHS = ("lights", "camera", "flat", "sensor")
+_LISTS = ("exclude", "crop")
+
+
+@dataclass(frozen=True, eq=False)
+class NormalsResult:
+    """The normals of a result.
+
+    Parameters
+    ----------
+    folder
+        The folder with the maps.
+    depth
+        Map of the depth of the surface; None without such a map.
+    record
+        The record in the folder.
+    """
+
+    folder: Path
+    depth: Path | None
+    record: ResultRecord
+
+    @property
+    def record_file(self) -> Path:
+        """Path of the record."""
+        return self.folder / _RECORD
+
+    def height_mm(self) -> float:
+        """Return the mean height of the object above the working plane; 0 if it is not known."""
+        found = self.record.metrics.get("mean_height_mm")
+        return float(found) if isinstance(found, (int, float)) else 0.0
+
+
+def find_normals(path: Path) -> NormalsResult:
+    """Return the normals of a result of ``sgp run``, ``sgp demo`` or ``sgp normals``.
+
+    Raises
+    ------
+    UsageError
+        If the folder has no record of normals.
+    DataError
+        If the record cannot be read.
+    """
+    for folder in (path / "normals", path):
+        if (folder / _RECORD).is_file():
+            depth = path / "surface" / "depth.exr"
+            known = folder != path and depth.is_file()
+            return NormalsResult(folder, depth if known else None, read_record(folder / _RECORD))
+    raise UsageError(
+        f"{path}: has neither {_RECORD} nor normals/{_RECORD}: give a folder that sgp run or sgp "
+        "normals has written"
+    )
+
+
+def open_source_of(
+    path: Path, found: NormalsResult, max_pixels: int
+) -> tuple[Recording, float | None] | None:
+    """Open the recording of a result as its record says; None if its files are gone.
+
+    Returns
+    -------
+    recording, pixel_mm
+        The recording, and the size of its pixels if the record states it.
+
+    Raises
+    ------
+    DataError
+        If a file has changed since, or can no longer be read.
+    """
+    record = found.record
+    source = record.parameters.get("source")
+    inputs = [Path(name) for name in record.inputs]
+    if not isinstance(source, str) or not Path(source).exists():
+        return None
+    if not all(file.is_file() for file in inputs):
+        return None
+    for file in inputs:
+        if sha256(file) != record.inputs[str(file)]:
+            raise acquisition.DataError(
+                f"{file}: has changed since {found.folder} was computed: compute the result again"
+            )
+    options = RecordingOptions(**_options(path, found, max_pixels))
+    recording = open_recording(Path(source), options)
+    pixel_mm = record.parameters.get("pixel_mm")
+    scale = float(pixel_mm) if isinstance(pixel_mm, (int, float)) else None
+    scaled, size = with_scale(recording.source, scale)
+    return Recording(scaled, recording.files), size
+
+
+def _options(path: Path, found: NormalsResult, max_pixels: int) -> dict[str, Any]:
+    """Return the options of the recording from the record."""
+    known = found.record.parameters
+    chosen: dict[str, Any] = {}
+    for field in fields(RecordingOptions):
+        value: JsonValue = known.get(field.name)
+        if value is None:
+            continue
+        if field.name in _PATHS:
+            chosen[field.name] = Path(str(value))
+        elif field.name in _LISTS and isinstance(value, list):
+            chosen[field.name] = tuple(value)
+        elif field.name in ("distant", "gamma", "downscale"):
+            chosen[field.name] = value
+    disagreed = found.record.metrics.get("excluded")
+    if isinstance(disagreed, list):
+        chosen["exclude"] = (*chosen.get("exclude", ()), *map(str, disagreed))
+    # Lights that were estimated with the result.
+    for folder in (found.folder, path):
+        if (folder / _LIGHTS).is_file():
+            chosen["lights"] = folder / _LIGHTS
+            break
+    return chosen | {"max_pixels": max_pixels}

@@ -1,0 +1,119 @@
+"""The files of a training: its working folder, the network and its description."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import acquisition
+import rig
+from sgp._exit import UsageError
+from sgp._result import dumps
+from sgp._superres.judgement import Judgement
+from sgp._superres.onnx_layers import onnx_bytes
+from sgp._superres.presets import HELD_OUT, Task
+
+if TYPE_CHECKING:
+    import torch
+
+_FORMAT = 1
+_TASK = "training.json"
+
+
+def claim_work(folder: Path, task: Task) -> None:
+    """Create the working folder of a training, or check that it belongs to this training.
+
+    Raises
+    ------
+    UsageError
+        If it belongs to a training with other settings.
+    StorageError
+        If it cannot be created.
+    """
+    acquisition.make_folder(folder)
+    content = f"{dumps(asdict(task))}\n".encode()
+    noted = folder / _TASK
+    try:
+        same = rig.read_bounded(noted) == content
+    except FileNotFoundError:
+        if any(not acquisition.is_part_file(path) for path in folder.iterdir()):
+            raise UsageError(
+                f"{folder} is not the working folder of a training: give another --out"
+            ) from None
+        acquisition.write_durably(noted, content)
+        return
+    except rig.UnreadableError:
+        same = False
+    if not same:
+        raise UsageError(
+            f"{folder} belongs to a training with other settings ({_TASK} in it): repeat those to "
+            "continue it, remove the folder, or give another --out"
+        )
+
+
+def remove_work(folder: Path) -> None:
+    """Remove the files of a finished training, and their folder.
+
+    Raises
+    ------
+    StorageError
+        If a file cannot be removed.
+    """
+    acquisition.remove_part_files(folder)
+    try:
+        for path in [*folder.glob("*.npy"), folder / "checkpoint.pt", folder / _TASK]:
+            path.unlink(missing_ok=True)
+        folder.rmdir()
+    except OSError as error:
+        raise acquisition.storage_error(folder, "remove", error) from error
+
+
+def write_network(
+    out: Path, task: Task, weights: Mapping[str, torch.Tensor], judged: Judgement
+) -> Path:
+    """Write a network and its description; return the path of the description."""
+    content = onnx_bytes(task.size, {name: one.numpy() for name, one in weights.items()})
+    description = out.with_suffix(".json")
+    text = f"{dumps(_description(out.stem, task, content, judged))}\n"
+    with acquisition.staged(out.parent) as place:
+        acquisition.write_durably(place / out.name, content)
+        acquisition.write_durably(place / description.name, text.encode())
+    return description
+
+
+def _description(name: str, task: Task, content: bytes, judged: Judgement) -> dict[str, Any]:
+    import onnx
+    import torch
+
+    size, seeds = task.size, task.surfaces
+    return {
+        "format": _FORMAT,
+        "name": name,
+        "scale": task.scale,
+        "domain": task.domain,
+        "architecture": "rdn",
+        "blocks": size.blocks,
+        "convolutions": size.convolutions,
+        "growth": size.growth,
+        "halo_px": size.halo_px,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        "training": {
+            "seed": task.seed,
+            "steps": task.steps,
+            "preset": task.preset_name,
+            "settings": asdict(task.preset),
+            "data": f"random surfaces of the simulator, seeds {seeds[0]} to {seeds[-1]}",
+            "held_out": {"seeds": f"{HELD_OUT[0]} to {HELD_OUT[-1]}", **asdict(judged)},
+            "software": {
+                "name": acquisition.SOFTWARE,
+                "version": acquisition.software_version(),
+                "torch": torch.__version__,
+                "onnx": onnx.__version__,
+            },
+            "device": torch.cuda.get_device_name() if torch.cuda.is_available() else "cpu",
+            "threads": torch.get_num_threads(),
+        },
+    }

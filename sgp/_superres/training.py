@@ -1,0 +1,124 @@
+"""The steps of a training, which continues where it was interrupted."""
+
+from __future__ import annotations
+
+import io
+import math
+import pickle
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import acquisition
+import rig
+from sgp._superres.batches import batch
+from sgp._superres.losses import loss
+from sgp._superres.pair_files import PairFiles
+from sgp._superres.presets import Preset, Task
+from sgp._superres.torch_layers import as_images, first_weights, forward
+
+if TYPE_CHECKING:
+    import torch
+
+_SAVE_EVERY_S = 30.0
+_WARMING = 50  # steps with a rising rate
+_LEAST_SHARE = 1e-3  # of the rate, at the last step
+
+Clock = Callable[[], float]
+
+
+def train(
+    task: Task,
+    pairs: PairFiles,
+    checkpoint: Path,
+    on_progress: rig.Progress,
+    clock: Clock = time.monotonic,
+) -> dict[str, torch.Tensor]:
+    """Return the weights of a network after all steps.
+
+    The result depends on task and pairs, and on the processor and its number of threads through
+    rounding; it does not depend on how often the training was interrupted.
+
+    Parameters
+    ----------
+    task
+        What to train.
+    pairs
+        What to train on.
+    checkpoint
+        File of weights and optimiser, written every 30 seconds; a training with such a file
+        continues from it.
+    on_progress
+        Receives the stage ``training``, one step per step.
+    clock
+        Seconds, for the intervals between checkpoints.
+
+    Raises
+    ------
+    DataError
+        If the checkpoint cannot be read.
+    StorageError
+        If it cannot be written.
+    """
+    import torch
+
+    torch.use_deterministic_algorithms(not torch.cuda.is_available())
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    preset, size = task.preset, task.size
+    weights = {name: one.to(device) for name, one in first_weights(size, task.seed).items()}
+    optimizer = torch.optim.Adam(list(weights.values()), lr=preset.rate)
+    done = _load(checkpoint, weights, optimizer) if checkpoint.is_file() else 0
+    for one in weights.values():
+        one.requires_grad_()
+    side, saved_s = preset.low_crop(task.scale), clock()
+    on_progress("training", done, task.steps)
+    for step in range(done, task.steps):
+        optimizer.param_groups[0]["lr"] = preset.rate * _share(preset, step, task.steps)
+        crops = batch(pairs, preset.batch, side, (task.seed, step))
+        low, high = (as_images(one).to(device) for one in crops)
+        lost = loss(low, high, forward(size, weights, low), task.scale)
+        optimizer.zero_grad()
+        lost.backward()
+        optimizer.step()
+        on_progress("training", step + 1, task.steps)
+        if clock() - saved_s > _SAVE_EVERY_S:
+            _save(checkpoint, weights, optimizer, step + 1)
+            saved_s = clock()
+    return {name: one.detach().cpu() for name, one in weights.items()}
+
+
+def _share(preset: Preset, step: int, steps: int) -> float:
+    """Return the rate of a step as a share of the preset's."""
+    if not preset.falling:
+        return 1.0
+    warm = min(1.0, (step + 1) / _WARMING)
+    return max(_LEAST_SHARE, warm * (0.5 + 0.5 * math.cos(math.pi * step / steps)))
+
+
+def _save(path: Path, weights: dict[str, torch.Tensor], optimizer: Any, done: int) -> None:
+    import torch
+
+    content = io.BytesIO()
+    plain = {name: one.detach() for name, one in weights.items()}
+    state = {"weights": plain, "optimizer": optimizer.state_dict(), "done": done}
+    torch.save(state, content)
+    acquisition.write_durably(path, content.getvalue())
+
+
+def _load(path: Path, weights: dict[str, torch.Tensor], optimizer: Any) -> int:
+    """Read a checkpoint into weights and optimiser; return the number of steps done."""
+    import torch
+
+    try:
+        state = torch.load(path, weights_only=True, map_location=weights["last.bias"].device)
+        with torch.no_grad():
+            for name, one in weights.items():
+                one.copy_(state["weights"][name])
+        optimizer.load_state_dict(state["optimizer"])
+        return int(state["done"])
+    except (RuntimeError, LookupError, EOFError, ValueError, pickle.UnpicklingError) as error:
+        raise acquisition.DataError(
+            f"{path}: the checkpoint cannot be read ({type(error).__name__}): remove the file to "
+            "train from the start"
+        ) from error

@@ -1,0 +1,102 @@
+"""``sgp detail train``: train a network for ``sgp detail superres``."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from sgp._console import Stages
+from sgp._detail_metrics import TrainMetrics
+from sgp._exit import UsageError
+from sgp._options import TrainingSeed, TrainingSteps
+from sgp._output import check_file
+from sgp._result import Result
+from sgp._superres.pairs import Domain
+from sgp._superres.presets import HELD_OUT, PRESETS, PresetName, Scale, Task
+
+_LIBRARIES = ("torch", "onnx")
+
+
+def train(
+    *,
+    scale: Scale,
+    out: Path,
+    preset: PresetName = "small",
+    domain: Domain = "detail",
+    seed: TrainingSeed = 0,
+    steps: TrainingSteps | None = None,
+    force: bool = False,
+) -> Result:
+    """Train a network for `sgp detail superres` on random surfaces of the simulator.
+
+    Requires torch and onnx: pip install "surface-geometry-processing[learned]". It runs on a GPU if
+    torch finds one. An interrupted training continues if the same command is given again.
+
+    For example:
+
+        sgp detail train --scale 4 --out superres-x4.onnx
+        sgp detail train --scale 2 --out rdn-x2.onnx --preset paper
+
+    Parameters
+    ----------
+    scale
+        Factor of the resolution, 2 or 4.
+    out
+        File of the network (.onnx); its description with the suffix .json is written next to it.
+        During the training, a folder with the suffix .training has its surfaces and checkpoints.
+    preset
+        small (a small residual dense network, at most 15 minutes on two cores) or paper (the
+        published network with the settings of the paper, for a GPU).
+    domain
+        What the network enlarges: detail (detail components) or normals.
+    seed
+        Seed of surfaces, first weights and crops.
+    steps
+        Number of steps; default: that of the preset.
+    force
+        Overwrite existing files.
+    """
+    from sgp._superres.files import claim_work, remove_work, write_network
+    from sgp._superres.pair_files import make_pairs
+
+    check_file(out, ".onnx", force=force)
+    check_file(out.with_suffix(".json"), ".json", force=force)
+    missing = [name for name in _LIBRARIES if find_spec(name) is None]
+    if missing:
+        raise UsageError(
+            f"{' and '.join(missing)} not found, which training requires: "
+            'pip install "surface-geometry-processing[learned]"'
+        )
+    from sgp._superres.judgement import judge
+    from sgp._superres.training import train as run
+
+    chosen = PRESETS[preset]
+    task = Task(scale, domain, seed, preset, steps or chosen.steps)
+    work = out.with_suffix(".training")
+    claim_work(work, task)
+    with Stages() as progress:
+        kind = work, chosen.side, scale, domain, progress
+        held_out = make_pairs("held-out surfaces", HELD_OUT, *kind)
+        pairs = make_pairs("surfaces", task.surfaces, *kind)
+        weights = run(task, pairs, work / "checkpoint.pt", progress)
+        progress("judging", 0, 1)
+        judged = judge(task.size, weights, held_out)
+    description = write_network(out, task, weights, judged)
+    remove_work(work)
+    ratios = judged.actual_over_predicted
+    metrics: TrainMetrics = {
+        "steps": task.steps,
+        "parameters": sum(one.numel() for one in weights.values()),
+        "bicubic_mae_deg": judged.bicubic_deg,
+        "network_mae_deg": judged.network_deg,
+        "actual_over_predicted": list(ratios),
+    }
+    return Result(
+        outputs={"network": out, "description": description},
+        metrics=metrics,
+        summary=[
+            f"{out}: mean error on held-out surfaces {judged.network_deg:.3f} degrees, "
+            f"{judged.change:+.1%} against bicubic interpolation",
+            f"actual over predicted deviation {min(ratios):.2f} to {max(ratios):.2f}",
+        ],
+    )

@@ -1,0 +1,1 @@
+"""Random reliefs of many kinds, on which networks are trained and judged."""

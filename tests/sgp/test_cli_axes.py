@@ -1,0 +1,75 @@
+"""Every command that reads a normal map names one whose green channel is inverted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from acquisition import write_mask
+from processing import NormalMap, write_normals
+
+SIDE = 72
+
+
+@pytest.fixture(scope="module")
+def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a relief, the same with green down, and a mask."""
+    folder = tmp_path_factory.mktemp("axes")
+    waves = gaussian_filter(np.random.default_rng(3).normal(size=(SIDE, SIDE)), 2)
+    down, right = np.gradient(1.2 * waves / waves.std())
+    up = NormalMap.from_vectors(np.dstack([-right, down, np.ones_like(right)]))
+    write_normals(folder / "up", up)
+    write_normals(folder / "down", NormalMap(up.normals * np.float32([1, -1, 1]), up.mask))
+    hole = np.zeros((SIDE, SIDE), np.bool_)
+    hole[30:40, 30:40] = True
+    write_mask(folder / "hole.png", hole)
+    return folder
+
+
+# The words before the map that is tried, those after it, and the option that is named.
+COMMANDS = {
+    "separate": ("detail separate", "", "--green down"),
+    "combine": ("detail combine up", "", None),
+    "fill": ("detail fill", "--holes hole.png", "--green down"),
+    "transfer, source": ("detail transfer", "up", "--source-green down"),
+    "transfer, target": ("detail transfer up", "", "--target-green down"),
+    "sheet": ("detail synthesize", "--size 64x64 --patch 16", "--green down"),
+    "sheet of detail": ("detail synthesize --is-detail", "--size 64x64 --patch 16", "--green down"),
+    "target": ("detail synthesize up --patch 16 --onto", "", "--target-green down"),
+    "properties": ("detail properties", "", "--green down"),
+    "compare": ("compare up", "", "--green down"),
+    "curvature": ("curvature", "", "--green down"),
+    "surface": ("surface", "", "--green down"),
+}
+_QUICK = ("separate", "combine")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[] if name in _QUICK else [pytest.mark.slow]) for name in COMMANDS],
+)
+def test_a_map_with_green_down_is_named(
+    sgp, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(maps)
+    before, after, option = COMMANDS[name]
+    for given in ("up", "down"):
+        words = [*before.split(), given, *after.split(), "--out", tmp_path / given, "--json"]
+        answer = sgp(*words)
+        assert answer.code == 0, answer.err
+        found = [
+            notice
+            for notice in json.loads(answer.out)["notices"]
+            if notice["code"] == "normals-mirrored"
+        ]
+        assert len(found) == (given == "down"), (given, found)
+    if name != "surface":
+        assert Path(found[0]["where"]).name == "down"
+    if option is None:
+        assert "--" not in found[0]["text"]
+    else:
+        assert found[0]["text"].endswith(f"if green is the other way round, {option}")
