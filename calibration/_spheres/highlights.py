@@ -12,7 +12,7 @@ from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 from calibration._spheres.spot import Spot
-from calibration._spheres.unlike import unlike_px
+from calibration._spheres.unlike import usual_size
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.
@@ -238,7 +238,7 @@ class _Search:
         """Return the positions of blobs, and which of them are highlights."""
         result = _none(len(blobs))
         of = result.candidates
-        radii_px = np.full(len(blobs), np.nan)
+        radii_px = np.full(of.share.shape, np.nan)
         for k, of_one in enumerate(blobs):
             rank = 0
             for blob in of_one:
@@ -255,18 +255,38 @@ class _Search:
                     continue
                 of.pixels[k, rank], of.sigma_px[k, rank] = place, spot.sigma_px
                 of.saturated[k, rank], of.share[k, rank] = blob.saturated, share
-                if rank == 0:
-                    radii_px[k] = spot.radius_px
+                radii_px[k, rank] = spot.radius_px
                 rank += 1
             largest = of.share[k, 0]
             if largest >= 1 and of_one[0].rival <= _RIVAL_FLUX * largest * of_one[0].flux:
                 result.pixels[k], result.sigma_px[k] = of.pixels[k, 0], of.sigma_px[k, 0]
                 result.saturated[k] = of.saturated[k, 0]
-        off = unlike_px(radii_px)
-        of.sigma_px[:, 0] = np.hypot(of.sigma_px[:, 0], off)
-        sigma_px = np.hypot(result.sigma_px, off)
-        unlike = np.flatnonzero(off > _UNLIKE * self.outline.radius_px)
-        return replace(result, sigma_px=sigma_px, unlike=tuple(unlike.tolist()))
+        return self._by_size(result, radii_px)
+
+    def _by_size(self, found: Highlights, radii_px: Array) -> Highlights:
+        """Choose the spots that have the usual size of a highlight, and widen errors of others.
+
+        If the size is known, the only spot of this size is the highlight, and where there is none,
+        the brightest spot is its only trace.
+        """
+        of = found.candidates
+        size = usual_size(radii_px, of.sigma_px)
+        if size is None:
+            return found
+        picks = np.where(found.found, 0, -1)
+        if size.known:
+            usual = size.matches(radii_px)
+            count = usual.sum(axis=1)
+            picks = np.where(count == 1, np.argmax(usual, axis=1), picks)
+            picks = np.where((count == 0) & of.seen, 0, picks)
+        chosen, rows = found.chosen(picks), np.arange(len(picks))
+        part, radius_px = size.part_px(radii_px), self.outline.radius_px
+        elsewhere = size.elsewhere_px(radii_px[rows, picks], chosen.sigma_px, radius_px)
+        off = np.hypot(part[rows, picks], elsewhere)
+        of.sigma_px[:, 0] = np.hypot(of.sigma_px[:, 0], part[:, 0])
+        unlike = np.flatnonzero(chosen.found & (off > _UNLIKE * radius_px))
+        sigma_px = np.hypot(chosen.sigma_px, off)
+        return replace(chosen, sigma_px=sigma_px, unlike=tuple(unlike.tolist()))
 
     def spot(self, k: int, blob: Blob) -> Spot:
         """Return the centre of a blob.
