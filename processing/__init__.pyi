@@ -77,6 +77,12 @@ from ._stereo.method import Method as Method
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult
 from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._stereo.stereo_maps import StereoMaps as StereoMaps
+from ._superres.low_resolution import low_resolution as low_resolution
+from ._superres.model import SuperResolutionModel as SuperResolutionModel
+from ._superres.model import read_superres_model as read_superres_model
+from ._superres.super_resolution import SuperResolution as SuperResolution
+from ._superres.super_resolution import SuperResolutionMethod as SuperResolutionMethod
+from ._superres.super_resolve import super_resolve as super_resolve
 from ._surface.consistency import axes_notices as axes_notices
 from ._surface.curl import NormalCurl as NormalCurl
 from ._surface.curl import curl_notices as curl_notices

@@ -222,6 +222,33 @@ class FillMetrics(TypedDict):
     seam_ratio: Annotated[float | None, "1", "`seam_step_deg` / `interior_step_deg`"]
 
 
+class SuperresMetrics(TypedDict):
+    """Figures of a normal map that was enlarged."""
+
+    width: Annotated[int, "px", "width of the result"]
+    height: Annotated[int, "px", "height of the result"]
+    pixels: Annotated[int, "px", "pixels with a normal"]
+    invented_share: Annotated[
+        float,
+        "0..1",
+        "share of the detail that the network added: its mean square, relative to its sum with "
+        "that of the detail of an interpolation",
+    ]
+    added_deg: Annotated[float, "deg", "mean angle between the result and an interpolation"]
+    normal_sigma_deg: Annotated[
+        float | None,
+        "deg",
+        "median of the predicted standard deviations of the normals; null for bicubic "
+        "interpolation",
+    ]
+    model_sha256: Annotated[
+        str | None, "", "hash of the network's file; null for bicubic interpolation"
+    ]
+    pixel_mm: NotRequired[
+        Annotated[float, "mm", "size of a pixel of the result, if that of the given map is known"]
+    ]
+
+
 class TrainMetrics(TypedDict):
     """Figures of the training of a network."""
 

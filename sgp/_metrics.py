@@ -26,6 +26,7 @@ from sgp._detail_metrics import (
     CombineMetrics,
     FillMetrics,
     PropertiesMetrics,
+    SuperresMetrics,
     SynthesisMetrics,
     TrainMetrics,
     TransferMetrics,
@@ -403,6 +404,13 @@ class SheetBenchMetrics(TypedDict):
     quick: Annotated[bool, "", "whether `--quick` was given"]
 
 
+class SuperresBenchMetrics(TypedDict):
+    """Figures of the tables of super-resolution; the tables are in tables.json."""
+
+    tables: Annotated[int, "", "tables that were computed"]
+    quick: Annotated[bool, "", "whether `--quick` was given"]
+
+
 class ExportMetrics(TypedDict):
     """Figures of an export of a session."""
 
@@ -460,6 +468,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp detail properties": (PropertiesMetrics,),
     "sgp detail synthesize": (SynthesisMetrics,),
     "sgp detail fill": (FillMetrics,),
+    "sgp detail superres": (SuperresMetrics,),
     "sgp detail train": (TrainMetrics,),
     "sgp project": (ProjectMetrics,),
     "sgp compare": (CompareMetrics,),
@@ -467,6 +476,7 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp relight": (RelightMetrics,),
     "sgp bench paper": (BenchMetrics,),
     "sgp bench synthesis": (SheetBenchMetrics,),
+    "sgp bench superres": (SuperresBenchMetrics,),
     "sgp capture export": (ExportMetrics,),
     "sgp calibrate spheres": (SpheresMetrics,),
     "sgp calibrate intensities": (IntensitiesMetrics,),

@@ -88,6 +88,7 @@ class _Normals:
     metrics: NormalsMetrics
     depth_mm: npt.NDArray[np.float32] | None
     sigma_deg: npt.NDArray[np.float32]
+    common_sigma_deg: npt.NDArray[np.float32]
 
 
 def process(
@@ -179,6 +180,7 @@ def _normals(
         metrics=normals_metrics(stage),
         depth_mm=None if stage.near_height is None else stage.near_height.depth,
         sigma_deg=stage.uncertainty.sigma_deg,
+        common_sigma_deg=stage.uncertainty.common_sigma_deg,
     )
 
 
@@ -211,6 +213,7 @@ def _surface(
             pixel_mm=pixel_mm,
             depth_mm=seen.depth_mm,
             sigma_deg=seen.sigma_deg,
+            common_sigma_deg=seen.common_sigma_deg,
             weighted=False,
             height_errors=options.height_sigma and bool(np.isfinite(seen.sigma_deg).any()),
             discontinuity=options.discontinuity,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,28 @@ _NAME = "normal_sigma_deg"
 _LARGEST_DEG = 90.0
 
 
-def read_sigma(
-    path: Path, normal_map: processing.NormalMap, max_pixels: int
-) -> tuple[npt.NDArray[np.float32], list[rig.Notice]]:
-    """Read standard deviations of normals in degrees; return them, and notices about gaps."""
-    _check_record(path)
+@dataclass(frozen=True, eq=False)
+class SigmaMap:
+    """Standard deviations of normals.
+
+    Parameters
+    ----------
+    sigma_deg
+        ``(H, W)`` float32.
+    common_deg
+        The part that all pixels have in common, from the record next to the file; 0 without one.
+    notices
+        Notices about gaps.
+    """
+
+    sigma_deg: npt.NDArray[np.float32]
+    common_deg: float
+    notices: list[rig.Notice]
+
+
+def read_sigma(path: Path, normal_map: processing.NormalMap, max_pixels: int) -> SigmaMap:
+    """Read standard deviations of normals in degrees."""
+    common_deg = _common_deg(path)
     image = acquisition.read_image(path, max_pixels=max_pixels)
     rows, columns = normal_map.size
     if image.shape != (rows, columns) or not np.issubdtype(image.dtype, np.floating):
@@ -42,22 +60,34 @@ def read_sigma(
         )
     unknown = int(np.count_nonzero(np.isnan(inside)))
     notices = [_gaps(path, unknown, len(inside))] if unknown else []
-    return image.astype(np.float32), notices
+    return SigmaMap(image.astype(np.float32), common_deg, notices)
 
 
-def _check_record(path: Path) -> None:
-    """Raise `DataError` if a record next to the file says that it is another map."""
+def _common_deg(path: Path) -> float:
+    """Return the common part that a record next to the file states.
+
+    Raises
+    ------
+    DataError
+        If the record says that the file is another map.
+    """
+    common_deg = 0.0
     for record in sorted(path.parent.glob("*.json")):
         try:
-            outputs = read_record(record).outputs
+            read = read_record(record)
         except (acquisition.DataError, acquisition.MissingPathError):
             continue  # not a record
-        names = [name for name, file in outputs.items() if Path(file).name == path.name]
+        outputs = read.outputs.items()
+        names = [name for name, file in outputs if Path(file).name == path.name]
         if names and _NAME not in names:
             raise acquisition.DataError(
                 f"{path}: {record.name} says that this is {names[0]}, not the standard deviations "
                 f"of normals: give {_NAME}.exr"
             )
+        stated = read.metrics.get("normal_sigma_common_deg")
+        if names and isinstance(stated, (int, float)):
+            common_deg = float(stated)
+    return common_deg
 
 
 def _gaps(path: Path, unknown: int, count: int) -> rig.Notice:

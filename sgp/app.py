@@ -95,7 +95,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
     ),
     "detail": (
         page(
-            "Split normal maps into shape and detail; combine, transfer, synthesise and fill them.",
+            "Split normal maps into shape and detail; combine, transfer, fill, enlarge them.",
             "sgp detail separate out/normals --out parts",
             "sgp detail transfer leather.png out/normals --out leathery",
         ),
@@ -105,16 +105,17 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "detail_properties": ("properties",),
             "detail_synthesize": ("synthesize",),
             "detail_fill": ("fill",),
+            "detail_superres": ("superres",),
             "detail_train": ("train",),
         },
     ),
     "bench": (
         page(
-            "Recompute the paper's tables, and compare synthesised sheets with their exemplars.",
+            "Recompute the paper's tables; judge synthesised sheets and super-resolution.",
             "sgp bench paper --out tables --quick",
             "sgp bench synthesis --out sheets --quick",
         ),
-        {"bench": ("paper", "synthesis")},
+        {"bench": ("paper", "synthesis", "superres")},
     ),
 }
 

@@ -136,6 +136,13 @@ class CameraModel:
         K[:2] /= factor
         return replace(self, K=K, width=self.width // factor, height=self.height // factor)
 
+    def upscaled(self, factor: int) -> CameraModel:
+        """Return the camera of images in which each pixel became ``factor x factor`` pixels."""
+        K = self.K.copy()
+        K[:2] *= factor
+        K[:2, 2] += (factor - 1) / 2
+        return replace(self, K=K, width=self.width * factor, height=self.height * factor)
+
     def rays(self, pixels: npt.ArrayLike) -> Array:
         """Return the viewing directions of pixels in the house frame, scaled to z = -1.
 

@@ -59,6 +59,28 @@ class HeightUncertainty:
         return replace(self, sigma=sigma)
 
 
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """Standard deviations of normals in each tangent direction, in radians.
+
+    Parameters
+    ----------
+    own
+        ``(H, W)`` float32, by errors that pixels do not share, such as noise.
+    common
+        ``(H, W)`` float32, by errors that all pixels share, such as those of the lights.
+    """
+
+    own: Float
+    common: Float
+
+    @classmethod
+    def split(cls, variance: Float, common_deg: Float) -> Deviations:
+        """Return them for variances in rad^2, of which some angle in degrees is common."""
+        common = np.minimum(np.square(np.radians(common_deg)) / 2, variance)
+        return cls(np.sqrt(variance - common), np.sqrt(common))
+
+
 def simulate_errors(
     normals: Float,
     mask: Mask,
@@ -68,15 +90,15 @@ def simulate_errors(
     labels: Labels,
     *,
     factor: Float | float,
-    relative: Float,
+    deviations: Deviations,
     variance: float,
     held: Anchors | None,
     on_progress: Progress,
 ) -> HeightUncertainty:
     """Integrate perturbed normals with the weights of the surface.
 
-    Each sample turns every normal by an independent angle of its deviation and integrates the
-    change of the steps. Two edges that share a normal share its error.
+    Each sample turns every normal by an independent angle of its deviation and all normals together
+    by one, and integrates the change of the steps. Two edges that share a normal share its error.
 
     Parameters
     ----------
@@ -91,8 +113,10 @@ def simulate_errors(
     factor
         Change of the height, in the unit of the surface, for a change of the solution of 1: a
         number, or ``(H, W)``.
-    relative, variance
-        ``(H, W)`` variances of the normals relative to ``variance``, in rad^2.
+    deviations
+        Standard deviations of the normals.
+    variance
+        Variance of a normal for the weights of known heights, in rad^2.
     held
         Known heights, which have errors of their own.
     on_progress
@@ -100,7 +124,7 @@ def simulate_errors(
     """
     inside = labels[1:-1, 1:-1] >= 0
     members = labels[1:-1, 1:-1][inside]
-    sigma = np.sqrt(variance * relative)[..., None]
+    own, common = deviations.own[..., None], deviations.common[..., None]
     count = int(members.max()) + 1
     scales = np.broadcast_to(factor, mask.shape)[inside].astype(np.float64)
     totals = np.bincount(members, scales)
@@ -117,7 +141,8 @@ def simulate_errors(
     levels = coarsened(*weights, held_weights)
     for sample in range(_SAMPLES):
         rng = np.random.default_rng([_SEED, sample])
-        moved = normals + sigma * rng.standard_normal(normals.shape, np.float32)
+        moved = normals + own * rng.standard_normal(normals.shape, np.float32)
+        moved += common * rng.standard_normal(3, np.float32)
         moved /= np.linalg.norm(moved, axis=2, keepdims=True)
         right, down, moved_right, moved_down = rule.edges(moved.astype(np.float32), mask)
         # A perturbed normal may face away.

@@ -15,7 +15,7 @@ from processing._surface.certainty import certainties, variances
 from processing._surface.chord_rule import ChordRule
 from processing._surface.consistency import SampledSteps, consistency_warning
 from processing._surface.grid_graph import divergence, label_parts
-from processing._surface.height_errors import simulate_errors
+from processing._surface.height_errors import Deviations, simulate_errors
 from processing._surface.height_map import HeightMap
 from processing._surface.integrability import integrability
 from processing._surface.jumps import SHARPNESS, solve_with_jumps
@@ -37,6 +37,7 @@ def integrate(
     pixel_mm: float | None = None,
     depth_mm: Float | None = None,
     sigma_deg: Float | None = None,
+    common_sigma_deg: Float | float | None = None,
     weighted: bool = True,
     prior: HeightPrior | None = None,
     discontinuity: bool = False,
@@ -68,6 +69,11 @@ def integrate(
         ``(H, W)`` standard deviations of the normals in degrees, as `NormalUncertainty.sigma_deg`:
         edges count by their reciprocal variance. A normal whose deviation is NaN counts as the
         least certain one. Default: all normals are equally certain.
+    common_sigma_deg
+        The part of ``sigma_deg`` that all pixels have in common, as
+        `NormalUncertainty.common_sigma_deg`, or one value for all. It bends and tilts the surface,
+        and only serves for the errors of the heights. NaN counts as 0. Default: errors of pixels
+        are independent.
     weighted
         Whether edges count by ``sigma_deg``. If not, it only serves for the errors of the heights.
     prior
@@ -123,6 +129,7 @@ def integrate(
     if height_errors and relative is None:
         raise DataError("errors of heights require standard deviations of the normals")
     window = _bounding_box(normal_map.mask)
+    common = _common(common_sigma_deg, normal_map.size)[window]
     # A kernel is compiled for each layout of its arguments: all windows have the same one.
     normals = np.ascontiguousarray(normal_map.normals[window])
     inside = np.ascontiguousarray(normal_map.mask[window])
@@ -195,7 +202,7 @@ def integrate(
             weights,
             labels,
             factor=scale.pixel_size if depth is None else -depth[window],
-            relative=relative[window],
+            deviations=Deviations.split(variance * relative[window], common),
             variance=variance,
             held=held,
             on_progress=on_progress,
@@ -227,6 +234,22 @@ def integrate(
         jumps=jumps,
         uncertainty=uncertainty,
     )
+
+
+def _common(common_sigma_deg: Float | float | None, size: tuple[int, int]) -> Float:
+    """Return the common part of the deviations as a map; 0 where it is not known.
+
+    Raises
+    ------
+    DataError
+        If the shapes differ, or a deviation is negative or infinite.
+    """
+    given = np.asarray(0 if common_sigma_deg is None else common_sigma_deg, np.float32)
+    if given.shape not in ((), size):
+        raise DataError(f"common deviations of shape {given.shape} do not fit normals of {size}")
+    if (given < 0).any() or np.isinf(given).any():
+        raise DataError("common deviations of normals are negative or infinite: give degrees")
+    return np.broadcast_to(np.nan_to_num(given), size)
 
 
 def _check(

@@ -33,7 +33,6 @@ class ClusterWorkers:
 
     def __init__(self, client: Client) -> None:
         self._client = client
-        self.count = len(client.scheduler_info(n_workers=-1)["workers"])
 
     def outcomes(
         self, tasks: Sequence[Task], started: Callable[[Task], None]

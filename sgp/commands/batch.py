@@ -27,7 +27,7 @@ from sgp._console import note
 from sgp._exit import UsageError
 from sgp._help import usage_complaint
 from sgp._metrics import BatchMetrics
-from sgp._options import OptionalInput, Whole
+from sgp._options import Inputs, OptionalInput, Whole
 from sgp._output import check_output, write_record
 from sgp._result import Result
 from sgp.commands.calibrate import spheres
@@ -38,7 +38,7 @@ _Retries = Annotated[Whole, Parameter(validator=Number(gte=0, lte=100))]
 
 
 def batch(
-    source: Annotated[tuple[Path, ...], Parameter(negative=())],
+    source: Inputs,
     *,
     out: Path,
     recipe: OptionalInput = None,

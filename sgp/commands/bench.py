@@ -1,4 +1,4 @@
-"""``sgp bench``: recompute the paper's tables, and compare synthesised sheets."""
+"""``sgp bench``: recompute the paper's tables, compare synthesised sheets, and super-resolution."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import acquisition
 from sgp._console import note
-from sgp._metrics import BenchMetrics, SheetBenchMetrics
-from sgp._options import Count, Seed
+from sgp._metrics import BenchMetrics, SheetBenchMetrics, SuperresBenchMetrics
+from sgp._options import Count, OptionalInput, Seed
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result, dumps
 
@@ -86,6 +86,49 @@ def synthesis(*, out: Path, quick: bool = False, seed: Seed = 7, force: bool = F
     comparison = run_sheets(quick=quick, seed=seed, advance=_Steps())
     result = _written(comparison, out)
     metrics: SheetBenchMetrics = {"tables": len(comparison.tables), "quick": quick}
+    result.metrics = metrics
+    return result
+
+
+@writes_folder("bench.json")
+def superres(
+    *,
+    out: Path,
+    quick: bool = False,
+    models: OptionalInput = None,
+    seed: Seed = 7,
+    force: bool = False,
+) -> Result:
+    """Compare super-resolution of normals and of details with bicubic interpolation.
+
+    The maps are those in the folder in SGP_DATA, simulated materials, drawings and smooth shapes.
+    The tables have the errors of normals and heights by class of surface, and how well the
+    predicted deviations agree with the errors.
+
+    For example:
+
+        sgp bench superres --out tables --quick
+        sgp bench superres --models trained --out tables
+
+    Parameters
+    ----------
+    out
+        Folder for tables.md, tables.json, head.png and bench.json.
+    quick
+        Use the middle 256 x 256 pixels of the maps, and only scale 4.
+    models
+        Folder with further networks (.onnx) and their descriptions, for example of other seeds of
+        the training, or of the other domain.
+    seed
+        Seed of the simulated materials.
+    force
+        Write into an output folder that already contains files.
+    """
+    from sgp._paper.superres import run_superres
+
+    comparison = run_superres(quick=quick, seed=seed, models=models, advance=_Steps())
+    result = _written(comparison, out)
+    metrics: SuperresBenchMetrics = {"tables": len(comparison.tables), "quick": quick}
     result.metrics = metrics
     return result
 

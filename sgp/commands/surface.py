@@ -107,10 +107,11 @@ def surface(
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
     if camera is not None and model is not None:
         notices += camera_notices(camera, model)
-    sigma_deg = None
+    deviations = None
     if sigma is not None:
-        sigma_deg, gaps = read_sigma(sigma, normal_map, max_pixels)
-        notices += gaps
+        deviations = read_sigma(sigma, normal_map, max_pixels)
+        notices += deviations.notices
+    sigma_deg = None if deviations is None else deviations.sigma_deg
     unit, pixel_size = processing.surface_scale(model, options.pixel_mm)
     known = None
     if prior is not None:
@@ -129,6 +130,7 @@ def surface(
             pixel_mm=options.pixel_mm,
             depth_mm=depth_mm,
             sigma_deg=sigma_deg,
+            common_sigma_deg=None if deviations is None else deviations.common_deg,
             prior=known,
             height_errors=options.height_sigma,
             discontinuity=options.discontinuity,

@@ -200,6 +200,25 @@ def test_predicted_deviations_over_20_seeds() -> None:
     assert all(0.8 < differences[distance] < 1.25 for distance in (1, 10, 100))
 
 
+def test_a_common_error_of_the_normals_tilts_the_surface() -> None:
+    normals, sigma = flat(40, 60), np.full((40, 60), 1, np.float32)
+    found = integrate(normals, sigma_deg=sigma, common_sigma_deg=1.0, height_errors=True)
+    assert found.uncertainty is not None
+    slope = np.radians(1) / np.sqrt(2)
+    for distance, actual in zip(
+        found.uncertainty.distances_px, found.uncertainty.difference_sigma, strict=True
+    ):
+        assert actual / (distance * slope) == pytest.approx(1, abs=0.3)  # of 24 samples
+    below, above = (
+        integrate(normals, sigma_deg=sigma, common_sigma_deg=part, height_errors=True).uncertainty
+        for part in (0.0, np.full((40, 60), 0.1))
+    )
+    assert below is not None
+    assert above is not None
+    assert above.difference_sigma[0] == pytest.approx(below.difference_sigma[0], rel=0.05)
+    assert above.difference_sigma[-1] > below.difference_sigma[-1]
+
+
 def test_deviations_with_a_prior_and_a_camera() -> None:
     camera = CameraModel(np.array([[200.0, 0, 24], [0, 200.0, 24], [0, 0, 1]]), 48, 48, 400.0)
     normals, sigma = flat(48, 48), np.full((48, 48), 1, np.float32)
@@ -223,6 +242,10 @@ def test_deviations_with_a_prior_and_a_camera() -> None:
     ("make", "text"),
     [
         pytest.param(lambda: {"sigma_deg": np.ones((3, 3))}, "do not fit normals", id="size"),
+        pytest.param(
+            lambda: {"common_sigma_deg": np.ones((3, 3))}, "common .* do not fit", id="common size"
+        ),
+        pytest.param(lambda: {"common_sigma_deg": -1.0}, "common .* negative", id="common sign"),
         pytest.param(lambda: {"sigma_deg": -np.ones((9, 9))}, "negative", id="negative"),
         pytest.param(lambda: {"height_errors": True}, "require standard dev", id="no deviations"),
         pytest.param(

@@ -35,6 +35,7 @@ COMMANDS = {
     "separate": ("detail separate", "", "--green down"),
     "combine": ("detail combine up", "", None),
     "fill": ("detail fill", "--holes hole.png", "--green down"),
+    "superres": ("detail superres", "--scale 2 --method bicubic", "--green down"),
     "transfer, source": ("detail transfer", "up", "--source-green down"),
     "transfer, target": ("detail transfer up", "", "--target-green down"),
     "sheet": ("detail synthesize", "--size 64x64 --patch 16", "--green down"),

@@ -26,7 +26,7 @@ class Here:
     """Perform tasks in this process, so that tests need not start others."""
 
     def __init__(self, count: int) -> None:
-        self.count = count
+        """Accept what `LocalWorkers` accepts."""
 
     def outcomes(self, tasks, started):
         for task in tasks:

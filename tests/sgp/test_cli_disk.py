@@ -95,6 +95,7 @@ def writers(made: Path, disk: Path) -> list[str]:
         f"detail properties {made}/normals --out {disk}/properties",
         f"detail synthesize {made}/normals --size 60x60 --patch 12 --out {disk}/sheet",
         f"detail fill {made}/normals --patch 9 --holes {made}/holes.png --out {disk}/filled",
+        f"detail superres {made}/normals --scale 2 --method bicubic --out {disk}/large",
         f"compare {made}/normals {made}/normals --out {disk}/compare",
         f"project {made}/surface/surface.ply --out {disk}/project",
         f"calibrate intensities {made}/sim {lights} --out {disk}/card.json",

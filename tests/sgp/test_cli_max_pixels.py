@@ -28,6 +28,7 @@ def normals(tmp_path):
         "detail synthesize n.exr --size 20x20 --patch 6 --out o",
         "detail synthesize n.exr --onto n.exr --patch 6 --out o",
         "detail fill n.exr --holes n.exr --out o",
+        "detail superres n.exr --scale 2 --method bicubic --out o",
         "normals images --out o",
         "run images --out o",
         "calibrate spheres images --out l.json",

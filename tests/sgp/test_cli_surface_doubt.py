@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from acquisition import read_image, write_camera, write_exr, write_lights, write_mask, write_png
+from acquisition import (
+    LightErrors,
+    read_image,
+    write_camera,
+    write_exr,
+    write_lights,
+    write_mask,
+    write_png,
+)
 from processing import NormalMap, write_normals
 from simulator import bench_camera
 from tests.sgp.conftest import ball, ring_lights
@@ -53,6 +63,33 @@ def test_deviations_and_known_heights(sgp, folder: Path) -> None:
     curl = read_image(Path("s/curl_deg.exr"))
     assert read_image(Path("s/curl.png")).shape == (ROWS, COLUMNS, 3)
     assert np.nanstd(curl) == pytest.approx(figures["curl_deg"], rel=0.3)
+
+
+def test_the_common_part_of_the_deviations_is_that_of_the_record(sgp, recording) -> None:
+    """`sgp surface` on the normals of `sgp normals` states the errors that `sgp run` states."""
+    lights = recording.parent / "lights.json"
+    given = np.tile(np.radians(0.5) ** 2 * np.eye(2), (8, 1, 1))
+    wrong = replace(ring_lights(), errors=LightErrors(given, np.zeros(8)))
+    write_lights(lights, wrong)
+    out = recording.parent / "out"
+    scale = ("--pixel-mm", "0.5", "--height-sigma")
+    assert sgp("run", recording, "--lights", lights, "--out", out, *scale).code == 0
+    figures = json.loads((out / "normals" / "normals.json").read_text())["metrics"]
+    assert figures["normal_sigma_common_deg"] > 0.1
+    found = {}
+    for name, folder in (("record", out / "normals"), ("none", recording.parent / "alone")):
+        folder.mkdir(exist_ok=True)
+        sigma = folder / "normal_sigma_deg.exr"
+        if name == "none":
+            shutil.copy(out / "normals" / "normal_sigma_deg.exr", sigma)
+        surface = recording.parent / f"surface-{name}"
+        answer = sgp("surface", out / "normals", "--sigma", sigma, *scale, "--out", surface)
+        assert answer.code == 0, answer.err
+        stored = json.loads((surface / "surface.json").read_text())["metrics"]
+        found[name] = stored["difference_sigma"]
+    run = json.loads((out / "surface" / "surface.json").read_text())["metrics"]["difference_sigma"]
+    np.testing.assert_allclose(found["record"], run, rtol=0.3)  # weighted, and one value for all
+    assert found["none"][-1] < 0.8 * run[-1]
 
 
 @pytest.mark.parametrize("discontinuity", [[], ["--discontinuity"]], ids=["plain", "jumps"])

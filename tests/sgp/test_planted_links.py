@@ -76,6 +76,7 @@ REST = """
     detail properties {root}/normals --out {root}/properties
     detail synthesize {root}/normals --size 60x60 --patch 12 --out {root}/sheet
     detail fill {root}/normals --patch 9 --holes {root}/holes.png --out {root}/filled
+    detail superres {root}/normals --scale 2 --method bicubic --out {root}/large
     curvature {root}/normals --out {root}/curvature
     export {root}/normals --out {root}/rti
     relight {root}/rti/relight.ptm --light 0,1,1 --out {root}/above.png

@@ -1,0 +1,207 @@
+"""Networks for super-resolution as files: an ONNX network, and a JSON file that describes it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from acquisition import DataError, MissingPathError
+from rig import UnreadableError, check_text, read_bounded, validation_message
+
+Domain = Literal["detail", "normals"]
+Scale = Literal[2, 4]
+
+SCALES = (2, 4)
+_SAID = {"detail": "detail components", "normals": "normals"}
+_SHIPPED = Path(__file__).with_name("models")
+# The network of the paper's size has 90 MB.
+_MOST_BYTES = 1 << 28
+_Count = Annotated[int, Field(gt=0, le=4096)]
+
+
+class _Sidecar(BaseModel):
+    """The description next to a network."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    format: Literal[1]
+    name: Annotated[str, Field(min_length=1, max_length=100)]
+    scale: Scale
+    domain: Domain
+    architecture: Literal["rdn"]
+    blocks: _Count
+    convolutions: _Count
+    growth: _Count
+    halo_px: _Count
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    training: dict[str, Any]
+
+
+@dataclass(frozen=True, repr=False)
+class SuperResolutionModel:
+    """A network whose bytes agree with its description.
+
+    Parameters
+    ----------
+    path
+        The ONNX file.
+    name
+        Name of the model.
+    scale
+        Factor of the resolution, 2 or 4.
+    domain
+        Whether the network was trained on detail components or on normals.
+    halo_px
+        How far a result depends on its surroundings, in pixels of the low resolution.
+    sha256
+        Hash of the file.
+    training
+        How the network was trained: seed, steps, data, software.
+    data
+        The bytes of the file.
+    """
+
+    path: Path
+    name: str
+    scale: int
+    domain: Domain
+    halo_px: int
+    sha256: str
+    training: dict[str, Any]
+    data: bytes
+
+    def __repr__(self) -> str:
+        return f"SuperResolutionModel({self.name!r}, x{self.scale}, {self.domain})"
+
+    def check(self, scale: int, method: str | None) -> None:
+        """Refuse another scale or domain; None is any domain.
+
+        Raises
+        ------
+        DataError
+            The message names what the network is for.
+        """
+        if self.scale != scale:
+            raise DataError(
+                f"the network {self.name} is for scale {self.scale}, not {scale}: use that scale, "
+                "or another network"
+            )
+        if method is not None and self.domain != method:
+            raise DataError(
+                f"the network {self.name} was trained on {_SAID[self.domain]}, and the method "
+                f"{method} needs one that was trained on {_SAID[method]}"
+            )
+
+
+def read_superres_model(
+    model: str | Path | None, scale: int, method: Domain | None = None
+) -> SuperResolutionModel:
+    """Read a network and its description, and check that they belong together.
+
+    Parameters
+    ----------
+    model
+        Name of a network that comes with the program, or the path of an ``.onnx`` file that has its
+        description next to it, with the suffix ``.json``. Default: the one for the scale.
+    scale
+        The factor that is required, 2 or 4.
+    method
+        The domain that is required. Default: any.
+
+    Returns
+    -------
+    SuperResolutionModel
+        The network, not yet loaded.
+
+    Raises
+    ------
+    MissingPathError
+        If a file does not exist.
+    DataError
+        If the scale is neither 2 nor 4, the name is unknown, a file is damaged or was altered, or
+        the network is for another scale or domain.
+
+    Examples
+    --------
+    >>> from processing import read_superres_model
+    >>> read_superres_model("superres-x4", 2)
+    Traceback (most recent call last):
+        ...
+    processing.DataError: the network superres-x4 is for scale 4, not 2: ...
+    """
+    if scale not in SCALES:
+        raise DataError(f"a scale of {scale} is not available: use 2 or 4")
+    path = _path_of(model, scale, method)
+    described = _description(path.with_suffix(".json"), path)
+    data = _bytes(path)
+    if hashlib.sha256(data).hexdigest() != described.sha256:
+        raise DataError(
+            f"{path}: not the network that {path.with_suffix('.json').name} describes, or altered: "
+            "restore both files"
+        )
+    made = SuperResolutionModel(
+        path,
+        described.name,
+        described.scale,
+        described.domain,
+        described.halo_px,
+        described.sha256,
+        described.training,
+        data,
+    )
+    made.check(scale, method)
+    return made
+
+
+def _path_of(model: str | Path | None, scale: int, method: Domain | None) -> Path:
+    if model is not None and Path(model).suffix == ".onnx":
+        return Path(model)
+    if model is not None:
+        named = _SHIPPED / f"{model}.onnx"
+        if named.is_file() and named.parent == _SHIPPED:
+            return named
+        names = ", ".join(sorted(path.stem for path in _SHIPPED.glob("*.onnx"))) or "none"
+        raise DataError(
+            f"there is no network {str(model)!r}: give a .onnx file, or one of the names {names}"
+        )
+    path = _SHIPPED / f"superres-x{scale}.onnx"
+    if method is None or not path.is_file():
+        return path
+    for other in sorted(_SHIPPED.glob("*.json")):
+        described = _description(other, other)
+        if described.scale == scale and described.domain == method:
+            return other.with_suffix(".onnx")
+    raise DataError(
+        f"no network for scale {scale} that was trained on {_SAID[method]} comes with the program: "
+        "give the file of one"
+    )
+
+
+def _description(path: Path, network: Path) -> _Sidecar:
+    if not path.exists() and network.exists():
+        raise MissingPathError(
+            f"{path}: no such file: a network needs the description that was written next to it"
+        )
+    text = _bytes(path if network.exists() else network)
+    try:
+        decoded = text.decode()
+        check_text(decoded)
+        return _Sidecar.model_validate_json(decoded)
+    except ValidationError as error:
+        reason = validation_message(error, known=_Sidecar.model_fields)
+    except ValueError as error:  # also UnicodeDecodeError and UnreadableError
+        reason = str(error)
+    raise DataError(f"{path}: not a description of a network for super-resolution: {reason}")
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return read_bounded(path, _MOST_BYTES)
+    except FileNotFoundError as error:
+        raise MissingPathError(f"{path}: no such file") from error
+    except UnreadableError as error:
+        raise DataError(f"{path}: not a readable file: {error}") from error

@@ -1,0 +1,126 @@
+"""``sgp detail superres``: enlarge a normal map with a network."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import acquisition
+import processing
+import rig
+from sgp._camera_doubts import camera_notices
+from sgp._console import Stages
+from sgp._exit import UsageError
+from sgp._map_doubts import read_map
+from sgp._options import Input, OptionalInput, Pixels, Positive
+from sgp._output import claim_folder, writes_folder
+from sgp._result import Result
+from sgp._stage_options import MapOptions
+from sgp._write_superres import measure_superres, write_superres_maps, write_superres_picture
+
+_MAPS = MapOptions()
+
+
+@writes_folder("superres.json")
+def superres(
+    normals: Input,
+    *,
+    scale: Literal[2, 4],
+    out: Path,
+    method: processing.SuperResolutionMethod | None = None,
+    model: str | None = None,
+    self_ensemble: bool = False,
+    pixel_mm: Positive | None = None,
+    camera: OptionalInput = None,
+    green: Literal["up", "down"] = "up",
+    maps: MapOptions = _MAPS,
+    max_pixels: Pixels = rig.MAX_PIXELS,
+    force: bool = False,
+) -> Result:
+    """Enlarge a normal map; a network adds detail that is plausible, but not measured.
+
+    The network predicts how wrong it is, and how wrong bicubic interpolation is. It counts less
+    where it expects to be worse; smooth parts are interpolated.
+
+    For example:
+
+        sgp detail superres out/normals --scale 4 --out large
+        sgp detail superres leather.png --scale 2 --self-ensemble --out large
+
+    Parameters
+    ----------
+    normals
+        Image of normals, or folder with normals.* and mask.png.
+    scale
+        Factor of the resolution, 2 or 4.
+    out
+        Folder for normals.exr and normals.png, mask.png, normal_sigma_deg.exr (predicted standard
+        deviations), invented.png (the whiter, the more of the detail was added by the network),
+        superres.png, superres.json, and camera.json with --camera.
+    method
+        detail (the network enlarges the detail component), normals (it enlarges the normals
+        themselves) or bicubic (no network); default: that of the network.
+    model
+        Network: the name of one that comes with the program, or a .onnx file with its description
+        (.json) next to it; default: the one that comes with the program.
+    self_ensemble
+        Average the results of 8 mirrored and turned copies: more accurate, eight times the time.
+    pixel_mm
+        Size of a pixel of the given map on the object in mm; superres.json states that of the
+        result.
+    camera
+        File of the camera of the given map; the one of the result is written.
+    green
+        Direction of the green channel in an image file.
+    maps
+        Form of the PNG.
+    max_pixels
+        Refuse images with more pixels than this, before decoding them, and results with more than
+        this and 200 million.
+    force
+        Write into an output folder that already contains files.
+    """
+    if method == "bicubic" and (model is not None or self_ensemble):
+        raise UsageError("--method bicubic uses no network: leave out --model and --self-ensemble")
+    if camera is not None and pixel_mm is not None:
+        raise UsageError("--camera and its distance give the scale: leave --pixel-mm out")
+    network = None
+    if method != "bicubic":
+        network = processing.read_superres_model(model, scale, method)
+    read = read_map(normals, green=green, max_pixels=max_pixels)
+    view = None if camera is None else acquisition.read_camera(camera, read.normal_map.size)
+    with Stages() as progress:
+        made = processing.super_resolve(
+            read.normal_map,
+            scale,
+            method=method,
+            model=network,
+            self_ensemble=self_ensemble,
+            max_pixels=max(max_pixels, rig.MAX_PIXELS),
+            on_progress=progress,
+        )
+    claim_folder(out, "superres.json")
+    result = Result(warnings=list(read.warnings), inputs=[*read.files])
+    with Stages() as progress:
+        result.outputs = processing.write_normals(
+            out, made.normal_map, green=maps.green_out, on_progress=progress
+        )
+    result.outputs |= write_superres_maps(out, made)
+    measure_superres(made, result)
+    size = pixel_mm
+    if camera is not None and view is not None:
+        result.inputs.append(camera)
+        result.warnings += camera_notices(camera, view)
+        result.outputs["camera"] = out / "camera.json"
+        acquisition.write_camera(result.outputs["camera"], view.upscaled(scale))
+        unit, step = processing.surface_scale(view, None)
+        size = step if unit == "mm" else None
+    if size is not None:
+        result.metrics = {**result.metrics, "pixel_mm": size / scale}
+        result.summary.append(f"pixel          {size / scale:.4g} mm")
+    if network is not None:
+        result.inputs += [network.path, network.path.with_suffix(".json")]
+        result.parameters = {"model": network.name, "method": network.domain}
+    result.outputs["picture"] = out / "superres.png"
+    write_superres_picture(result.outputs["picture"], normals.name, read.normal_map, made)
+    return result
