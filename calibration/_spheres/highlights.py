@@ -266,7 +266,7 @@ class _Search:
     def _by_size(self, found: Highlights, radii_px: Array) -> Highlights:
         """Choose the spots that have the usual size of a highlight, and widen errors of others.
 
-        If the size is known, the only spot of this size is the highlight, and where there is none,
+        If the size is known, the only spot of this size is the highlight, and without one,
         the brightest spot is its only trace.
         """
         of = found.candidates

@@ -91,7 +91,7 @@ def usual_size(radii_px: Array, sigma_px: Array) -> UsualSize | None:
     ----------
     radii_px
         ``(N, M)`` radii of discs with the areas of at most M bright spots under each of N lights,
-        the brightest one first; NaN if there is none, or if it is not saturated.
+        the brightest one first; NaN without one, or if it is not saturated.
     sigma_px
         ``(N, M)`` standard deviations of their centres, by the scatter of their contours.
     """
