@@ -110,7 +110,6 @@ def results(folder: Path, scene: Scene, lights: Lights) -> Recorded:
         height_errors=True,
     )
     stated = surface.uncertainty
-    assert stated is not None
     return Recorded(
         found.stereo.normal_map.normals.astype(np.float64),
         sigma.astype(np.float64),

@@ -21,11 +21,11 @@ import cv2
 import numpy as np
 from harness import command_line, measured
 from matplotlib.axes import Axes
-from synthesis import material
 
 import processing
 from processing import NormalMap
 from sgp._overview import Panel, write_overview
+from sgp._paper.exemplars import materials
 
 LIGHT = np.array([-0.45, 0.5, 0.74])
 SIZE = 420, 420
@@ -66,12 +66,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="folder for the pictures")
     parser.add_argument("--seed", type=int, default=7, help="seed of the materials")
     options = parser.parse_args()
+    exemplars = materials(options.seed)
     print("material and target  detail angle  steps  shape error  compressed  CPU s")
     for name, target in targets(Path(os.environ["SGP_DATA"])).items():
         shape = processing.ShapeFilter().shape(target)
         scale = np.full(shape.size, 0.6)
         for short, long in MATERIALS.items():
-            exemplar = material(long, options.seed)
+            exemplar = processing.separate(exemplars[long]).detail
             cost, made = measured(partial(processing.synthesize_onto, exemplar, shape, scale=scale))
             figures = processing.texture_figures(made.detail, exemplar, patch=made.patch)
             normals = processing.combine(shape, made.detail)

@@ -77,7 +77,7 @@ def fill_holes(
     normal_map: NormalMap,
     holes: Mask,
     *,
-    patch: int = 16,
+    patch: int = 12,
     overlap: int | None = None,
     seed: int = 0,
     shape_filter: ShapeFilter = ShapeFilter(),

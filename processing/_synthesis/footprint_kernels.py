@@ -12,6 +12,9 @@ Float = npt.NDArray[np.float32]
 
 # More samples per axis of a footprint do not change its mean visibly.
 _MOST_SAMPLES = 8
+# The largest factor on slopes that makes a mean over footprints as steep as the exemplar.
+_MOST_GAIN = 1.5
+_ROUNDS = 3
 
 
 @numba.njit(cache=True)
@@ -120,9 +123,41 @@ def _interpolated(vectors: Float, y: float, x: float, out: Float) -> None:
                 out[k] += np.float32(down[i] * across[j]) * vectors[r, c, k]
 
 
+@numba.njit(cache=True, inline="always")
+def _angle(vector: Float) -> float:
+    return math.atan2(math.sqrt(vector[0] * vector[0] + vector[1] * vector[1]), vector[2])
+
+
+@numba.njit(cache=True)
+def _make_as_steep(patch: Float, vectors: Float, y: int, x: int, offsets: Float) -> None:
+    """Multiply the slopes of a patch so that its mean angle is that of its nearest pixels."""
+    size, wanted, gain = patch.shape[0], 0.0, 1.0
+    for r in range(size):
+        for c in range(size):
+            down, right = math.floor(offsets[r, c, 0] + 0.5), math.floor(offsets[r, c, 1] + 0.5)
+            wanted += _angle(vectors[y + down, x + right])
+    # Angles are not proportional to slopes.
+    for _ in range(_ROUNDS):
+        found = 0.0
+        for r in range(size):
+            for c in range(size):
+                found += _angle(patch[r, c])
+        if found <= 0:
+            return
+        factor = min(wanted / found, _MOST_GAIN / gain)
+        gain *= factor
+        for r in range(size):
+            for c in range(size):
+                nx, ny = factor * patch[r, c, 0], factor * patch[r, c, 1]
+                length = math.sqrt(nx * nx + ny * ny + patch[r, c, 2] ** 2)
+                patch[r, c, 0] = nx / length
+                patch[r, c, 1] = ny / length
+                patch[r, c, 2] /= length
+
+
 @numba.njit(cache=True)
 def sampled(
-    vectors: Float, y: float, x: float, offsets: Float, jacobian: Float, turned: Float
+    vectors: Float, y: int, x: int, offsets: Float, jacobian: Float, turned: Float
 ) -> Float:
     """Return the vectors of an exemplar in the pixels of a patch.
 
@@ -139,7 +174,8 @@ def sampled(
     -------
     Float
         ``(n, n, 3)`` unit vectors. A pixel that is larger than one of the exemplar is the mean over
-        the additional extent along the axes of its footprint.
+        the additional extent along the axes of its footprint. One factor on the slopes, at most
+        1.5, makes the patch as steep as the nearest pixels of the exemplar.
     """
     size = offsets.shape[0]
     out = np.zeros((size, size, 3), np.float32)
@@ -177,4 +213,5 @@ def sampled(
             out[r, c, 0] = (cosine * nx - sine * ny) / length
             out[r, c, 1] = (sine * nx + cosine * ny) / length
             out[r, c, 2] = total[2] / length
+    _make_as_steep(out, vectors, y, x, offsets)
     return out

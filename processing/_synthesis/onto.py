@@ -121,7 +121,8 @@ def synthesize_onto(
         the exemplar follows; or ``"curvature"``: the direction of the largest curvature of the
         shape. Directions that differ by 180 degrees are the same grain.
     scale
-        ``(H, W)`` size of the pattern relative to the exemplar, 0.1 to 10.
+        ``(H, W)`` size of the pattern relative to the exemplar, 0.1 to 10. A smaller pattern loses
+        its finest parts, and its slopes are multiplied by up to 1.5 to keep the mean angle.
     guide, exemplar_guide
         ``(H, W)`` of the target and ``(h, w)`` of the exemplar, in the same unit: parts of the
         exemplar are placed where the target has similar values. How often flat and steep parts are

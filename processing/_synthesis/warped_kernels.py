@@ -13,7 +13,7 @@ from processing._synthesis.footprint_kernels import patch_map, sampled
 from processing._synthesis.footprint_search import Places, Wanted, box_of, find_footprint, fitting
 from processing._synthesis.patch_search import stream
 
-# Compiled in: processing/_synthesis/footprint_kernels.py a31f4cd2cf9b
+# Compiled in: processing/_synthesis/footprint_kernels.py 2fb270306bdc
 # Compiled in: processing/_synthesis/footprint_search.py d00669b44992
 # Compiled in: processing/_synthesis/patch_search.py f774940a9c88
 # Compiled in: processing/_cuts/minimum_cuts.py a65f518b5540

@@ -75,7 +75,7 @@ def synthesis(*, out: Path, quick: bool = False, seed: Seed = 7, force: bool = F
         bench.json.
     quick
         Make sheets of 1024 x 1024 instead of 2048 x 2048 pixels, and leave out complete maps as
-        exemplars: about two minutes.
+        exemplars: about two minutes instead of five.
     seed
         Seed of the simulated materials.
     force

@@ -30,7 +30,7 @@ def fill(
     *,
     holes: Input,
     out: Path,
-    patch: Count = 16,
+    patch: Count = 12,
     overlap: Count | None = None,
     seed: Seed = 0,
     options: SeparationOptions = _SEPARATION,
