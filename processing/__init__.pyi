@@ -77,6 +77,7 @@ from ._stereo.method import Method as Method
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult
 from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._stereo.stereo_maps import StereoMaps as StereoMaps
+from ._superres.deviations import Deviations as Deviations
 from ._superres.low_resolution import low_resolution as low_resolution
 from ._superres.model import SuperResolutionModel as SuperResolutionModel
 from ._superres.model import read_superres_model as read_superres_model

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import nnls
 
 from acquisition import LINEAR, Frame, Linearizer, NoiseModel, Source, row_bands
 from calibration._radiance.brackets import Law
@@ -133,6 +132,9 @@ def _of_repeats(
         return None
     levels = [linear.reference_level(one.exposure_us)[0] for one, _ in pairs]
     offset = 0.0 if black_level else max(min(levels), 0.0)
+    # Imported here: scipy.optimize takes .4 s, and most recordings state their sensor.
+    from scipy.optimize import nnls
+
     design = np.stack([level - offset, np.ones_like(level)], axis=1)
     fitted = variance
     for _ in range(3):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from processing._reconstruction.error_bars import depth_deviation, judged
+from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation, judged
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.recorded_images import Band, RowSample
 from processing._reconstruction.solved_images import SolvedImages
@@ -18,15 +18,8 @@ from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import stereo_of
 from processing._stereo.solve import solve_maps, toward_camera, write_solutions
 from processing._stereo.stereo_maps import StereoMaps
-from processing._uncertainty.model_error import common_error, deviations
-from processing._uncertainty.normal_uncertainty import (
-    NormalUncertainty,
-    in_degrees,
-    sums_of,
-    valid_errors,
-)
+from processing._uncertainty.normal_uncertainty import NormalUncertainty
 from processing._uncertainty.pixel_variances import (
-    Counts,
     Origin,
     VarianceMaps,
     law_of_errors,
@@ -34,13 +27,12 @@ from processing._uncertainty.pixel_variances import (
     some_of,
 )
 from processing._uncertainty.reference_solver import ReferenceSolver, row_blocks
-from processing._uncertainty.sample_kind import SampleKind
 from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
 
 # Rows around a pixel on which its error bars depend.
-_AROUND = 2
+AROUND = 2
 
 
 def normals_in_bands(
@@ -70,7 +62,7 @@ def normals_in_bands(
     LightModel(lights, points_mm, mask).check(mask)
     solver = _Solver(examined, method)
     total, done = int(np.count_nonzero(mask)), 0
-    for band in examined.images.bands(mask, _AROUND, rows):
+    for band in examined.images.bands(mask, AROUND, rows):
         solver.solve(band)
         done += int(np.count_nonzero(mask[band.rows]))
         on_progress("normals", done, total)
@@ -97,13 +89,7 @@ class _Solver:
         count, shape = len(examined.lights), examined.mask.shape
         self.maps = StereoMaps.empty(shape)
         self.specular = np.zeros(shape, np.float32)
-        self._total, self._common = (np.full(shape, np.nan, np.float32) for _ in range(2))
-        self._samples: Counts = np.zeros(
-            (len(SampleKind), *shape), np.uint8 if count < 256 else np.uint16
-        )
-        self._reason = np.zeros(shape, np.uint8)
-        self._valid = np.zeros(shape, np.bool_)
-        self._deviations, self._solved = np.zeros(shape[0]), np.zeros(shape[0], np.intp)
+        self._error_bars = ErrorBarMaps(shape, count)
         self._origin, self._correlation = self._examine(examined.sample())
 
     def _examine(self, sample: RowSample) -> tuple[Origin, float]:
@@ -178,25 +164,8 @@ class _Solver:
         for name in ("normals", "albedo", "residual", "used"):
             getattr(self.maps, name)[band.rows] = getattr(maps, name)[inner]
         self.specular[band.rows] = specular[inner]
-        found = variances.variances(self._correlation)
-        common, total = sums_of(found)
-        self._common[band.rows], self._total[band.rows] = common[inner], total[inner]
-        self._samples[:, band.rows] = found.samples[:, inner]
-        self._reason[band.rows] = found.reason[inner]
-        self._valid[band.rows] = valid_errors(found)[inner]
-        sums, solved = deviations(found.model[inner], (found.noise + found.lights)[inner])
-        self._deviations[band.rows], self._solved[band.rows] = sums, solved
+        self._error_bars.write(band.rows, variances.variances(self._correlation), inner)
 
     def error_bars(self) -> NormalUncertainty:
         """Return the error bars after all bands."""
-        self._total += np.float32(common_error(self._deviations, self._solved))
-        in_degrees(self._total, self._valid)
-        in_degrees(self._common, self._valid)
-        return NormalUncertainty(
-            self._total,
-            self._common,
-            self._samples,
-            self._reason,
-            self._origin,
-            self._correlation,
-        )
+        return self._error_bars.finished(self._origin, self._correlation)

@@ -1,59 +1,135 @@
-"""Normals, error bars and gloss of images in colour."""
+"""Normals, error bars and gloss of images in colour, in bands of rows."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from processing._reconstruction.colours import stereo_of_colours
-from processing._reconstruction.error_bars import error_bars
+from calibration import StackNoise, luma
+from processing._reconstruction.banded_normals import AROUND
+from processing._reconstruction.colour_maps import ColourImages, ColourMaps
+from processing._reconstruction.colours import laws_of_colours, solve_colours
+from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation, judged
 from processing._reconstruction.examination import Examination
-from processing._reconstruction.joint_colours import joint_stereo
+from processing._reconstruction.joint_colours import law_of_joint_samples, solve_jointly
+from processing._reconstruction.recorded_images import Band
 from processing._reconstruction.solved_images import SolvedImages
-from processing._reconstruction.specular import specular_residual
+from processing._reconstruction.specular import excess
+from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
+from processing._stereo.noise_law import NoiseLaw
+from processing._uncertainty.colours import shown_by_colours, variances_of_colours
+from processing._uncertainty.pixel_variances import Origin, origin_of, some_of
 from rig import Progress
 
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
 
-def normals_of_colours(
+
+def colours_in_bands(
     examined: Examination, method: Method, on_progress: Progress, *, joint: bool
-) -> tuple[SolvedImages, npt.NDArray[np.float32]]:
+) -> tuple[SolvedImages, Float]:
     """Return the solution of images in colour, and the albedo ``(H, W, 3)``.
 
-    ``joint`` selects `joint_stereo`; otherwise each colour is solved on its own.
+    The result does not depend on the bands. ``joint`` selects `solve_jointly`; otherwise each
+    colour is solved on its own.
 
     Raises
     ------
     EstimateError
         As `photometric_stereo`, or if no pixel is valid.
     """
-    stack, lights, points_mm = examined.colours, examined.lights, examined.points_mm
-    if stack is None:
-        raise AssertionError("images in gray have no colours")
-    of_colours = joint_stereo if joint else stereo_of_colours
-    stereo, albedo = of_colours(
-        stack.values,
-        lights,
-        examined.mask,
-        method=method,
-        points_mm=points_mm,
-        noise=stack.noise,
-        camera=examined.source.camera,
-        on_progress=on_progress,
-    )
-    lost = stereo.warnings
-    stereo, uncertainty, doubts = error_bars(
-        stack,
-        lights,
-        examined.mask,
-        stereo,
-        albedo,
-        points_mm,
-        examined.near,
-        examined.view,
-        on_progress,
-    )
-    specular = specular_residual(
-        stack.values, lights, stereo, points_mm=points_mm, noise=stack.noise
-    )
-    return SolvedImages(stereo, uncertainty, specular, (*lost, *doubts)), albedo
+    mask = examined.mask
+    LightModel(examined.lights, examined.points_mm, mask).check(mask)
+    solver = _Solver(examined, method, joint=joint)
+    total, done = int(np.count_nonzero(mask)), 0
+    for band in examined.images.bands(mask, AROUND, colour=True):
+        solver.solve(band)
+        done += int(np.count_nonzero(mask[band.rows]))
+        on_progress("normals", done, total)
+    stereo = solver.maps.result(mask, examined.images)
+    error_bars = solver.error_bars.finished(solver.origin, solver.correlation)
+    stereo, uncertainty, doubts = judged(stereo, error_bars, mask)
+    specular = solver.specular
+    specular[~stereo.normal_map.mask] = 0
+    solved = SolvedImages(stereo, uncertainty, specular, (*stereo.warnings, *doubts))
+    return solved, solver.maps.albedo
+
+
+class _Solver:
+    """Solves rows of images in colour; some rows show the law of the noise if it is unknown."""
+
+    def __init__(self, examined: Examination, method: Method, *, joint: bool) -> None:
+        self._examined, self._method, self._joint = examined, method, joint
+        self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
+        shape = examined.mask.shape
+        self.maps = ColourMaps.empty(shape, 1 if joint else 3)
+        self.specular = np.zeros(shape, np.float32)
+        self.error_bars = ErrorBarMaps(shape, len(examined.lights))
+        sample = examined.images.sample(examined.mask, colour=True)
+        points = sample.of(examined.points_mm)
+        images = self._images(sample.values, sample.noise, sample.mask, points, sample.rows)
+        self._law = law_of_joint_samples(images, method) if joint else None
+        self._laws = [] if joint else laws_of_colours(images, method)
+        some = np.zeros_like(sample.mask)
+        some.flat[some_of(np.flatnonzero(sample.mask))] = True
+        maps = self._solved(replace(images, mask=some))
+        self._shown = shown_by_colours(
+            sample.values,
+            examined.lights,
+            sample.mask,
+            maps.normals,
+            maps.albedo,
+            points_mm=points,
+            camera=self._depth_error[0],
+            depth_sigma=self._depth_error[1],
+            noise=sample.noise,
+        )
+        self.correlation = max(one.correlation for one in self._shown)
+        origins = [origin_of(sample.noise, one.law) for one in self._shown]
+        self.origin: Origin = next((one for one in origins if one != "unknown"), "unknown")
+
+    def _images(
+        self,
+        values: Float,
+        noise: StackNoise | None,
+        mask: Mask,
+        points_mm: npt.NDArray[np.float64] | None,
+        rows: npt.NDArray[np.intp],
+    ) -> ColourImages:
+        lights, camera = self._examined.lights, self._examined.source.camera
+        return ColourImages(values, lights, mask, points_mm, noise, camera, rows)
+
+    def _solved(self, images: ColourImages) -> ColourMaps:
+        if self._joint:
+            return solve_jointly(images, self._method, self._law)
+        return solve_colours(images, self._method, self._laws)
+
+    def solve(self, band: Band) -> None:
+        """Write the maps of the rows of a band."""
+        values, noise, mask = band.stack.values, band.stack.noise, self._examined.mask[band.around]
+        points = self._examined.points_mm
+        points = None if points is None else points[band.around]
+        rows = np.arange(band.around.start, band.around.stop)
+        images = self._images(values, noise, mask, points, rows)
+        maps = self._solved(images)
+        self.maps.write(band.rows, maps, band.inside)
+        variances = variances_of_colours(
+            values,
+            images.lights,
+            mask,
+            maps.normals,
+            maps.albedo,
+            points_mm=points,
+            camera=self._depth_error[0],
+            depth_sigma=self._depth_error[1],
+            noise=noise,
+            shown=self._shown,
+        )
+        self.error_bars.write(band.rows, variances, band.inside)
+        known: Mask = np.asarray(maps.normals.any(axis=2))
+        law = None if noise is None else NoiseLaw(noise, values.shape[:3])
+        above = excess(values, images.model, law, known, maps.normals, luma(maps.albedo))
+        self.specular[band.rows] = above[band.inside]

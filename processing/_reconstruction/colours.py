@@ -2,35 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, Lights
-from calibration import EstimateError, StackNoise, luma
-from processing._normal_map import NormalMap
+from calibration import StackNoise, luma
+from processing._reconstruction.colour_maps import ColourImages, ColourMaps
+from processing._stereo.frames import Frames
+from processing._stereo.image_noise import law_of_images
 from processing._stereo.method import Method
-from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
-from rig import Notice, Progress
+from processing._stereo.noise_law import NoiseLaw
+from processing._stereo.solve import solve_maps
+from processing._stereo.stereo_maps import StereoMaps
+from rig import no_progress
 
 Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 # Red, green, blue.
 _CHANNELS = 3
 _ROWS = 64
 
 
-def stereo_of_colours(
-    values: Float,
-    lights: Lights,
-    mask: Mask,
-    *,
-    method: Method,
-    points_mm: npt.NDArray[np.float64] | None,
-    noise: StackNoise | None,
-    camera: CameraModel | None = None,
-    on_progress: Progress,
-) -> tuple[PhotometricStereoResult, Float]:
+def laws_of_colours(images: ColourImages, method: Method) -> list[Float | None]:
+    """Return the law of each channel that images show, see `law_of_images`, if it is needed."""
+    if method == "ls" or images.noise is not None:
+        return [None] * _CHANNELS
+    model = images.model
+    return [
+        law_of_images(Frames(np.ascontiguousarray(images.values[..., k])), model, images.mask)
+        for k in range(_CHANNELS)
+    ]
+
+
+def solve_colours(images: ColourImages, method: Method, laws: Sequence[Float | None]) -> ColourMaps:
     """Solve every channel on its own, and average the normals.
 
     The weight of a channel at a pixel is the inverse relative variance ``s^2 / variance`` of its
@@ -40,72 +45,36 @@ def stereo_of_colours(
 
     Parameters
     ----------
-    values
-        ``(N, H, W, 3)`` linear radiance.
-    lights, mask, method, points_mm, camera, on_progress
-        As in `photometric_stereo`.
-    noise
-        Law of the noise of the values; None if it is unknown.
-
-    Returns
-    -------
-    tuple[PhotometricStereoResult, Float]
-        Averaged normals, with the luma of the albedos and of the residuals, and the samples of the
-        channel with the fewest; the albedo ``(H, W, 3)``.
-
-    Raises
-    ------
-    EstimateError
-        If no channel determines a normal.
+    images
+        The images.
+    method
+        Method of `photometric_stereo`.
+    laws
+        What `laws_of_colours` has returned for these or other rows.
     """
-    normals = np.zeros((*mask.shape, 3), np.float32)
-    albedo = np.zeros((*mask.shape, _CHANNELS), np.float32)
-    residual = np.zeros_like(albedo)
-    used = np.full(mask.shape, np.iinfo(np.uint16).max, np.uint16)
-    solved: list[tuple[int, PhotometricStereoResult]] = []
-    unsolved: list[EstimateError] = []
-    for channel in range(_CHANNELS):
-
-        def of_channel(stage: str, done: int, total: int, before: int = channel) -> None:
-            on_progress(stage, before * total + done, _CHANNELS * total)
-
-        try:
-            one = photometric_stereo(
-                values[..., channel],
-                lights,
-                mask,
-                method=method,
-                points_mm=points_mm,
-                noise=None if noise is None else noise.of_colour(channel),
-                camera=camera,
-                on_progress=of_channel,
-            )
-        except EstimateError as error:
-            unsolved.append(error)
-            continue
-        solved.append((channel, one))
-        albedo[..., channel], residual[..., channel] = one.albedo, one.residual
-        np.minimum(used, one.used, out=used)
-    if not solved:
-        raise unsolved[0]
-    weights = _weights(values, noise)
-    for channel, one in solved:
-        normals += one.normal_map.normals * weights[..., channel, None]
-    length = np.linalg.norm(normals, axis=2)
+    mask, noise, model = images.mask, images.noise, images.model
+    found = ColourMaps.empty(mask.shape, _CHANNELS)
+    weights = _weights(images.values, noise)
+    residual = np.zeros_like(found.albedo)
+    for channel, estimated in enumerate(laws):
+        stack = np.ascontiguousarray(images.values[..., channel])
+        law: NoiseLaw | Float | None = estimated
+        if noise is not None:
+            law = NoiseLaw(noise.of_colour(channel), stack.shape)
+        maps = StereoMaps.empty(mask.shape)
+        solve_maps(
+            Frames(stack), model, mask, law, method, maps, images.camera, no_progress, images.rows
+        )
+        found.normals[:] += maps.normals * weights[..., channel, None]
+        found.albedo[..., channel], residual[..., channel] = maps.albedo, maps.residual
+        found.used[channel] = maps.used
+        found.solved[channel] = maps.albedo.any()
+    length = np.linalg.norm(found.normals, axis=2)
     known = length > 0
-    normals = np.divide(normals, length[..., None], out=normals, where=known[..., None])
-    albedo[~known] = 0
-    lost = int(np.count_nonzero(mask & ~known))
-    return (
-        PhotometricStereoResult(
-            NormalMap(normals, known),
-            luma(albedo),
-            luma(residual),
-            used,
-            (Notice("pixels-without-normal", _lost(lost, mask)),) if lost else (),
-        ),
-        albedo,
-    )
+    np.divide(found.normals, length[..., None], out=found.normals, where=known[..., None])
+    found.albedo[~known] = 0
+    found.residual[:] = luma(residual)
+    return found
 
 
 def _weights(values: Float, noise: StackNoise | None) -> Float:
@@ -120,11 +89,3 @@ def _weights(values: Float, noise: StackNoise | None) -> Float:
             signal**2, variance, out=weights[top : top + _ROWS], where=signal > 0, casting="unsafe"
         )
     return weights
-
-
-def _lost(lost: int, mask: Mask) -> str:
-    return (
-        f"{lost} of {np.count_nonzero(mask)} pixels of the mask "
-        f"{'has' if lost == 1 else 'have'} no normal in any channel: black, or too few usable "
-        "samples"
-    )

@@ -8,22 +8,24 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, Lights
-from calibration import EstimateError, Stack
+from acquisition import CameraModel
+from calibration import EstimateError
 from processing._normal_map import NormalMap
 from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.views import View
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.colours import uncertainty_of_colours
+from processing._uncertainty.model_error import common_error, deviations
 from processing._uncertainty.normal_uncertainty import (
     STRUCTURED,
     NormalUncertainty,
-    normal_uncertainty,
+    in_degrees,
+    sums_of,
+    valid_errors,
 )
-from processing._uncertainty.sample_kind import Reason
-from rig import Notice, Progress
+from processing._uncertainty.pixel_variances import Origin, PixelVariances
+from processing._uncertainty.sample_kind import Reason, SampleKind
+from rig import Notice
 
-Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 _WHY = {
@@ -34,60 +36,44 @@ _WHY = {
 }
 
 
-def error_bars(
-    stack: Stack,
-    lights: Lights,
-    mask: Mask,
-    stereo: PhotometricStereoResult,
-    albedo: Float | None,
-    points_mm: npt.NDArray[np.float64] | None,
-    near: NearHeight | None,
-    view: View | None,
-    on_progress: Progress,
-) -> tuple[PhotometricStereoResult, NormalUncertainty, list[Notice]]:
-    """Return the result of photometric stereo at its valid pixels, its error bars, and notices.
+class ErrorBarMaps:
+    """Error bars of an image that are computed band by band.
 
     Parameters
     ----------
-    stack, lights, mask, points_mm
-        What the normals were computed from.
-    stereo, albedo
-        The normals; the albedo ``(H, W, 3)`` of channels that were solved on their own, else None.
-    near, view
-        Height of the object under near lights.
-
-    Raises
-    ------
-    EstimateError
-        If no pixel is valid.
+    shape
+        ``(H, W)``.
+    lights
+        Number of lights.
     """
-    camera, depth_sigma = depth_deviation(near, view, mask)
-    if albedo is None:
-        found = normal_uncertainty(
-            stack.values,
-            lights,
-            mask,
-            stereo,
-            points_mm=points_mm,
-            camera=camera,
-            depth_sigma=depth_sigma,
-            noise=stack.noise,
-            on_progress=on_progress,
+
+    def __init__(self, shape: tuple[int, ...], lights: int) -> None:
+        self._total, self._common = (np.full(shape, np.nan, np.float32) for _ in range(2))
+        self._samples: npt.NDArray[np.unsignedinteger] = np.zeros(
+            (len(SampleKind), *shape), np.uint8 if lights < 256 else np.uint16
         )
-    else:
-        found = uncertainty_of_colours(
-            stack.values,
-            lights,
-            mask,
-            stereo,
-            albedo,
-            points_mm=points_mm,
-            camera=camera,
-            depth_sigma=depth_sigma,
-            noise=stack.noise,
-            on_progress=on_progress,
+        self._reason = np.zeros(shape, np.uint8)
+        self._valid = np.zeros(shape, np.bool_)
+        self._deviations, self._solved = np.zeros(shape[0]), np.zeros(shape[0], np.intp)
+
+    def write(self, rows: slice, found: PixelVariances, inside: slice) -> None:
+        """Copy rows of the variances of a band."""
+        common, total = sums_of(found)
+        self._common[rows], self._total[rows] = common[inside], total[inside]
+        self._samples[:, rows] = found.samples[:, inside]
+        self._reason[rows] = found.reason[inside]
+        self._valid[rows] = valid_errors(found)[inside]
+        sums, solved = deviations(found.model[inside], (found.noise + found.lights)[inside])
+        self._deviations[rows], self._solved[rows] = sums, solved
+
+    def finished(self, origin: Origin, correlation: float) -> NormalUncertainty:
+        """Return the error bars after all bands; the maps are theirs then."""
+        self._total += np.float32(common_error(self._deviations, self._solved))
+        in_degrees(self._total, self._valid)
+        in_degrees(self._common, self._valid)
+        return NormalUncertainty(
+            self._total, self._common, self._samples, self._reason, origin, correlation
         )
-    return judged(stereo, found, mask)
 
 
 def judged(

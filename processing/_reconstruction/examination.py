@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights, Source
-from calibration import EstimateError, Stack
+from calibration import EstimateError
 from processing._reconstruction.curve_check import curve_warnings
 from processing._reconstruction.height_with_strengths import HeightWithStrengths
 from processing._reconstruction.heights import Heights
@@ -50,9 +50,7 @@ class Examination:
     source
         The recording.
     images
-        Its N images in gray.
-    colours
-        The images in colour; None if they are not used.
+        Its N images.
     lights
         The N lights.
     mask
@@ -67,7 +65,6 @@ class Examination:
         self,
         source: Source,
         images: RecordedImages,
-        colours: Stack | None,
         lights: Lights,
         mask: Mask,
         heights: Heights,
@@ -75,7 +72,6 @@ class Examination:
     ) -> None:
         self.source = source
         self.images = images
-        self.colours = colours
         self.lights = lights
         self.points_mm = points_mm
         self.near: NearHeight | None = None
@@ -136,16 +132,13 @@ class Examination:
 
     def _take(self, kept: Sequence[int]) -> None:
         self.images, self.lights = self.images.take(kept), self.lights.take(list(kept))
-        if self.colours is not None:
-            self.colours = self.colours.take(kept)
 
     def _divided(self) -> LightStrengths:
         """Divide the images by the strengths that they show."""
         gray = self.images.stack()
         found = light_strengths(gray.values, self.lights, self.mask, points_mm=self.points_mm)
-        self.images = RecordedImages(found.divided(gray))
-        if self.colours is not None:
-            self.colours = found.divided(self.colours)
+        del gray
+        self.images = RecordedImages(found.divided(self.images.stack(colour=True)))
         return found
 
     def _near_strengths(self, strengths: LightStrengths, view: View) -> LightStrengths:

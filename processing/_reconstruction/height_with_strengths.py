@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 from acquisition import Lights
 from processing._reconstruction.coarse_images import coarse_images
@@ -78,6 +77,9 @@ class HeightWithStrengths:
             bounds = tried[best - 1], tried[best + 1]
         else:
             bounds = found - self._spacing, found + self._spacing
+        # Imported here, as in `MeanHeightSearch`: it takes .4 s.
+        from scipy.optimize import minimize_scalar
+
         accuracy = _ACCURACY * (self._limits[1] - self._limits[0])
         return float(
             minimize_scalar(

@@ -7,14 +7,17 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, Lights
 from calibration import StackNoise, luma
+from processing._reconstruction.colour_maps import ColourImages, ColourMaps
 from processing._reconstruction.joint_noise import JointNoise, over_colours
 from processing._reconstruction.shading import shading
-from processing._stereo.light_model import LightModel
+from processing._stereo.frames import Frames
+from processing._stereo.image_noise import law_of_images
 from processing._stereo.method import Method
-from processing._stereo.photometric_stereo import PhotometricStereoResult, photometric_stereo
-from rig import Progress
+from processing._stereo.noise_law import NoiseLaw
+from processing._stereo.solve import solve_maps
+from processing._stereo.stereo_maps import StereoMaps
+from rig import no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -34,17 +37,15 @@ _WEAK = 0.1
 _ENOUGH: dict[Method, int] = {"trimmed": 8, "best": 16}
 
 
-def joint_stereo(
-    values: Float,
-    lights: Lights,
-    mask: Mask,
-    *,
-    method: Method,
-    points_mm: npt.NDArray[np.float64] | None,
-    noise: StackNoise | None,
-    camera: CameraModel | None = None,
-    on_progress: Progress,
-) -> tuple[PhotometricStereoResult, Float]:
+def law_of_joint_samples(images: ColourImages, method: Method) -> Float | None:
+    """Return the law of the noise of combined samples, see `law_of_images`, if it is needed."""
+    if method == "ls":
+        return None
+    samples, _ = _combined(images, _ENOUGH.get(method))
+    return law_of_images(Frames(samples), images.model, images.mask)
+
+
+def solve_jointly(images: ColourImages, method: Method, law: Float | None) -> ColourMaps:
     """Solve one normal and one albedo per colour from the samples of all colours.
 
     For a pixel of colours a, light i gives the sample ``luma(a) sum(a v / var) / sum(a^2 / var)``
@@ -54,60 +55,56 @@ def joint_stereo(
     normals of a first pass. If the noise is unknown, the variance is that of shot noise,
     proportional to the signal of the frame.
 
+    The number of samples is that of lights with at least one colour, and the residual that of the
+    combined samples.
+
     Parameters
     ----------
-    values
-        ``(N, H, W, 3)`` linear radiance. Samples that are not finite are left out.
-    lights, mask, method, points_mm, camera, on_progress
-        As in `photometric_stereo`.
-    noise
-        Law of the noise of the values; None if it is unknown.
-
-    Returns
-    -------
-    tuple[PhotometricStereoResult, Float]
-        Normals, with the luma of the albedos, the residual of the combined samples, and the number
-        of lights with at least one colour; the albedo ``(H, W, 3)``.
-
-    Raises
-    ------
-    EstimateError
-        If the samples do not determine a normal.
+    images
+        The images.
+    method
+        Method of `photometric_stereo`.
+    law
+        What `law_of_joint_samples` has returned for these or other rows.
     """
-    colours = np.zeros((*mask.shape, 3), np.float32)
-    intensities = np.asarray(lights.intensities)
-    samples = np.zeros(values.shape[:3], np.float32)
+    values, mask, noise, model = images.values, images.mask, images.noise, images.model
     enough = _ENOUGH.get(method)
+    samples, colours = _combined(images, enough)
+    first = StereoMaps.empty(mask.shape)
+    camera, rows_of_camera = images.camera, images.rows
+    solve_maps(
+        Frames(samples), model, mask, law, method, first, camera, no_progress, rows_of_camera
+    )
+    known = first.albedo > 0
+    intensities = np.asarray(images.lights.intensities)
+    for rows in _bands(mask):
+        lit = shading(model, first.normals, known, rows)
+        found = _colours(values[:, rows], samples[:, rows], lit, first, rows)
+        colours[rows] = np.where(known[rows, :, None], found, colours[rows])
+        _combine(values, rows, colours, lit, noise, intensities, samples, enough)
+    of_samples: NoiseLaw | Float | None = law
+    if noise is not None:
+        of_samples = NoiseLaw(JointNoise.of(noise, colours, values), samples.shape)
+    maps = StereoMaps.empty(mask.shape)
+    solve_maps(
+        Frames(samples), model, mask, of_samples, method, maps, camera, no_progress, rows_of_camera
+    )
+    scale = _ratio(maps.albedo, luma(colours)).astype(np.float32)
+    solved = np.array([maps.albedo.any()])
+    albedo = colours * scale[..., None]
+    return ColourMaps(maps.normals, albedo, maps.residual, maps.used[None], solved)
+
+
+def _combined(images: ColourImages, enough: int | None) -> tuple[Float, Float]:
+    """Return samples ``(N, H, W)`` that are combined with the mean colours, and these."""
+    values, mask = images.values, images.mask
+    colours = np.zeros((*mask.shape, 3), np.float32)
+    intensities = np.asarray(images.lights.intensities)
+    samples = np.zeros(values.shape[:3], np.float32)
     for rows in _bands(mask):
         colours[rows] = _mean_colours(values[:, rows])
-        _combine(values, rows, colours, None, noise, intensities, samples, enough)
-    first = photometric_stereo(
-        samples,
-        lights,
-        mask,
-        method=method,
-        points_mm=points_mm,
-        camera=camera,
-        on_progress=lambda stage, done, total: on_progress(stage, done, 2 * total),
-    )
-    model = LightModel(lights, points_mm, mask)
-    for rows in _bands(mask):
-        lit = shading(model, first.normal_map, rows)
-        found = _colours(values[:, rows], samples[:, rows], lit, first, rows)
-        colours[rows] = np.where(first.normal_map.mask[rows, :, None], found, colours[rows])
-        _combine(values, rows, colours, lit, noise, intensities, samples, enough)
-    solved = photometric_stereo(
-        samples,
-        lights,
-        mask,
-        method=method,
-        points_mm=points_mm,
-        noise=None if noise is None else JointNoise.of(noise, colours, values),
-        camera=camera,
-        on_progress=lambda stage, done, total: on_progress(stage, total + done, 2 * total),
-    )
-    scale = _ratio(solved.albedo, luma(colours)).astype(np.float32)
-    return solved, colours * scale[..., None]
+        _combine(values, rows, colours, None, images.noise, intensities, samples, enough)
+    return samples, colours
 
 
 def _bands(mask: Mask) -> Iterator[slice]:
@@ -130,7 +127,7 @@ def _mean_colours(values: Float) -> Double:
 
 
 def _colours(
-    values: Float, samples: Float, shades: Double, first: PhotometricStereoResult, rows: slice
+    values: Float, samples: Float, shades: Double, first: StereoMaps, rows: slice
 ) -> Double:
     """Return the colours ``(R, W, 3)`` that explain the samples of some rows best.
 

@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 from acquisition import Lights
 from calibration import EstimateError
@@ -86,6 +85,9 @@ class MeanHeightSearch:
         bracket = self._bracket(cost)
         if bracket is None:
             return depth, math.inf
+        # Imported here: it takes .4 s, and only near lights need it.
+        from scipy.optimize import minimize_scalar
+
         height = float(
             minimize_scalar(
                 cost, bounds=bracket, method="bounded", options={"xatol": _ACCURACY_MM}

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
@@ -244,6 +243,9 @@ def _filled(depth: Double, inside: Mask) -> Double:
     """Return a depth for all pixels: outside, that of the nearest one inside."""
     whole = np.zeros(inside.shape)
     whole[inside] = depth
+    # Imported here: it takes .2 s, and only near lights need it.
+    from scipy.ndimage import distance_transform_edt
+
     rows, columns = distance_transform_edt(~inside, return_distances=False, return_indices=True)
     return np.asarray(whole[rows, columns], np.float64)
 

@@ -14,7 +14,7 @@ from calibration import BandedStack, Channel, EstimateError, Stack, linear_stack
 from processing._metrics import angular_error
 from processing._reconstruction.banded_normals import normals_in_bands
 from processing._reconstruction.colour_albedo import colour_albedo
-from processing._reconstruction.colour_normals import normals_of_colours
+from processing._reconstruction.colour_normals import colours_in_bands
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.heights import Heights
 from processing._reconstruction.mosaic import albedo_of_sites, gray_picture
@@ -125,22 +125,19 @@ def reconstruct(
             f"{source.path}: a height matters only under lights with positions: leave it out"
         )
     with ExitStack() as opened:
-        whole = semi_calibrated or channel in ("rgb", "joint")
-        stack = _opened(source, channel, opened, on_progress, whole=whole)
-        pattern = stack.pattern
-        images, colours = _gray_and_colours(stack, channel)
+        stack = _opened(source, channel, opened, on_progress, whole=semi_calibrated)
+        pattern, images = stack.pattern, RecordedImages(stack)
         on_progress("normals", 0, 1)  # the images are examined first
         mask, of_mask = object_of(images, stack.mask, source.not_object, pattern)
         examined = Examination(
             source,
             images,
-            colours,
             lights,
             mask,
             Heights(view, mask, height_mm, rests_on_plane, method, on_progress),
             points_mm,
         )
-        del stack, colours, images  # the examination may replace them
+        del stack, images  # the examination may replace them
         examined.leave_out_unlit()
         examined.find_surface(semi_calibrated=semi_calibrated)
         quality = examined.check(exclude_disagreeing=exclude_disagreeing)
@@ -148,12 +145,12 @@ def reconstruct(
             np.array(image) if pattern is None else gray_picture(image, pattern)
             for image in (examined.images[0], examined.images[-1])
         )
-        if examined.colours is None:
-            solved, albedo = normals_in_bands(examined, method, on_progress), None
-        else:
-            solved, albedo = normals_of_colours(
+        if examined.images.in_colour:
+            solved, albedo = colours_in_bands(
                 examined, method, on_progress, joint=channel == "joint"
             )
+        else:
+            solved, albedo = normals_in_bands(examined, method, on_progress), None
         warnings = [
             *source.warnings,
             *setup_notices(source),
@@ -209,18 +206,10 @@ def _opened(
 ) -> Stack | BandedStack:
     """Return the stack of a source, on disk if it is large and the complete one is not needed."""
     of_stack: Channel = "rgb" if channel == "joint" else channel
-    if whole or 4 * len(source.light_ids) * math.prod(source.size) <= _IN_MEMORY:
+    values = len(source.light_ids) * math.prod(source.size) * (3 if of_stack == "rgb" else 1)
+    if whole or 4 * values <= _IN_MEMORY:
         return linear_stack(source, channel=of_stack, on_progress=on_progress)
     return opened.enter_context(open_stack(source, channel=of_stack, on_progress=on_progress))
-
-
-def _gray_and_colours(
-    stack: Stack | BandedStack, channel: StereoChannel
-) -> tuple[RecordedImages, Stack | None]:
-    """Return the gray images of a stack, and the stack itself if its colours are used."""
-    if channel in ("rgb", "joint") and isinstance(stack, Stack):
-        return RecordedImages(replace(stack, values=luma(stack.values))), stack
-    return RecordedImages(stack), None
 
 
 def _check_facing(source: Source, stereo: PhotometricStereoResult) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from calibration import BandedStack, Stack, StackNoise
+from calibration import BandedStack, Stack, StackNoise, luma
 from rig import Notice
 
 Float = npt.NDArray[np.float32]
@@ -31,7 +31,7 @@ class RowSample:
     rows
         ``(R,)`` their numbers.
     values
-        ``(N, R, W)`` linear radiance.
+        ``(N, R, W)`` linear radiance, or ``(N, R, W, 3)``.
     mask
         ``(R, W)`` bool, the object.
     noise
@@ -71,10 +71,10 @@ class Band:
 
 
 class RecordedImages:
-    """N images of one channel, in memory or on disk.
+    """N images, in memory or on disk.
 
-    As a sequence they are complete images ``(H, W)``; those on disk are read when they are used.
-    Values are equal for both kinds of stack.
+    As a sequence they are complete images ``(H, W)`` in gray, the luma of those in colour; those on
+    disk are read when they are used. Values are equal for both kinds of stack.
 
     Parameters
     ----------
@@ -90,6 +90,7 @@ class RecordedImages:
         self.ids = tuple(stack.ids[i] for i in self._kept)
         shape = stack.values.shape if isinstance(stack, Stack) else stack.shape
         self.size = (shape[1], shape[2])
+        self.in_colour = len(shape) > 3
 
     @property
     def warnings(self) -> tuple[Notice, ...]:
@@ -102,7 +103,8 @@ class RecordedImages:
     def __getitem__(self, index: int) -> Float:
         at = self._kept[index]
         stack = self._stack
-        return stack.values[at] if isinstance(stack, Stack) else stack.image(at)
+        image = stack.values[at] if isinstance(stack, Stack) else stack.image(at)
+        return luma(image) if self.in_colour else image
 
     def __iter__(self) -> Iterator[Float]:
         return (self[i] for i in range(len(self)))
@@ -111,31 +113,37 @@ class RecordedImages:
         """Return the images with these indices."""
         return RecordedImages(self._stack, [self._kept[i] for i in indices])
 
-    def stack(self) -> Stack:
-        """Return all images, in memory."""
-        return self._rows(0, self.size[0])
+    def stack(self, *, colour: bool = False) -> Stack:
+        """Return all images, in memory, in gray or as they are."""
+        return self._rows(0, self.size[0], colour=colour)
 
-    def _rows(self, first: int, last: int) -> Stack:
+    def _rows(self, first: int, last: int, *, colour: bool) -> Stack:
         part = self._stack.rows(first, last)
-        return part if len(self) == len(part.ids) else part.take(self._kept)
+        if len(self) < len(part.ids):
+            part = part.take(self._kept)
+        return replace(part, values=luma(part.values)) if self.in_colour and not colour else part
 
-    def bands(self, mask: Mask, around: int, rows: int | None = None) -> Iterator[Band]:
+    def bands(
+        self, mask: Mask, around: int, rows: int | None = None, *, colour: bool = False
+    ) -> Iterator[Band]:
         """Yield the rows with pixels of the mask, in bands of at most ``rows``, 128 MB by default.
 
-        ``around`` is the number of further rows above and below, as far as there are any.
+        ``around`` is the number of further rows above and below, as far as there are any. The bands
+        are gray, or in ``colour``.
         """
         height, width = self.size
-        step = rows or max(1, _BAND // (4 * len(self) * width))
+        of_row = 4 * len(self) * width * (3 if self.in_colour else 1)
+        step = rows or max(1, _BAND // of_row)
         inside = np.flatnonzero(mask.any(axis=1))
         for first in range(int(inside[0]), int(inside[-1]) + 1, step):
             last = min(first + step, int(inside[-1]) + 1)
             if mask[first:last].any():
                 above, below = max(first - around, 0), min(last + around, height)
                 part = slice(first - above, last - above)
-                stack = self._rows(above, below)
+                stack = self._rows(above, below, colour=colour)
                 yield Band(slice(first, last), slice(above, below), part, stack)
 
-    def sample(self, mask: Mask) -> RowSample:
+    def sample(self, mask: Mask, *, colour: bool = False) -> RowSample:
         """Return rows with pixels of the mask: all of a small object, else groups of 8 rows.
 
         They do not depend on bands.
@@ -148,7 +156,7 @@ class RecordedImages:
         else:
             starts = first + np.linspace(0, last - first - _GROUP, groups).astype(int) // 2 * 2
             parts = [(int(start), int(start) + _GROUP) for start in starts]
-        stacks = [self._rows(*part) for part in parts]
+        stacks = [self._rows(*part, colour=colour) for part in parts]
         rows = np.concatenate([np.arange(*part) for part in parts])
         values = stacks[0].values
         if len(stacks) > 1:

@@ -28,11 +28,11 @@ from processing._stereo.reflectance_fit import reflectance_fit
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/cauchy.py 3517b9ab6835
-# Compiled in: processing/_stereo/least_trimmed.py 05b410607295
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_stereo/reflectance_fit.py 500a37f3e271
-# Compiled in: processing/_stereo/reweighted.py 8db802d8fdc7
+# Compiled in: processing/_stereo/cauchy.py bb47c9b9b097
+# Compiled in: processing/_stereo/least_trimmed.py ae49da2b2a08
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/reflectance_fit.py c800caf84fcf
+# Compiled in: processing/_stereo/reweighted.py eb8405535879
 
 # With fewer samples the subsets that agree are too small, and noise decides between them.
 _FEWEST = 16

@@ -20,9 +20,9 @@ from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_stereo/ranks.py 1468582858bf
-# Compiled in: processing/_stereo/reweighted.py 8db802d8fdc7
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/ranks.py 785cb2179947
+# Compiled in: processing/_stereo/reweighted.py eb8405535879
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import nnls
 
 from processing._stereo.cauchy import cauchy
 from processing._stereo.frames import Frames
@@ -39,13 +36,6 @@ _LARGEST = 2.0
 _FEW_SAMPLES = 5.0
 # Least standard deviation, relative to the median signal: images without noise have no law.
 _LEAST = 1e-5
-
-
-@dataclass(frozen=True, eq=False)
-class ImageLaw:
-    """What `law_of_images` has returned for all images, for a part of them."""
-
-    law: Float | None
 
 
 def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None:
@@ -131,7 +121,19 @@ def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
     if not (variance > least).all():
         return None
     terms = np.stack([np.ones(_BINS), level], axis=1) / variance[:, None]
-    (floor, slope), _ = nnls(terms, np.ones(_BINS))
+    floor, slope = _not_negative(terms, np.ones(_BINS))
     # A sample in the dark has some noise, too.
     floor = max(floor, 1e-3 * float(variance.min()))
     return np.stack([floor / intensities**2, slope / intensities])[None].astype(np.float32)
+
+
+def _not_negative(terms: Double, values: Double) -> tuple[float, float]:
+    """Return the least-squares solution ``(2,)`` that is not negative; terms are ``(N, 2)``."""
+    both = np.linalg.lstsq(terms, values, rcond=None)[0]
+    if (both >= 0).all():
+        return float(both[0]), float(both[1])
+    # One of them is 0.
+    along = terms.T @ values
+    alone = np.maximum(along, 0) / np.sum(terms**2, axis=0)
+    first = along[0] * alone[0] > along[1] * alone[1]
+    return (float(alone[0]), 0.0) if first else (0.0, float(alone[1]))

@@ -20,8 +20,8 @@ from processing._stereo.pixel_algebra import (
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_stereo/reweighted.py 8db802d8fdc7
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/reweighted.py eb8405535879
 
 
 def least_squares(

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, Float, weighted_solution
 from processing._stereo.ranks import count_up_to, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_stereo/ranks.py 1468582858bf
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/ranks.py 785cb2179947
 
 Triples = npt.NDArray[np.int64]
 

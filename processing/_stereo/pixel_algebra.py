@@ -2,7 +2,6 @@
 
 numba does not compile a kernel again after a change in a function of another file that it calls.
 After a change in this file, the lines "Compiled in" of its callers must change; a test prints them.
-
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from typing import Any
 import numba
 import numpy as np
 import numpy.typing as npt
+from numba.core.options import DefaultOptions
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -29,8 +29,11 @@ _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
 # Sums may be evaluated in any order, so that they vectorise; the order is the same in every run.
 ANY_ORDER = {"reassoc", "contract", "nsz"}
 # Options of functions of single pixels, which allocate nothing: otherwise numba counts references
-# to every row that they use, which takes up to half of their time.
-IN_PLACE: dict[str, Any] = {"cache": True, "_nrt": False}
+# to every row that they use, which takes up to half of their time. The option is not documented; a
+# numba without it is slower and gives the same results.
+IN_PLACE: dict[str, Any] = {"cache": True}
+if hasattr(DefaultOptions, "_nrt"):
+    IN_PLACE["_nrt"] = False
 
 
 def law_or_alike(law: Float | None, lights: int) -> tuple[Float, bool]:

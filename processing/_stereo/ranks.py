@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import IN_PLACE
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
 
 Float = npt.NDArray[np.float32]
 

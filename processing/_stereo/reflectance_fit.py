@@ -10,8 +10,8 @@ import numpy as np
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, Double, Float
 from processing._stereo.ranks import ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_stereo/ranks.py 1468582858bf
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/ranks.py 785cb2179947
 
 _ITERATIONS = 12
 # In the first iterations samples up to this multiple of the spread have weight 1, others 0.

@@ -10,8 +10,8 @@ import numpy as np
 from processing._stereo.pixel_algebra import IN_PLACE, Float, weighted_solution
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_stereo/ranks.py 1468582858bf
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/ranks.py 785cb2179947
 
 _STEPS = 2
 # Samples beyond this many standard deviations are outliers, and at most this share may be.

@@ -32,10 +32,12 @@ def solve_maps(
     maps: StereoMaps,
     camera: CameraModel | None,
     on_progress: Progress,
+    rows: npt.NDArray[np.intp] | None = None,
 ) -> None:
     """Estimate the pixels of a mask and write their maps, which are 0 before.
 
-    The law of the noise may be one for all pixels, ``(1, 2, N)``.
+    The law of the noise may be one for all pixels, ``(1, 2, N)``. ``rows`` are those of the image
+    of the camera, if the frames are a part of it.
     """
     if method == "ls" and law is None:
         # What is left are single pixels.
@@ -47,7 +49,7 @@ def solve_maps(
         block = pixels[first : first + _BLOCK]
         samples, vectors = model.samples(frames, block)
         of_block = law.of(block, samples, vectors) if isinstance(law, NoiseLaw) else law
-        view = None if camera is None else toward_camera(camera, block, frames.width)
+        view = None if camera is None else toward_camera(camera, block, frames.width, rows)
         write_solutions(block, samples, vectors, of_block, view, method, maps)
         on_progress("normals", min(first + _BLOCK, len(pixels)), len(pixels))
 

@@ -18,9 +18,9 @@ from processing._stereo.ranks import ranked
 from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_stereo/ranks.py 1468582858bf
-# Compiled in: processing/_stereo/reweighted.py 8db802d8fdc7
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/ranks.py 785cb2179947
+# Compiled in: processing/_stereo/reweighted.py eb8405535879
 
 # Share of the samples that is left out on either side.
 _TRIMMED = 0.2

@@ -143,7 +143,8 @@ def enlarge(
         square = ((sharp - normals) ** 2).sum(axis=2)
         gate = np.clip(bicubic(low.gate[around], scale)[inside], 0, 1)
         normals, variance = blend(plain, sharp, square, np.exp(answer[..., 3:]), gate)
-        high.variance[core] = variance
+        known = network.deviations
+        high.variance[core] = variance if known is None else known.corrected(variance)
     mask = _mask(low, tile, scale, wanted)
     high.mask[core] = mask
     high.normals[core] = np.where(mask[..., None], normals, 0)

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError
+from processing._superres.deviations import Deviations
 from rig import UnreadableError, check_text, read_bounded, validation_message
 
 Domain = Literal["detail", "normals"]
@@ -38,6 +39,7 @@ class _Sidecar(BaseModel):
     growth: _Count
     halo_px: _Count
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    deviations: Deviations | None = None
     training: dict[str, Any]
 
 
@@ -63,6 +65,8 @@ class SuperResolutionModel:
         How the network was trained: seed, steps, data, software.
     data
         The bytes of the file.
+    deviations
+        Actual deviations for predicted ones; None if they were not measured.
     """
 
     path: Path
@@ -73,6 +77,7 @@ class SuperResolutionModel:
     sha256: str
     training: dict[str, Any]
     data: bytes
+    deviations: Deviations | None = None
 
     def __repr__(self) -> str:
         return f"SuperResolutionModel({self.name!r}, x{self.scale}, {self.domain})"
@@ -152,6 +157,7 @@ def read_superres_model(
         described.sha256,
         described.training,
         data,
+        described.deviations,
     )
     made.check(scale, method)
     return made

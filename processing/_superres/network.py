@@ -38,6 +38,7 @@ class Network:
 
     def __init__(self, model: SuperResolutionModel) -> None:
         self._model = model
+        self.deviations = model.deviations
         try:
             self._net = cv2.dnn.readNetFromONNX(np.frombuffer(model.data, np.uint8))
         except cv2.error as error:

@@ -2,35 +2,69 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
-from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.normal_uncertainty import NormalUncertainty, as_uncertainty
-from processing._uncertainty.pixel_variances import PixelVariances, pixel_variances
+from processing._uncertainty.model_error import common_error, deviations
+from processing._uncertainty.pixel_variances import (
+    PixelVariances,
+    Shown,
+    pixel_variances,
+    shown_by,
+)
 from processing._uncertainty.sample_kind import Reason, SampleKind
-from rig import Progress
+from rig import no_progress
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 
-def uncertainty_of_colours(
+def shown_by_colours(
     values: Float,
     lights: Lights,
     mask: Mask,
-    stereo: PhotometricStereoResult,
+    normals: Float,
     albedo: Float,
     *,
     points_mm: npt.NDArray[np.float64] | None,
     camera: CameraModel | None,
     depth_sigma: float,
     noise: StackNoise | None,
-    on_progress: Progress,
-) -> NormalUncertainty:
-    """Return error bars of the averaged normals of three channels.
+) -> list[Shown]:
+    """Return what each channel shows, see `shown_by`; parameters of `variances_of_colours`."""
+    return [
+        shown_by(
+            np.ascontiguousarray(values[..., channel]),
+            lights,
+            mask,
+            (normals, np.ascontiguousarray(albedo[..., channel])),
+            points_mm=points_mm,
+            camera=camera,
+            depth_sigma=depth_sigma,
+            noise=None if noise is None else noise.of_colour(channel),
+        )
+        for channel in range(values.shape[-1])
+    ]
+
+
+def variances_of_colours(
+    values: Float,
+    lights: Lights,
+    mask: Mask,
+    normals: Float,
+    albedo: Float,
+    *,
+    points_mm: npt.NDArray[np.float64] | None,
+    camera: CameraModel | None,
+    depth_sigma: float,
+    noise: StackNoise | None,
+    shown: Sequence[Shown],
+) -> PixelVariances:
+    """Return variances of the averaged normals of three channels.
 
     The references of the channels are averaged by the reciprocals of their variances. Their noise
     is independent; errors of lights, height and model are the same in all of them. The samples are
@@ -40,33 +74,30 @@ def uncertainty_of_colours(
     ----------
     values
         ``(N, H, W, 3)``.
-    stereo, albedo
-        Averaged normals, and the albedo ``(H, W, 3)`` of the channels.
-    lights, mask, points_mm, camera, depth_sigma, noise, on_progress
+    normals, albedo
+        Averaged normals ``(H, W, 3)``, and the albedo ``(H, W, 3)`` of the channels.
+    lights, mask, points_mm, camera, depth_sigma, noise
         As in `normal_uncertainty`.
+    shown
+        What each channel shows, of these or of other pixels.
     """
-    channels = values.shape[-1]
-    found: list[PixelVariances] = []
-    for channel in range(channels):
-
-        def of_channel(stage: str, done: int, total: int, before: int = channel) -> None:
-            on_progress(stage, before * total + done, channels * total)
-
-        found.append(
-            pixel_variances(
-                np.ascontiguousarray(values[..., channel]),
-                lights,
-                mask,
-                (stereo.normal_map.normals, np.ascontiguousarray(albedo[..., channel])),
-                points_mm=points_mm,
-                camera=camera,
-                depth_sigma=depth_sigma,
-                noise=None if noise is None else noise.of_colour(channel),
-                keep_reference=True,
-                on_progress=of_channel,
-            )
+    found = [
+        pixel_variances(
+            np.ascontiguousarray(values[..., channel]),
+            lights,
+            mask,
+            (normals, np.ascontiguousarray(albedo[..., channel])),
+            points_mm=points_mm,
+            camera=camera,
+            depth_sigma=depth_sigma,
+            noise=None if noise is None else noise.of_colour(channel),
+            keep_reference=True,
+            on_progress=no_progress,
+            shown=of_channel,
         )
-    return as_uncertainty(_averaged(found, stereo.normal_map.normals))
+        for channel, of_channel in enumerate(shown)
+    ]
+    return _averaged(found, normals)
 
 
 def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
@@ -83,7 +114,7 @@ def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
         noise += weight**2 * one.noise
         lights += weight * np.sqrt(one.lights)
         height += weight * np.sqrt(one.height)
-        model += weight * np.sqrt(one.model + np.float32(one.common_model))
+        model += weight * np.sqrt(one.model)
         kept += weight * one.kept
         if one.reference is not None:
             reference += weight[..., None] * one.reference
@@ -95,12 +126,13 @@ def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
     valid = (reasons == Reason.VALID).any(axis=0)
     reason = np.where(valid, np.uint8(Reason.VALID), reasons.max(axis=0))
     known = [one.origin for one in found if one.origin != "unknown"]
+    lights, height, model = lights**2, height**2, model**2
     return PixelVariances(
         noise,
-        lights**2,
-        height**2,
-        model**2,
-        0.0,
+        lights,
+        height,
+        model,
+        common_error(*deviations(model, noise + lights)),
         np.asarray(angle**2, np.float32),
         kept,
         None,

@@ -79,6 +79,22 @@ class PixelVariances:
     __repr__ = short_repr
 
 
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What some pixels of images show.
+
+    Parameters
+    ----------
+    law
+        Law of the noise, ``(1, 2, N)``, if none is given; None if they do not show it either.
+    correlation
+        See `neighbour_correlation`.
+    """
+
+    law: Float | None
+    correlation: float
+
+
 class VarianceMaps:
     """Variances of the pixels of an image, block by block.
 
@@ -163,6 +179,7 @@ def pixel_variances(
     noise: StackNoise | None,
     keep_reference: bool,
     on_progress: Progress,
+    shown: Shown | None = None,
 ) -> PixelVariances:
     """Solve all pixels of a mask again.
 
@@ -176,14 +193,16 @@ def pixel_variances(
         As in `normal_uncertainty`.
     keep_reference
         Whether to return the normals of the reference.
+    shown
+        What other pixels of the same images show; default: what these pixels show.
     """
     pixels, frames = np.flatnonzero(mask), Frames(stack)
     model = LightModel(lights, points_mm, mask)
     solver = ReferenceSolver(lights, scaled, points_mm, camera, depth_sigma)
     law = None if noise is None else NoiseLaw(noise, (len(stack), *mask.shape))
-    fitted = None
-    if law is None:
-        fitted = law_of_errors(law_of_images(frames, model, mask), len(stack), len(pixels))
+    if shown is None:
+        shown = _shown(solver, frames, model, mask, law)
+    fitted = shown.law
     maps = VarianceMaps(
         solver, scaled[1], len(stack), origin_of(noise, fitted), keep_reference=keep_reference
     )
@@ -193,10 +212,40 @@ def pixel_variances(
         maps.add(block, samples, vectors, _law(law, fitted, block, samples, vectors))
         done += len(block)
         on_progress("error bars", done, len(pixels))
+    return maps.variances(shown.correlation)
+
+
+def shown_by(
+    stack: Float,
+    lights: Lights,
+    mask: Mask,
+    scaled: tuple[Float, Float],
+    *,
+    points_mm: npt.NDArray[np.float64] | None,
+    camera: CameraModel | None,
+    depth_sigma: float,
+    noise: StackNoise | None,
+) -> Shown:
+    """Return what the pixels of a mask show; only those of `some_of` need normals.
+
+    The parameters are those of `pixel_variances`.
+    """
+    solver = ReferenceSolver(lights, scaled, points_mm, camera, depth_sigma)
+    model = LightModel(lights, points_mm, mask)
+    law = None if noise is None else NoiseLaw(noise, (len(stack), *mask.shape))
+    return _shown(solver, Frames(stack), model, mask, law)
+
+
+def _shown(
+    solver: ReferenceSolver, frames: Frames, model: LightModel, mask: Mask, law: NoiseLaw | None
+) -> Shown:
+    pixels, fitted = np.flatnonzero(mask), None
+    if law is None:
+        fitted = law_of_errors(law_of_images(frames, model, mask), len(frames), len(pixels))
     some = some_of(pixels)
     samples, vectors = model.samples(frames, some)
     of_some = _law(law, fitted, some, samples, vectors)
-    return maps.variances(solver.correlation(some, samples, vectors, of_some))
+    return Shown(fitted, solver.correlation(some, samples, vectors, of_some))
 
 
 def some_of(pixels: Pixels) -> Pixels:

@@ -25,11 +25,11 @@ from processing._uncertainty.light_table import distant_variances, near_variance
 from processing._uncertainty.reflectance_left import reflectance_left
 from processing._uncertainty.tangents import squared_angle, tangent_change, tangent_trace
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_uncertainty/judged_samples.py 42e53cb204a2
-# Compiled in: processing/_uncertainty/light_table.py 0bc2dd719882
-# Compiled in: processing/_uncertainty/tangents.py f4d50701891b
-# Compiled in: processing/_uncertainty/reflectance_left.py 3b2eaba38ce1
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_uncertainty/judged_samples.py d1aa12d47805
+# Compiled in: processing/_uncertainty/light_table.py 62cfc3cb4f29
+# Compiled in: processing/_uncertainty/tangents.py 010877d7ae68
+# Compiled in: processing/_uncertainty/reflectance_left.py ec5e1270ad5f
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from processing._stereo.pixel_algebra import IN_PLACE
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 99f6a4763af1
-# Compiled in: processing/_stereo/ranks.py 1468582858bf
+# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/ranks.py 785cb2179947
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

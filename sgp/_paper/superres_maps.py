@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
 
 import processing
 import simulator
 from sgp._paper.exemplars import materials, structured
-from sgp._paper.sources import Sources, bowl, relief
+from sgp._paper.sources import Sources, relief
+
+Array = npt.NDArray[np.float64]
 
 _RELIEFS = ("151", "160", "188")
 _CAPTURED = ("owl", "plant")
 _SIDE_PX = 512
 _QUICK_PX = 256
+_DISC_MM = 80.0
 _HEAD = "decimated-max.obj"
 
 
@@ -59,22 +65,59 @@ def _complete(sources: Sources, seed: int) -> Iterator[tuple[str, str, processin
             yield "captured", name, sources.given(name)
         for name, target in sources.targets().items():
             yield "DiLiGenT", name, target
-    for name, made in materials(seed).items():
-        yield "simulated", name, made
-    for name, drawn in structured().items():
-        yield "simulated", name, drawn
-    yield from (("smooth", name, made) for name, made in smooth().items())
+    yield from (("kinds not trained on", name, one) for name, one in _unseen(seed).items())
+    yield from (("kinds trained on", name, one) for name, one in _seen(seed).items())
+    yield from (("drawn", name, one) for name, one in structured().items())
+    yield from (("smooth", name, one) for name, one in smooth().items())
+
+
+def _unseen(seed: int) -> dict[str, processing.NormalMap]:
+    """Return simulated materials of kinds that no network was trained on, by name."""
+    carved = simulator.WoodCarving(_DISC_MM, seed=seed)
+    return {
+        "lizard scales": materials(seed)["lizard scales"],
+        "wood carving": relief(carved, _SIDE_PX),
+    }
+
+
+def _seen(seed: int) -> dict[str, processing.NormalMap]:
+    """Return simulated materials of kinds that are also among the random reliefs, by name."""
+    coin = relief(simulator.Coin(_DISC_MM, seed=seed), _SIDE_PX, _DISC_MM + 1)
+    made = materials(seed)
+    return {"textile": made["textile"], "leather": made["leather"], "coin": coin}
 
 
 def smooth() -> dict[str, processing.NormalMap]:
-    """Return smooth simulated shapes by name, without noise."""
+    """Return smooth simulated shapes by name, without noise.
+
+    The limits of the blend were chosen on others: a cap, half of a ball, ripples 145 pixels long,
+    and hills 217 pixels wide.
+    """
     return {
-        "cap": bowl(_SIDE_PX**2),
-        "half of a ball": relief(simulator.SphericalCap(60, 60), _SIDE_PX, 60.5),
-        "long ripples": relief(simulator.Ripples(100, wavelength_mm=40), _SIDE_PX),
-        "hills": relief(simulator.BandNoise(100, rms_mm=2, wavelength_mm=60, seed=3), _SIDE_PX),
+        "shallow cap": relief(simulator.SphericalCap(60, 15), _SIDE_PX, 60.5),
+        "ripples": relief(simulator.Ripples(100, wavelength_mm=17), _SIDE_PX),
+        "small hills": relief(
+            simulator.BandNoise(100, rms_mm=1, wavelength_mm=25, seed=12), _SIDE_PX
+        ),
         "tilted plane": relief(simulator.Plane(100, slope_x=0.4, slope_y=0.2), _SIDE_PX),
+        "saddle": _of_slopes(lambda x, y: (x, -y)),
+        "long egg": _of_slopes(lambda x, y: _ratio(-x / 2, y, 1 - x**2 / 2 - y**2)),
+        "fading waves": _of_slopes(lambda x, y: (np.sin(9 * x * (1.5 + x)), 0.5 * np.cos(5 * y))),
     }
+
+
+def _of_slopes(slopes: Callable[[Array, Array], tuple[Array, Array]]) -> processing.NormalMap:
+    """Return the normals of a surface with given slopes in x (right) and y (up), from -1 to 1."""
+    along = (np.arange(_SIDE_PX) + 0.5) * 2 / _SIDE_PX - 1
+    p, q = slopes(*np.meshgrid(along, -along))
+    inside = np.isfinite(p + q)
+    return processing.NormalMap.from_vectors(np.dstack([-p, -q, np.ones_like(p)]), inside)
+
+
+def _ratio(p: Array, y: Array, square: Array) -> tuple[Array, Array]:
+    """Return the slopes of an ellipsoid, NaN where it is steeper than about 60 degrees."""
+    height = np.sqrt(np.where(square > 0.25, square, np.nan))
+    return p / height, -y / height
 
 
 def head(sources: Sources, scale: int) -> tuple[processing.NormalMap, processing.NormalMap] | None:

@@ -7,45 +7,89 @@ from collections.abc import Sequence
 
 import numpy as np
 
+import processing
 from sgp._paper import figures as paper
 from sgp._paper.superres_judge import DOMAINS, Domain, Judgement, Networks
 from sgp._paper.tables import Number, Table
+from sgp._superres import judgement
 
 # For each map: its class, its name, and its errors.
 Found = Sequence[tuple[str, str, Judgement]]
+# Seeds of random surfaces, and the errors over all of them.
+Random = tuple[range, judgement.Judgement]
+
+# The classes over which the mean of the changes is given.
+_REAL = ("reliefs", "captured")
 
 
-def errors(scale: int, found: Found, networks: Networks) -> Table:
-    """Return the mean angular errors, and by how much networks change them."""
-    columns = ["bicubic, deg"]
-    for domain in networks:
-        columns += [f"{domain}, deg", "change, %", "its spread over seeds, points"]
+def errors(own: processing.SuperResolutionModel, found: Found, random: Random) -> Table:
+    """Return the errors of bicubic interpolation and of the network of the program."""
+    seeds, over = random
+    rows: dict[str, list[Number]] = {
+        name: [
+            one.bicubic_deg,
+            one.own_deg,
+            one.change,
+            one.heights["bicubic"],
+            one.heights["own"],
+            one.height_change("own"),
+        ]
+        for _, name, one in found
+    }
+    rows[_named(seeds)] = [over.bicubic_deg, over.network_deg, 100 * over.change, *[None] * 3]
+    kinds = list(dict.fromkeys(kind for kind, _, _ in found))
+    groups: dict[str, tuple[str, ...]] = {f"**{kind}**": (kind,) for kind in kinds}
+    if set(_REAL) <= set(kinds):
+        groups["**reliefs and captured**"] = _REAL
+    for name, group in groups.items():
+        of_group = [one for kind, _, one in found if kind in group]
+        normals = statistics.mean(one.change for one in of_group)
+        heights = statistics.mean(one.height_change("own") for one in of_group)
+        rows[f"{name}, mean of changes"] = [None, None, normals, None, None, heights]
+    note = (
+        f"The network is {own.name} (on {_SAID[own.domain]}). Normals: mean angle to the map over "
+        "its complete mask. Heights: root mean square difference between the surfaces of the "
+        "enlarged map and of the map, each part placed at its mean height."
+    )
+    columns = (
+        *("bicubic, deg", "network, deg", "change, %"),
+        *("heights: bicubic, px", "network, px", "change, %"),
+    )
+    title = f"Scale {own.scale}: errors"
+    return Table(f"errors_x{own.scale}", title, columns, rows, (), {}, note)
+
+
+def domains(scale: int, found: Found, compared: Networks) -> Table:
+    """Return by how much networks on details and on plain normals change the errors."""
+    columns: list[str] = []
+    for domain in compared:
+        columns += [f"{domain}: change, %", "spread over seeds, points", "of heights, %"]
     rows: dict[str, list[Number]] = {}
     for _, name, one in found:
-        rows[name] = [one.bicubic_deg]
-        for domain in networks:
+        rows[name] = []
+        for domain in compared:
             changes = one.changes(domain)
             spread = max(changes) - min(changes) if len(changes) > 1 else None
-            mean = statistics.mean(one.by_domain[domain])
-            rows[name] += [mean, statistics.mean(changes), spread]
+            rows[name] += [statistics.mean(changes), spread, one.height_change(domain)]
     for kind in dict.fromkeys(kind for kind, _, _ in found):
-        row = rows[f"**{kind}**, mean of changes"] = [None]
+        row = rows[f"**{kind}**, mean of changes"] = []
         of_kind = [one for each, _, one in found if each == kind]
-        for domain in networks:
-            row += [None, statistics.mean(_mean_change(one, domain) for one in of_kind), None]
-    seeds = ", ".join(
+        for domain in compared:
+            heights = statistics.mean(one.height_change(domain) for one in of_kind)
+            row += [statistics.mean(_mean_change(one, domain) for one in of_kind), None, heights]
+    named = "; ".join(
         f"{domain}: {', '.join(model.name for model in models)}"
-        for domain, models in networks.items()
+        for domain, models in compared.items()
     )
     note = (
-        "Mean angle to the map over its complete mask, and its mean over the networks of each "
-        f"domain ({seeds}). {_verdict(found, networks)} The paper's surfaces, its 353 maps for "
-        "training and its network of 22 million parameters are others, and it prints no errors of "
-        "bicubic interpolation: only the order of its methods can be compared."
+        f"Means over the networks of each domain ({named}); heights of the first one. "
+        f"{_verdict(found, compared)} The paper's surfaces, its 353 maps for training and its "
+        "network of 22 million parameters are others, and it prints no errors of bicubic "
+        "interpolation: only the order of its methods can be compared."
     )
     return Table(
-        f"errors_x{scale}",
-        f"Scale {scale}: errors of normals",
+        f"domains_x{scale}",
+        f"Scale {scale}: networks on details and on plain normals",
         tuple(columns),
         rows,
         paper.SUPERRES_COLUMNS if scale == 4 else (),
@@ -54,49 +98,42 @@ def errors(scale: int, found: Found, networks: Networks) -> Table:
     )
 
 
-def heights(scale: int, found: Found, networks: Networks) -> Table:
-    """Return the errors of heights after integration."""
-    columns = ["bicubic, px"]
-    for domain in networks:
-        columns += [f"{domain}, px", "change, %"]
-    rows: dict[str, list[Number]] = {}
-    for _, name, one in found:
-        plain = one.heights["bicubic"]
-        rows[name] = [plain]
-        for domain in networks:
-            own = one.heights[domain]
-            rows[name] += [own, 100 * (own / plain - 1) if plain else None]
-    note = (
-        "Root mean square difference between the surfaces of the enlarged map and of the map, each "
-        "part placed at its mean height, in pixels of the map; the first network of each domain."
-    )
-    title = f"Scale {scale}: errors of heights"
-    return Table(f"heights_x{scale}", title, tuple(columns), rows, (), {}, note)
-
-
-def deviations(scale: int, found: Found) -> Table:
+def deviations(scale: int, found: Found, random: Random) -> Table:
     """Return the actual over the predicted deviations."""
-    rows: dict[str, Sequence[Number]] = {
-        name: [*one.ratios, one.invented] for _, name, one in found if one.ratios
-    }
+    seeds, over = random
+    rows: dict[str, Sequence[Number]] = {_named(seeds): [*over.actual_over_predicted, None]}
+    rows |= {name: [*one.ratios, one.invented] for _, name, one in found}
     note = (
         "Actual root mean square error over the predicted one, for tenths of the pixels with "
-        "increasing prediction, of the first network. 1 is exact; above 1, errors are larger than "
-        "predicted. The last column is the share of the detail that the network added."
+        "increasing prediction. 1 is exact; above 1, errors are larger than predicted. The "
+        "predictions were corrected by errors on other random surfaces. The last column is the "
+        "share of the detail that the network added."
     )
     columns = (*(f"tenth {number}" for number in range(1, 11)), "invented")
     title = f"Scale {scale}: actual over predicted deviation"
     return Table(f"deviations_x{scale}", title, columns, rows, (), {}, note)
 
 
+def _named(seeds: range) -> str:
+    return f"random surfaces {seeds[0]} to {seeds[-1]}"
+
+
 def _mean_change(one: Judgement, domain: Domain) -> float:
     return statistics.mean(one.changes(domain))
 
 
-def _verdict(found: Found, networks: Networks) -> str:
+def _verdict(found: Found, compared: Networks) -> str:
     """Say which domain has the smaller errors, and whether seeds of the training explain it."""
-    if len(networks) < len(DOMAINS):
-        return "Networks of one domain only were available, so the domains are not compared."
+    if len(compared) < len(DOMAINS):
+        return "All networks are of one domain, so the domains are not compared."
+    # A network that was trained longer would win for that reason.
+    kinds = {
+        (model.training.get("preset"), model.training.get("steps"))
+        for models in compared.values()
+        for model in models
+    }
+    if len(kinds) > 1:
+        return "The networks were not trained alike, so the domains are not compared."
     given = [one for kind, _, one in found if kind != "smooth"]
     of = {domain: [_mean_change(one, domain) for one in given] for domain in DOMAINS}
     means = {domain: statistics.mean(changes) for domain, changes in of.items()}
@@ -119,4 +156,4 @@ def _verdict(found: Found, networks: Networks) -> str:
     return f"{text}, but seeds of one domain differ as much as the domains do: neither wins."
 
 
-_SAID = {"detail": "details", "normals": "plain normals"}
+_SAID: dict[Domain, str] = {"detail": "details", "normals": "plain normals"}

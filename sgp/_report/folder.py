@@ -55,6 +55,18 @@ class ResultFolder:
         names = sorted(self.records, key=lambda name: (name.count("/"), name))
         return self.records[names[0]] if names else None
 
+    @property
+    def source(self) -> Path | None:
+        """The recording that the result was computed from, if a record names one."""
+        for record in self.records.values():
+            # Its source is another normal map.
+            if record.command == "sgp detail transfer":
+                continue
+            named = record.parameters.get("source")
+            if isinstance(named, str):
+                return Path(named)
+        return None
+
     def parameter(self, name: str) -> object:
         """Return the first parameter of this name that is not None."""
         values = (record.parameters.get(name) for record in self.records.values())

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -15,39 +15,12 @@ import processing
 import rig
 from sgp._panels.crop import Crop
 from sgp._report.folder import ResultFolder
-from sgp._report.planes import Colours, Plane, colour_plane, scalar_plane, vectors_plane
+from sgp._report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
+from sgp._report.planes import Plane
+from sgp._report.tiles import Tile, tiles_of
 
-Float = npt.NDArray[np.float32]
-
-
-class _Map(NamedTuple):
-    """A map of numbers; `unit` of None is that of the record."""
-
-    file: str
-    label: str
-    unit: str | None
-    colours: Colours = "doubt"
-
-
-_VECTORS: Final = {"normals": "Normals", "shape": "Shape component", "detail": "Detail component"}
-_HEIGHT: Final = _Map("height.exr", "Height", None, "height")
-_NUMBERS: Final = {
-    "normal_sigma_deg": _Map("normal_sigma_deg.exr", "Standard deviation of the normal", "deg"),
-    "height_sigma": _Map("height_sigma.exr", "Standard deviation of the height", None),
-    "residual": _Map("residual.exr", "Residual of the images", "of the white level"),
-    "specular": _Map("specular.exr", "Light above a matte surface", "of the white level"),
-    "curl_deg": _Map("curl_deg.exr", "Contradiction of the normals (curl)", "deg"),
-    "normal_residual_deg": _Map("normal_residual_deg.exr", "Angle of normals and surface", "deg"),
-    "error": _Map("error.exr", "Angular error", "deg"),
-    "shape_error": _Map("shape_error.exr", "Error of the shape component", "deg"),
-    "detail_error": _Map("detail_error.exr", "Error of the detail component", "deg"),
-    "separability": _Map("separability.exr", "Shape left in the detail", "deg"),
-    "curvature_mean": _Map("curvature_mean.exr", "Mean curvature", None, "signed"),
-    "curvature_gaussian": _Map("curvature_gaussian.exr", "Gaussian curvature", None, "signed"),
-    "detail_height": _Map("detail_height.exr", "Height of the detail", "px", "height"),
-}
-_MASKS: Final = {"invented": _Map("invented.png", "Invented pixels", "1 = invented", "plain")}
-_TAIL: Final = 0.005  # share of the pixels beyond each end of a colour scale
+Read = tuple[str, npt.NDArray[Any], npt.NDArray[np.bool_]]
+_MOSTLY: Final = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +39,8 @@ class Embedded:
         Size of an embedded pixel; ``px`` if the scale is not known.
     notices
         Maps that could not be read.
+    tiles
+        Parts of the planes at full resolution, if they were asked for.
     """
 
     planes: dict[str, Plane]
@@ -74,6 +49,7 @@ class Embedded:
     pixel_size: float
     unit: str
     notices: list[rig.Notice]
+    tiles: list[Tile] = field(default_factory=list)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -81,31 +57,106 @@ class Embedded:
         rows, columns, _ = next(iter(self.planes.values())).samples.shape
         return rows, columns
 
+    @property
+    def mostly_invented(self) -> bool:
+        """Whether there are hardly any pixels that were not invented."""
+        plane = self.planes.get("invented")
+        if plane is None:
+            return False
+        inside = next(iter(self.planes.values())).samples[..., 0] > 0
+        share = (plane.samples[..., 0] > 127) & inside
+        return bool(share.sum() > _MOSTLY * max(inside.sum(), 1))
 
-def embed(folder: ResultFolder, most_pixels: float, max_pixels: int) -> Embedded | None:
-    """Read the maps of a folder and reduce them to at most ``most_pixels``; None without maps."""
+
+def embed(
+    folder: ResultFolder, most_pixels: float, max_pixels: int, *, full: bool = False
+) -> Embedded | None:
+    """Read the maps of a folder and reduce them to at most ``most_pixels``; None without maps.
+
+    With ``full``, reduced maps also have tiles of full resolution.
+    """
     notices: list[rig.Notice] = []
     crop: Crop | None = None
-    full = (0, 0)
+    size = (0, 0)
     planes: dict[str, Plane] = {}
+    tiles: list[Tile] = []
     unit, pixel_size = scale(folder)
     for name, values, mask in _read(folder, max_pixels, notices):
         if crop is None:
-            full = values.shape[0], values.shape[1]
-            crop = Crop.around(mask)
-            share = min(1.0, most_pixels / (crop.size[0] * crop.size[1]))
-            crop = replace(crop, most_px=max(crop.size) * share**0.5)
-        if values.shape[:2] != full:
+            size = values.shape[0], values.shape[1]
+            crop = _reduced(Crop.around(mask), most_pixels)
+        if values.shape[:2] != size:
             text = f"{name}: has another size than the other maps, and is left out"
             notices.append(rig.Notice("map-unreadable", text))
             continue
-        plane = _plane(name, values, mask, crop, unit if pixel_size is not None else "px", folder)
-        if plane is not None:
-            planes[name] = plane
+        own = _unit(name, folder, unit if pixel_size is not None else "px")
+        planes |= _planes(name, values, mask, crop, own, tiles if full else None)
     if crop is None or not planes:
         return None
-    size = (pixel_size or 1.0) * crop.step
-    return Embedded(planes, full, crop, size, unit if pixel_size else "px", notices)
+    step = (pixel_size or 1.0) * crop.step
+    return Embedded(planes, size, crop, step, unit if pixel_size else "px", notices, tiles)
+
+
+def embed_beside(
+    normal_map: processing.NormalMap, result: Embedded, most_pixels: float, *, full: bool = False
+) -> Embedded:
+    """Return the planes of a map that a result was computed from.
+
+    They show the same rectangle as those of the result if the result is as large, or larger by a
+    whole number.
+    """
+    factor = _factor(result.full, normal_map.size)
+    if factor is None:
+        crop = _reduced(Crop.around(normal_map.mask), most_pixels)
+        factor = 1
+    else:
+        rows, columns = (
+            slice(side.start // factor, -(-side.stop // factor))
+            for side in (result.crop.rows, result.crop.columns)
+        )
+        crop = Crop(rows, columns)
+        crop = replace(crop, most_px=max(crop.size) / max(1.0, result.crop.step / factor))
+    tiles: list[Tile] = []
+    planes = _planes(
+        "normals", normal_map.normals, normal_map.mask, crop, "", tiles if full else None
+    )
+    size = result.pixel_size / result.crop.step * factor * crop.step
+    return Embedded(planes, normal_map.size, crop, size, result.unit, [], tiles)
+
+
+def _factor(result: tuple[int, int], size: tuple[int, int]) -> int | None:
+    factor = round(result[0] / size[0])
+    same = factor >= 1 and result == (factor * size[0], factor * size[1])
+    return factor if same else None
+
+
+def _reduced(crop: Crop, most_pixels: float) -> Crop:
+    share = min(1.0, most_pixels / (crop.size[0] * crop.size[1]))
+    return replace(crop, most_px=max(crop.size) * share**0.5)
+
+
+def _planes(
+    name: str,
+    values: npt.NDArray[Any],
+    mask: npt.NDArray[np.bool_],
+    crop: Crop,
+    unit: str,
+    tiles: list[Tile] | None,
+) -> dict[str, Plane]:
+    inside = mask
+    if name in MASKS:
+        values = values.astype(np.float32) / np.iinfo(values.dtype).max
+        inside = np.ones_like(mask)
+    part = crop.picture(values, inside)
+    whole = part
+    if tiles is not None and crop.step > 1:
+        whole = replace(crop, most_px=max(crop.size)).picture(values, inside)
+    make = quantiser(name, whole, unit)
+    if make is None:
+        return {}
+    if whole is not part and tiles is not None:
+        tiles += tiles_of(name, whole, make)
+    return {name: make(part)}
 
 
 def scale(folder: ResultFolder) -> tuple[str, float | None]:
@@ -120,26 +171,19 @@ def scale(folder: ResultFolder) -> tuple[str, float | None]:
         size = found.get("pixel_size")
         if isinstance(size, float) and size > 0:
             return str(found.get("unit", unit)), size
+        size = found.get("pixel_mm")
+        if isinstance(size, float) and size > 0:
+            return "mm", size
     return unit, None
 
 
-def _read(
-    folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]
-) -> Iterator[tuple[str, npt.NDArray[Any], npt.NDArray[np.bool_]]]:
+def _read(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> Iterator[Read]:
     """Yield name, values and mask of the maps of a folder, one at a time."""
     mask = None
-    for name in _VECTORS:
-        path = folder.file(f"{name}.exr") or folder.file(f"{name}.png")
-        if path is None:
-            continue
-        try:
-            found = processing.read_normals(path, max_pixels=max_pixels).normal_map
-        except acquisition.DataError as error:
-            notices.append(_unreadable(error))
-            continue
+    for name, found in _vectors(folder, max_pixels, notices):
         mask = found.mask if mask is None else mask
         yield name, found.normals, found.mask
-    named = {"albedo": _Map("albedo.png", "Albedo", ""), "height": _HEIGHT, **_NUMBERS, **_MASKS}
+    named = {"albedo": ALBEDO, "height": HEIGHT, **NUMBERS, **MASKS}
     for name, kind in named.items():
         path = folder.file(kind.file)
         if path is None:
@@ -149,7 +193,7 @@ def _read(
         except acquisition.DataError as error:
             notices.append(_unreadable(error))
             continue
-        if name != "albedo" and name not in _MASKS:
+        if name != "albedo" and name not in MASKS:
             values = values.astype(np.float32, copy=False)
         inside = mask
         if inside is None or inside.shape != values.shape[:2]:
@@ -157,51 +201,33 @@ def _read(
         yield name, values, inside
 
 
+def _vectors(
+    folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]
+) -> Iterable[tuple[str, processing.NormalMap]]:
+    """Yield the maps of directions; a folder without normals shows its detail as normals."""
+    paths = {name: _file(folder, name) for name in (*VECTORS, "detail")}
+    if paths["normals"] is None:
+        paths = {"normals": paths["detail"] or paths["shape"]}
+    for name, path in paths.items():
+        if path is None or name not in VECTORS:
+            continue
+        try:
+            yield name, processing.read_normals(path, max_pixels=max_pixels).normal_map
+        except acquisition.DataError as error:
+            notices.append(_unreadable(error))
+
+
+def _file(folder: ResultFolder, name: str) -> Path | None:
+    return folder.file(f"{name}.exr") or folder.file(f"{name}.png")
+
+
 def _unreadable(error: Exception) -> rig.Notice:
     return rig.Notice("map-unreadable", str(error), severity="error")
 
 
-def _plane(
-    name: str,
-    values: npt.NDArray[Any],
-    mask: npt.NDArray[np.bool_],
-    crop: Crop,
-    unit: str,
-    folder: ResultFolder,
-) -> Plane | None:
-    if name in _VECTORS:
-        vectors = crop.picture(values, mask)
-        vectors[~np.isfinite(vectors)] = 0
-        length = np.linalg.norm(vectors, axis=2, keepdims=True)
-        np.divide(vectors, length, out=vectors, where=length > 0)
-        return vectors_plane(name, vectors, _VECTORS[name])
-    if name == "albedo":
-        picture = np.nan_to_num(crop.picture(values, mask))
-        return colour_plane(name, np.rint(picture).astype(np.uint8), "Albedo")
-    if name in _MASKS:
-        kind = _MASKS[name]
-        share = crop.picture(values.astype(np.float32) / np.iinfo(values.dtype).max)
-        return scalar_plane(
-            name, share, kind.label, str(kind.unit), kind.colours, limits=(0.0, 1.0)
-        )
-    kind = _HEIGHT if name == "height" else _NUMBERS[name]
-    part = crop.picture(values, mask)
-    known = part[np.isfinite(part)]
-    if not known.size:
-        return None
-    own = kind.unit or _unit(name, folder, unit)
-    low, high = map(float, np.quantile(known, (_TAIL, 1 - _TAIL)))
-    if name == "height":
-        return scalar_plane(name, part, kind.label, own, kind.colours, bits=16, shown=(low, high))
-    if kind.colours == "signed":
-        most = max(abs(low), abs(high)) or 1.0
-        return scalar_plane(name, part, kind.label, own, kind.colours, limits=(-most, most))
-    low = 0.0 if kind.colours == "doubt" else low
-    return scalar_plane(name, part, kind.label, own, kind.colours, limits=(low, high))
-
-
 def _unit(name: str, folder: ResultFolder, unit: str) -> str:
-    path: Path | None = folder.file((_HEIGHT if name == "height" else _NUMBERS[name]).file)
+    kind = HEIGHT if name == "height" else NUMBERS.get(name)
+    path = folder.file(kind.file) if kind else None
     record = folder.record_of(path) if path else None
     stated = record.metrics.get("unit") if record else None
     own = str(stated) if stated in ("mm", "px") else unit

@@ -10,16 +10,15 @@ from string import Template
 from typing import Any
 
 from sgp._report.html import Html, joined, script_json, tag, text
-from sgp._report.planes import Plane
 from sgp._report.scripts import asset, libraries, linked
 
 
 def page(
-    title: str, body: Iterable[Html], report: dict[str, Any], planes: Sequence[tuple[str, Plane]]
+    title: str, body: Iterable[Html], report: dict[str, Any], planes: Sequence[tuple[str, str]]
 ) -> str:
     """Return the page.
 
-    ``report`` is the data for the scripts; ``planes`` are maps with the ids of their elements.
+    ``report`` is the data for the scripts; ``planes`` are ids of elements and encoded maps.
     """
     scripts, style = [*libraries(), linked()], asset("style.css")
     policy = "; ".join(
@@ -39,7 +38,7 @@ def page(
         body=joined(*body),
         report=script_json(report),
         planes="\n".join(
-            tag("script", Html(plane.encoded), type="text/plain", id=name) for name, plane in planes
+            tag("script", Html(encoded), type="text/plain", id=name) for name, encoded in planes
         ),
         scripts="\n".join(f"<script>{script}</script>" for script in scripts),
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -16,6 +17,7 @@ import acquisition
 import rig
 from sgp._panels.crop import Crop
 from sgp._report.folder import ResultFolder
+from sgp._report.inputs import Inputs, changed_notice
 from sgp._report.maps import Embedded
 
 Pixels = npt.NDArray[np.uint8]
@@ -36,6 +38,8 @@ class Image:
         As recorded.
     status
         ``kept``, or ``rejected``: recorded, but it does not count.
+    known
+        Whether the records of the result prove that it was computed from this image.
     jpeg
         The picture in base64.
     """
@@ -45,6 +49,7 @@ class Image:
     role: str
     exposure_us: float | None
     status: Literal["kept", "rejected"]
+    known: bool
     jpeg: str
 
 
@@ -74,32 +79,66 @@ class Recording:
 
 
 def read_recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> Recording:
-    """Read the recording of a result, as far as it is still there; its images show the maps."""
+    """Read the recording of a result, as far as it is still there; its images show the maps.
+
+    Files whose hashes are not those of the records are left out.
+    """
     notices: list[rig.Notice] = []
-    lights = _lights(folder, notices)
-    named = folder.parameter("source")
-    if not isinstance(named, str):
+    inputs = Inputs(folder.records.values())
+    lights = _lights(folder, inputs, notices)
+    named = folder.source
+    if named is None:
         return Recording(lights=lights, notices=notices)
     try:
         source = acquisition.read_source(named, lights=lights, max_pixels=max_pixels)
-        shots = list(_shots(source))
-        lights = lights or source.lights
+        shots = _unchanged(source, list(_shots(source)), inputs, notices)
     except (acquisition.DataError, acquisition.MissingPathError, OSError, ValueError) as error:
         text = f"the recording is not shown: {error}"
         return Recording(
             lights=lights, notices=[*notices, rig.Notice("recording-unreadable", text)]
         )
+    if not shots:
+        return Recording(lights=lights, notices=notices)
+    return _recording(source, shots, _region(folder, maps, shots[0].shape), lights, notices)
+
+
+def read_bare_recording(path: Path, max_pixels: int) -> Recording:
+    """Read a recording that has no result.
+
+    Raises
+    ------
+    DataError
+        If the folder is not a recording that can be read.
+    """
+    source = acquisition.read_source(path, max_pixels=max_pixels)
+    missing = ["there are no normals, no detail and no surface yet: sgp run computes them"]
+    if source.lights is None:
+        missing.append("the directions of the lights are not known: sgp calibrate finds them")
+    notices = [*source.warnings, *(rig.Notice("result-unfinished", text) for text in missing)]
+    return _recording(source, list(_shots(source)), None, None, notices)
+
+
+def _recording(
+    source: acquisition.Source,
+    shots: Sequence[_Shot],
+    region: Crop | None,
+    lights: acquisition.Lights | None,
+    notices: list[rig.Notice],
+) -> Recording:
     chosen = [shots[i] for i in _evenly(len(shots))]
-    region = _region(folder, maps, shots[0].frame.shape) if maps and shots else None
-    everything = Crop(slice(0, None), slice(0, None))
-    images = _images(source, chosen, region or everything, notices)
-    return Recording(images, len(shots), lights, region is not None, notices)
+    images = _images(source, chosen, region or Crop(slice(0, None), slice(0, None)), notices)
+    return Recording(images, len(shots), lights or source.lights, region is not None, notices)
 
 
-def _lights(folder: ResultFolder, notices: list[rig.Notice]) -> acquisition.Lights | None:
+def _lights(
+    folder: ResultFolder, inputs: Inputs, notices: list[rig.Notice]
+) -> acquisition.Lights | None:
     stated = folder.parameter("lights")
     path = Path(stated) if isinstance(stated, str) else folder.file("lights.json")
     if path is None:
+        return None
+    if inputs.state(path) == "changed":
+        notices.append(changed_notice([path], "the lights are not shown"))
         return None
     try:
         return acquisition.read_lights(path)
@@ -110,27 +149,81 @@ def _lights(folder: ResultFolder, notices: list[rig.Notice]) -> acquisition.Ligh
 
 @dataclass(frozen=True, eq=False)
 class _Shot:
+    """An image of a recording; ``known`` if the records of the result rest on it."""
+
     frame: acquisition.Frame | acquisition.SessionFrame
+    read: Callable[[], npt.NDArray[Any]]
+    shape: tuple[int, ...]
     status: Literal["kept", "rejected"] = "kept"
+    known: bool = True
 
 
 def _shots(source: acquisition.Source) -> Iterator[_Shot]:
-    """Yield all images of a source; of a session, also the rejected ones."""
+    """Yield all images of a source, upright; of a session, also the rejected ones."""
+    yield from (_Shot(frame, frame.read, frame.shape) for frame in source.frames)
     if source.kind != "session":
-        yield from map(_Shot, source.frames)
         return
     session = acquisition.Session.open(source.path, damaged_frames=True)
+    mounting = session.manifest.mounting
     counted = {frame.path for frame in session.frames}
     for frame in session.recorded:
-        yield _Shot(frame, "kept" if frame.path in counted else "rejected")
+        if frame.path not in counted:
+            yield _Shot(
+                frame,
+                partial(_upright, frame, mounting),
+                mounting.upright_shape(frame.shape),
+                "rejected",
+            )
+
+
+def _upright(frame: acquisition.SessionFrame, mounting: rig.Mounting) -> npt.NDArray[Any]:
+    return mounting.upright(frame.read())
+
+
+def _unchanged(
+    source: acquisition.Source,
+    shots: list[_Shot],
+    inputs: Inputs,
+    notices: list[rig.Notice],
+) -> list[_Shot]:
+    """Return the images that the records of the result name, or that a file named there proves.
+
+    The mark COMPLETE of a session contains the hash of its journal, and the journal those of the
+    images, which are checked when they are read.
+    """
+    images = {shot.frame.path for shot in shots}
+    others = [path for path in source.files if path not in images]
+    wrong = [path for path in others if inputs.state(path) == "changed"]
+    if wrong:
+        notices.append(changed_notice(wrong, "the recording is not shown"))
+        return []
+    states = {path: inputs.state(path) for path in images}
+    proven = source.kind == "session" and any(inputs.state(path) == "same" for path in others)
+    if not proven and "same" not in states.values() and "changed" not in states.values():
+        text = (
+            f"{source.path}: the records name no file of the recording with its hash: the "
+            "recording is not shown"
+        )
+        notices.append(rig.Notice("recording-unreadable", text))
+        return []
+    changed = sorted(path for path, state in states.items() if state == "changed")
+    if changed:
+        notices.append(changed_notice(changed, "they are not shown"))
+    return [
+        replace(shot, known=proven or states[shot.frame.path] == "same")
+        for shot in shots
+        if states[shot.frame.path] != "changed"
+    ]
 
 
 def _evenly(count: int) -> npt.NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(count, _MOST_IMAGES)).round().astype(np.int64))
 
 
-def _region(folder: ResultFolder, maps: Embedded, shape: Sequence[int]) -> Crop | None:
+def _region(folder: ResultFolder, maps: Embedded | None, shape: Sequence[int]) -> Crop | None:
     """Return the rectangle of the images that the maps show; None if it is not known."""
+    if maps is None:
+        return None
     step, part = folder.parameter("downscale"), folder.parameter("crop")
     step = step if isinstance(step, int) and step > 0 else 1
     left, top = (0, 0)
@@ -154,7 +247,7 @@ def _images(
     pictures: dict[int, npt.NDArray[np.float32]] = {}
     for number, shot in enumerate(shots):
         try:
-            pixels = shot.frame.read()
+            pixels = shot.read()
         except (acquisition.DataError, acquisition.MissingPathError) as error:
             notices.append(rig.Notice("recording-unreadable", str(error)))
             continue
@@ -178,6 +271,7 @@ def _images(
                 frame.role,
                 frame.exposure_us,
                 shot.status,
+                shot.known,
                 base64.b64encode(jpeg.tobytes()).decode(),
             )
         )

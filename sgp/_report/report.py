@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
 
 import acquisition
 import rig
+from sgp._report.companions import companions
+from sgp._report.differences import height_differences
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
-from sgp._report.maps import Embedded, embed
+from sgp._report.maps import Embedded, embed, embed_beside
 from sgp._report.page import colour_maps, page
-from sgp._report.planes import Plane
 from sgp._report.prerendered import prerendered
-from sgp._report.recording import Recording, read_recording
+from sgp._report.recording import Recording, read_bare_recording, read_recording
 from sgp._report.sections import image_id, sections
+from sgp._report.tiles import SIDE
 from sgp._result import Result
 
 _PIXELS: Final = 1_300_000
@@ -35,8 +37,24 @@ class Report:
     reduction: list[float]
 
 
-def make_report(paths: Sequence[Path], *, max_pixels: int, most_bytes: int = MOST_BYTES) -> Report:
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A result on the page, or a map that one was computed from (without a folder)."""
+
+    number: int
+    name: str
+    maps: Embedded | None
+    folder: ResultFolder | None = None
+    recording: Recording = field(default_factory=Recording)
+    notices: list[rig.Notice] = field(default_factory=list)
+
+
+def make_report(
+    paths: Sequence[Path], *, max_pixels: int, full: bool = False, most_bytes: int = MOST_BYTES
+) -> Report:
     """Return the page of some result folders.
+
+    Without ``full``, maps are reduced until the page has at most ``most_bytes``.
 
     Raises
     ------
@@ -44,26 +62,23 @@ def make_report(paths: Sequence[Path], *, max_pixels: int, most_bytes: int = MOS
         If a folder contains nothing that a report can show.
     """
     folders = [read_folder(path) for path in paths]
-    recordings: list[Recording] = []
+    recordings: dict[Path, Recording] = {}
     pixels = _PIXELS / len(folders)
     while True:
-        maps = [embed(folder, pixels, max_pixels) for folder in folders]
-        if not recordings:
-            recordings = [
-                read_recording(folder, one, max_pixels)
-                for folder, one in zip(folders, maps, strict=True)
-            ]
-        parts = [_Part(*part) for part in zip(count(), folders, maps, recordings, strict=False)]
+        parts: list[_Part] = []
+        for folder in folders:
+            parts += _parts(folder, len(parts), pixels, max_pixels, recordings, full)
         html = _page(parts)
         size = len(html.encode())
-        embedded = [one for one in maps if one is not None]
+        embedded = [part.maps for part in parts if part.maps]
         planes = sum(len(plane.encoded) for one in embedded for plane in one.planes.values())
-        if size <= most_bytes or pixels < _FEWEST_PIXELS or not planes:
+        if full or size <= most_bytes or pixels < _FEWEST_PIXELS or not planes:
             break
         share = max(0.1, _MARGIN * (most_bytes - size + planes) / planes)
         pixels = min(pixels, max(one.size[0] * one.size[1] for one in embedded)) * share
     notices = [notice for part in parts for notice in part.notices]
-    return Report(html, notices, [one.crop.step for one in maps if one is not None])
+    shown = [part.maps for part in parts if part.folder and part.maps]
+    return Report(html, notices, [1.0 if one.tiles else one.crop.step for one in shown])
 
 
 def write_report(path: Path, folder: Path, result: Result, max_pixels: int) -> None:
@@ -76,42 +91,56 @@ def write_report(path: Path, folder: Path, result: Result, max_pixels: int) -> N
     result.summary.append(f"turn the light in {path}")
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """A result on the page."""
+def _parts(
+    folder: ResultFolder,
+    first: int,
+    pixels: float,
+    max_pixels: int,
+    recordings: dict[Path, Recording],
+    full: bool,
+) -> Iterator[_Part]:
+    """Yield the result of a folder, and the maps that it was computed from."""
+    numbers = count(first)
+    maps = embed(folder, pixels, max_pixels, full=full)
+    if folder.path not in recordings:
+        recordings[folder.path] = _recording(folder, maps, max_pixels)
+    recording = recordings[folder.path]
+    notices = [*folder.notices, *(maps.notices if maps else ()), *recording.notices]
+    path = folder.path.absolute()
+    yield _Part(next(numbers), path.name or str(path), maps, folder, recording, notices)
+    if maps is not None:
+        # `notices` is the list of the part above.
+        for name, normal_map in companions(folder, max_pixels, notices):
+            beside = embed_beside(normal_map, maps, pixels, full=full)
+            yield _Part(next(numbers), name, beside)
 
-    number: int
-    folder: ResultFolder
-    maps: Embedded | None
-    recording: Recording
 
-    @property
-    def name(self) -> str:
-        path = self.folder.path.absolute()
-        return path.name or str(path)
-
-    @property
-    def notices(self) -> list[rig.Notice]:
-        of_maps = self.maps.notices if self.maps else []
-        return [*self.folder.notices, *of_maps, *self.recording.notices]
+def _recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> Recording:
+    if maps is not None or folder.records or folder.notices:
+        return read_recording(folder, maps, max_pixels)
+    try:
+        return read_bare_recording(folder.path, max_pixels)
+    except acquisition.DataError as error:
+        raise acquisition.DataError(
+            f"{folder.path}: contains no record and no map of a result: give the folder that a "
+            f"command has written. It is no recording either: {error}"
+        ) from error
 
 
 def _page(parts: Sequence[_Part]) -> str:
-    for part in parts:
-        if part.maps is None and not part.folder.records and not part.folder.notices:
-            raise acquisition.DataError(
-                f"{part.folder.path}: contains no record and no map of a result: give the folder "
-                "that a command has written"
-            )
-    name = ", ".join(part.name for part in parts)
+    folders = [part for part in parts if part.folder]
+    name = ", ".join(part.name for part in folders)
+    shown = [(part, part.maps) for part in parts if part.maps]
     planes = [
-        (_plane_id(part, plane), plane)
-        for part in parts
-        if part.maps
-        for plane in part.maps.planes.values()
+        (_plane_id(part, plane.name), plane.encoded)
+        for part, maps in shown
+        for plane in maps.planes.values()
     ]
-    pictures = [prerendered(part.maps.planes, part.name) for part in parts if part.maps]
-    heading = " of {}" if len(parts) > 1 else ""
+    planes += [
+        (_plane_id(part, one.key), one.encoded) for part, maps in shown for one in maps.tiles
+    ]
+    pictures = [prerendered(maps.planes, part.name) for part, maps in shown]
+    heading = " of {}" if len(folders) > 1 else ""
     body = [
         tag("header", tag("h1", name), tag("p", _lead(parts), class_="lead")),
         tag(
@@ -120,14 +149,20 @@ def _page(parts: Sequence[_Part]) -> str:
             tag("section", *pictures, id="prerendered"),
             *(
                 section
-                for part in parts
+                for part in folders
+                if part.folder
                 for section in sections(
-                    part.number, part.folder, part.maps, part.recording, heading.format(part.name)
+                    part.number,
+                    part.folder,
+                    part.maps,
+                    part.recording,
+                    part.notices,
+                    heading.format(part.name),
                 )
             ),
         ),
     ]
-    described = [_described(part, part.maps) for part in parts if part.maps]
+    described = [_described(part, maps) for part, maps in shown]
     return page(name, body, {"results": described, "colourMaps": colour_maps()}, planes)
 
 
@@ -136,20 +171,26 @@ def _lead(parts: Sequence[_Part]) -> str:
     texts = []
     for part in parts:
         if part.maps is None:
-            texts.append(f"{part.name} has no maps so far")
+            none = f"{part.name} has no maps so far"
+            if part.folder and not part.folder.records and part.recording.images:
+                none = f"{part.name} is a recording without a result: sgp run computes one"
+            texts.append(none)
             continue
         (rows, columns), (high, wide) = part.maps.size, part.maps.crop.size
         full = f"{columns} x {rows} pixels"
-        if part.maps.crop.step > 1:
+        if part.maps.tiles:
+            full = f"{wide} x {high} pixels in tiles, and {columns} x {rows} for overviews"
+        elif part.maps.crop.step > 1:
             full += f", reduced from {wide} x {high}"
         if part.maps.unit == "mm":
-            full += f", {1000 * part.maps.pixel_size:.3g} µm each"
+            size = part.maps.pixel_size / (part.maps.crop.step if part.maps.tiles else 1)
+            full += f", {1000 * size:.3g} µm each"
         texts.append(f"{part.name}: {full}" if len(parts) > 1 else full)
     return "; ".join(texts)
 
 
-def _plane_id(part: _Part, plane: Plane) -> str:
-    return f"plane-{part.number}-{plane.name}"
+def _plane_id(part: _Part, name: str) -> str:
+    return f"plane-{part.number}-{name}"
 
 
 def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
@@ -169,6 +210,7 @@ def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
         }
         for place, image in enumerate(part.recording.images)
         if part.recording.aligned
+        and image.known
         and (image.role, image.status) == ("light", "kept")
         and image.light_id in directions
     ]
@@ -180,9 +222,21 @@ def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
         "full": {"rows": maps.full[0], "columns": maps.full[1]},
         "pixelSize": maps.pixel_size,
         "unit": maps.unit,
+        "reduction": maps.crop.step,
+        "heightDifferences": None if part.folder is None else height_differences(part.folder),
+        "marked": not maps.mostly_invented,
         "planes": [
-            {"id": _plane_id(part, plane), **plane.header()} for plane in maps.planes.values()
+            {"id": _plane_id(part, plane.name), **plane.header()} for plane in maps.planes.values()
         ],
+        "tiles": _tiles(part, maps),
         "lights": [{"id": name, "direction": way} for name, way in directions.items()],
         "images": images,
     }
+
+
+def _tiles(part: _Part, maps: Embedded) -> dict[str, Any] | None:
+    if not maps.tiles:
+        return None
+    rows, columns = maps.crop.size
+    headers = {one.key: {"id": _plane_id(part, one.key), **one.header} for one in maps.tiles}
+    return {"side": SIDE, "rows": rows, "columns": columns, "headers": headers}

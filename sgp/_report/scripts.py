@@ -7,8 +7,8 @@ from functools import cache
 from importlib.resources import files
 from typing import Final
 
-# The tabs of the page, in this order: modules of the folder `views`.
-VIEWS: Final = ("relight",)
+# The tabs of the page after the one with the light: modules of the folder `views`, in this order.
+VIEWS: Final[tuple[str, ...]] = ("surface3d",)
 
 _IMPORT: Final = re.compile(r'^import \{([^}]*)\} from "(\.{1,2}/[\w/.-]+)";\n', re.MULTILINE)
 _EXPORT: Final = re.compile(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 import rig
@@ -21,13 +21,15 @@ def sections(
     folder: ResultFolder,
     embedded: Embedded | None,
     recording: Recording,
+    notices: Sequence[rig.Notice],
     heading: str,
 ) -> list[Html]:
-    """Return the sections about a result; ``heading`` names it if there are several."""
-    notices = [*folder.notices, *(embedded.notices if embedded else ()), *recording.notices]
-    for record in folder.records.values():
-        notices += record.notices
-    found = [tag("section", tag("h2", "Notices", heading), notices_list(notices))]
+    """Return the sections about a result; ``heading`` names it if there are several.
+
+    ``notices`` are those besides the ones of its records.
+    """
+    noted = [*notices, *(one for record in folder.records.values() for one in record.notices)]
+    found = [tag("section", tag("h2", "Notices", heading), notices_list(noted))]
     if embedded and any(plane.kind == "scalar" for plane in embedded.planes.values()):
         lead = tag("p", "Colour scales leave out .5 % of the pixels at each end.", class_="lead")
         maps = tag("div", id=f"maps-{number}", class_="maps")
@@ -40,7 +42,9 @@ def sections(
         lights = lights_section(folder, recording.lights)
         found.append(tag("section", tag("h2", "Lights", heading), lights))
     records = [_record(name, record) for name, record in folder.records.items()]
-    return [*found, tag("section", tag("h2", "Records", heading), records)]
+    if records:
+        found.append(tag("section", tag("h2", "Records", heading), records))
+    return found
 
 
 def _contact_sheet(number: int, recording: Recording) -> Html:

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import acquisition
+import processing
 import rig
 from sgp._exit import UsageError
 from sgp._result import dumps
 from sgp._superres.judgement import Judgement
 from sgp._superres.onnx_layers import onnx_bytes
-from sgp._superres.presets import HELD_OUT, Task
+from sgp._superres.presets import CORRECTED, HELD_OUT, Task
 
 if TYPE_CHECKING:
     import torch
@@ -71,42 +72,61 @@ def remove_work(folder: Path) -> None:
         raise acquisition.storage_error(folder, "remove", error) from error
 
 
-def write_network(
-    out: Path, task: Task, weights: Mapping[str, torch.Tensor], judged: Judgement
-) -> Path:
-    """Write a network and its description; return the path of the description."""
+def network_model(
+    out: Path, task: Task, weights: Mapping[str, torch.Tensor]
+) -> processing.SuperResolutionModel:
+    """Return a network as it will be read from `out`, without corrected deviations."""
     content = onnx_bytes(task.size, {name: one.numpy() for name, one in weights.items()})
+    return processing.SuperResolutionModel(
+        out,
+        out.stem,
+        task.scale,
+        task.domain,
+        task.size.halo_px,
+        hashlib.sha256(content).hexdigest(),
+        {},
+        content,
+    )
+
+
+def write_network(model: processing.SuperResolutionModel, task: Task, judgement: Judgement) -> Path:
+    """Write a network and its description; return the path of the description."""
+    out = model.path
     description = out.with_suffix(".json")
-    text = f"{dumps(_description(out.stem, task, content, judged))}\n"
+    text = f"{dumps(_description(model, task, judgement))}\n"
     with acquisition.staged(out.parent) as place:
-        acquisition.write_durably(place / out.name, content)
+        acquisition.write_durably(place / out.name, model.data)
         acquisition.write_durably(place / description.name, text.encode())
     return description
 
 
-def _description(name: str, task: Task, content: bytes, judged: Judgement) -> dict[str, Any]:
+def _description(
+    model: processing.SuperResolutionModel, task: Task, judgement: Judgement
+) -> dict[str, Any]:
     import onnx
     import torch
 
     size, seeds = task.size, task.surfaces
     return {
         "format": _FORMAT,
-        "name": name,
-        "scale": task.scale,
-        "domain": task.domain,
+        "name": model.name,
+        "scale": model.scale,
+        "domain": model.domain,
         "architecture": "rdn",
         "blocks": size.blocks,
         "convolutions": size.convolutions,
         "growth": size.growth,
-        "halo_px": size.halo_px,
-        "sha256": hashlib.sha256(content).hexdigest(),
+        "halo_px": model.halo_px,
+        "sha256": model.sha256,
+        "deviations": None if model.deviations is None else asdict(model.deviations),
         "training": {
             "seed": task.seed,
             "steps": task.steps,
             "preset": task.preset_name,
             "settings": asdict(task.preset),
             "data": f"random surfaces of the simulator, seeds {seeds[0]} to {seeds[-1]}",
-            "held_out": {"seeds": f"{HELD_OUT[0]} to {HELD_OUT[-1]}", **asdict(judged)},
+            "deviations": f"measured on seeds {CORRECTED[0]} to {CORRECTED[-1]}",
+            "held_out": {"seeds": f"{HELD_OUT[0]} to {HELD_OUT[-1]}", **asdict(judgement)},
             "software": {
                 "name": acquisition.SOFTWARE,
                 "version": acquisition.software_version(),

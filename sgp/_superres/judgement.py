@@ -1,27 +1,46 @@
-"""How good a network is on surfaces that it was not trained on."""
+"""How good a network is on surfaces that it was not trained on, and how well it knows that."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-from sgp._superres.losses import results, squared_angle, squared_chord
-from sgp._superres.pair_files import PairFiles
-from sgp._superres.rdn import RdnSize
-from sgp._superres.torch_layers import as_images, forward
+import processing
+import rig
+import simulator
+from sgp._superres.pairs import Float
 
-if TYPE_CHECKING:
-    import torch
-
-_EVERY = 5  # one pixel in so many counts toward the deciles
+_EVERY = 2  # one row and column in so many counts toward the deviations
 _DECILES = 10
-# No predicted deviation is above 1 radian: extrapolated ones would outweigh all others.
-_LARGEST_LOG = 0.0
+_LEAST_DEG = 1e-6
+# Shares of the pixels, in order of the prediction, between which the deviations are compared: few
+# at the ends, where predictions are extrapolated.
+_SHARES = (
+    *(0, 0.01, 0.03, 0.06, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9),
+    *(0.95, 0.98, 0.99, 0.997, 1),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Errors of a network on random surfaces, all in degrees.
+
+    Parameters
+    ----------
+    bicubic_deg, network_deg
+        Mean angular errors of bicubic interpolation, and of the result with the network.
+    predicted_deg, actual_deg
+        ``(N,)`` predicted deviations of the result and its angular errors at some pixels, in
+        order of the prediction.
+    """
+
+    bicubic_deg: float
+    network_deg: float
+    predicted_deg: Float
+    actual_deg: npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -31,18 +50,15 @@ class Judgement:
     Parameters
     ----------
     bicubic_deg, network_deg
-        Mean angular errors of bicubic interpolation and of the network.
+        As in `Measured`.
     actual_over_predicted
-        Root mean square of the network's errors over that of its predictions, for each tenth of
-        the pixels in order of the prediction; 1 is best.
-    bicubic_actual_over_predicted
-        The same for the errors of bicubic interpolation.
+        Root mean square of the errors over that of the predictions, for each tenth of the pixels
+        in order of the prediction; 1 is best.
     """
 
     bicubic_deg: float
     network_deg: float
     actual_over_predicted: tuple[float, ...]
-    bicubic_actual_over_predicted: tuple[float, ...]
 
     @property
     def change(self) -> float:
@@ -50,39 +66,77 @@ class Judgement:
         return self.network_deg / self.bicubic_deg - 1
 
 
-def judge(size: RdnSize, weights: Mapping[str, torch.Tensor], pairs: PairFiles) -> Judgement:
-    """Return the errors of a network over complete surfaces."""
-    import torch
+def measure(
+    model: processing.SuperResolutionModel,
+    seeds: range,
+    side: int,
+    name: str,
+    on_progress: rig.Progress,
+) -> Measured:
+    """Reduce random surfaces, enlarge them as `sgp detail superres` does, and compare.
 
-    errors: list[list[npt.NDArray[np.float32]]] = [[], []]
-    logs: list[list[npt.NDArray[np.float32]]] = [[], []]
-    for index, image in enumerate(pairs.low):
-        low, high = (as_images(one[None]) for one in pairs.crop(index, 0, 0, len(image)))
-        with torch.no_grad():
-            output = forward(size, weights, low.to(weights["last.bias"].device)).cpu()
-            for kind, normals in enumerate(results(low, output, size.scale)):
-                squares = squared_angle(squared_chord(normals, high))
-                errors[kind].append(squares.sqrt().numpy().ravel())
-                log = output[:, 4 - kind].clamp(max=_LARGEST_LOG)
-                logs[kind].append(log.numpy().ravel())
-    bicubic, network = (np.concatenate(one) for one in errors)
-    return Judgement(
-        _mean_deg(bicubic),
-        _mean_deg(network),
-        _ratios(network, np.concatenate(logs[1])),
-        _ratios(bicubic, np.concatenate(logs[0])),
+    Parameters
+    ----------
+    model
+        The network.
+    seeds
+        Seeds of the surfaces.
+    side
+        Side of the surfaces in pixels.
+    name
+        Stage of the progress.
+    on_progress
+        Receives the stage `name`, one step per surface.
+    """
+    means: list[tuple[float, float]] = []
+    predicted, actual = [], []
+    on_progress(name, 0, len(seeds))
+    for done, seed in enumerate(seeds, 1):
+        truth = processing.NormalMap.from_vectors(simulator.random_normals(seed, side))
+        low = processing.low_resolution(truth, model.scale)
+        plain = processing.super_resolve(low, model.scale, method="bicubic", mask=truth.mask)
+        made = processing.super_resolve(low, model.scale, model=model, mask=truth.mask)
+        angles = processing.angle_deg(made.normal_map.normals, truth.normals)
+        bicubic = processing.angle_deg(plain.normal_map.normals, truth.normals)
+        means.append((float(bicubic.mean()), float(angles.mean())))
+        if made.sigma_deg is not None:  # it is, with a network
+            predicted.append(made.sigma_deg[::_EVERY, ::_EVERY].ravel())
+        actual.append(angles[::_EVERY, ::_EVERY].ravel())
+        on_progress(name, done, len(seeds))
+    deviations, errors = np.concatenate(predicted), np.concatenate(actual)
+    order = np.argsort(deviations, kind="stable")
+    bicubic_deg, network_deg = np.mean(means, axis=0).tolist()
+    return Measured(bicubic_deg, network_deg, deviations[order], errors[order])
+
+
+def judged(measured: Measured) -> Judgement:
+    """Return the figures of a network."""
+    parts = np.array_split(np.arange(len(measured.predicted_deg)), _DECILES)
+    ratios = tuple(
+        _rms(measured.actual_deg[part]) / _rms(measured.predicted_deg[part]) for part in parts
     )
+    return Judgement(measured.bicubic_deg, measured.network_deg, ratios)
 
 
-def _mean_deg(angles: npt.NDArray[np.float32]) -> float:
-    return math.degrees(float(angles.mean(dtype=np.float64)))
+def fitted_deviations(measured: Measured) -> processing.Deviations | None:
+    """Return the actual deviations of parts of the pixels with similar predictions.
+
+    None if all predictions are the same, as those of a network without training.
+    """
+    cuts = np.round(np.array(_SHARES) * len(measured.predicted_deg)).astype(int)
+    predicted: list[float] = []
+    actual: list[float] = []
+    for first, last in pairwise(cuts):
+        logs = np.log(measured.predicted_deg[first:last].astype(np.float64))
+        centre = float(np.exp(logs.mean())) if last > first else 0.0
+        if centre > (predicted[-1] if predicted else 0):
+            predicted.append(centre)
+            least = actual[-1] if actual else _LEAST_DEG
+            actual.append(max(_rms(measured.actual_deg[first:last]), least))
+    if len(predicted) < 2:
+        return None
+    return processing.Deviations(tuple(predicted), tuple(actual))
 
 
-def _ratios(angles: npt.NDArray[np.float32], logs: npt.NDArray[np.float32]) -> tuple[float, ...]:
-    """Return actual over predicted deviation by deciles of the prediction."""
-    actual, predicted = angles[::_EVERY].astype(np.float64) ** 2, np.exp(logs[::_EVERY])
-    deciles = np.array_split(np.argsort(predicted, kind="stable"), _DECILES)
-    return tuple(
-        math.sqrt(float(actual[one].mean() / predicted[one].mean(dtype=np.float64)))
-        for one in deciles
-    )
+def _rms(values: npt.NDArray[np.floating]) -> float:
+    return float(np.sqrt(np.mean(values.astype(np.float64) ** 2)))

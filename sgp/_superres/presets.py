@@ -68,7 +68,8 @@ PRESETS: dict[PresetName, Preset] = {
 }
 
 # Seeds of random surfaces. Each surface belongs to one of these sets; crops never divide it.
-HELD_OUT = range(48)  # judged during training
+HELD_OUT = range(128)  # judged after a training
+CORRECTED = range(200, 456)  # their errors correct the predicted deviations
 REPORTED = range(1000, 1128)  # judged once, for the figures in documents
 FIRST_TRAINED, TRAINED_PER_SEED = 100_000, 100_000
 

@@ -103,7 +103,8 @@ def superres(
 
     The maps are those in the folder in SGP_DATA, simulated materials, drawings and smooth shapes.
     The tables have the errors of normals and heights by class of surface, and how well the
-    predicted deviations agree with the errors.
+    predicted deviations agree with the errors. With --models, networks on details are compared
+    with networks on plain normals.
 
     For example:
 
@@ -113,12 +114,12 @@ def superres(
     Parameters
     ----------
     out
-        Folder for tables.md, tables.json, head.png and bench.json.
+        Folder for tables.md, tables.json, pictures of a head and of parts of maps, and bench.json.
     quick
         Use the middle 256 x 256 pixels of the maps, and only scale 4.
     models
-        Folder with further networks (.onnx) and their descriptions, for example of other seeds of
-        the training, or of the other domain.
+        Folder with networks (.onnx) and their descriptions, of both domains and several seeds of
+        the training, for comparing the domains. They should be trained alike.
     seed
         Seed of the simulated materials.
     force

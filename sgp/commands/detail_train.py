@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from sgp._options import TrainingSeed, TrainingSteps
 from sgp._output import check_file
 from sgp._result import Result
 from sgp._superres.pairs import Domain
-from sgp._superres.presets import HELD_OUT, PRESETS, PresetName, Scale, Task
+from sgp._superres.presets import CORRECTED, HELD_OUT, PRESETS, PresetName, Scale, Task
 
 _LIBRARIES = ("torch", "onnx")
 
@@ -56,7 +57,7 @@ def train(
     force
         Overwrite existing files.
     """
-    from sgp._superres.files import claim_work, remove_work, write_network
+    from sgp._superres.files import claim_work, network_model, remove_work, write_network
     from sgp._superres.pair_files import make_pairs
 
     check_file(out, ".onnx", force=force)
@@ -67,7 +68,7 @@ def train(
             f"{' and '.join(missing)} not found, which training requires: "
             'pip install "surface-geometry-processing[learned]"'
         )
-    from sgp._superres.judgement import judge
+    from sgp._superres.judgement import fitted_deviations, judged, measure
     from sgp._superres.training import train as run
 
     chosen = PRESETS[preset]
@@ -75,28 +76,28 @@ def train(
     work = out.with_suffix(".training")
     claim_work(work, task)
     with Stages() as progress:
-        kind = work, chosen.side, scale, domain, progress
-        held_out = make_pairs("held-out surfaces", HELD_OUT, *kind)
-        pairs = make_pairs("surfaces", task.surfaces, *kind)
+        pairs = make_pairs("surfaces", task.surfaces, work, chosen.side, scale, domain, progress)
         weights = run(task, pairs, work / "checkpoint.pt", progress)
-        progress("judging", 0, 1)
-        judged = judge(task.size, weights, held_out)
-    description = write_network(out, task, weights, judged)
+        raw = network_model(out, task, weights)
+        measured = measure(raw, CORRECTED, chosen.side, "deviations", progress)
+        model = replace(raw, deviations=fitted_deviations(measured))
+        judgement = judged(measure(model, HELD_OUT, chosen.side, "held-out surfaces", progress))
+    description = write_network(model, task, judgement)
     remove_work(work)
-    ratios = judged.actual_over_predicted
+    ratios = judgement.actual_over_predicted
     metrics: TrainMetrics = {
         "steps": task.steps,
         "parameters": sum(one.numel() for one in weights.values()),
-        "bicubic_mae_deg": judged.bicubic_deg,
-        "network_mae_deg": judged.network_deg,
+        "bicubic_mae_deg": judgement.bicubic_deg,
+        "network_mae_deg": judgement.network_deg,
         "actual_over_predicted": list(ratios),
     }
     return Result(
         outputs={"network": out, "description": description},
         metrics=metrics,
         summary=[
-            f"{out}: mean error on held-out surfaces {judged.network_deg:.3f} degrees, "
-            f"{judged.change:+.1%} against bicubic interpolation",
+            f"{out}: mean error on held-out surfaces {judgement.network_deg:.3f} degrees, "
+            f"{judgement.change:+.1%} against bicubic interpolation",
             f"actual over predicted deviation {min(ratios):.2f} to {max(ratios):.2f}",
         ],
     )

@@ -17,35 +17,41 @@ def report(
     folder: Input,
     *others: Input,
     out: Path = Path("report.html"),
+    full: bool = False,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
     """Write one HTML page that shows results under a light that you turn by hand.
 
     The page needs no server and no network: it contains the maps, at most 8 MB by default, reduced
-    if necessary, and opens in any browser. It also shows the records of the results: notices,
-    figures, parameters and input hashes.
+    if necessary, and opens in any browser. It also shows the recording, if it is still there and
+    unchanged, and the records of the results: notices, figures, parameters and input hashes. The
+    maps that a transfer, synthesis or filling started from are shown next to its result.
 
     For example:
 
         sgp report result --out report.html
         sgp report before after --out comparison.html
+        sgp report result --full --out large.html
 
     Parameters
     ----------
     folder
-        Result folder: of sgp run, normals, detail, surface, curvature or demo.
+        Result folder: of sgp run, normals, detail, surface, curvature or demo; or a recording that
+        has no result yet.
     others
         More result folders, to compare them with the first.
     out
         The page, an .html file.
+    full
+        Embed the maps at full resolution, too, whatever the size of the page.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
         Replace an existing file.
     """
     check_file(out, ".html", force=force)
-    made = make_report([folder, *others], max_pixels=max_pixels)
+    made = make_report([folder, *others], max_pixels=max_pixels, full=full)
     content = made.html.encode()
     acquisition.write_durably(out, content)
     result = Result(outputs={"report": out}, warnings=made.notices)

@@ -146,6 +146,31 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "processing/_curvature/curvature.py": ("processing/test_curvature.py",),
     "processing/_curvature/plane_fit.py": ("processing/test_curvature.py",),
     "processing/_curvature/positions.py": ("processing/test_curvature.py",),
+    **{
+        f"processing/_uncertainty/{name}.py": ("processing/test_normal_uncertainty.py",)
+        for name in (
+            "judged_samples",
+            "light_table",
+            "pixel_variances",
+            "reference",
+            "reflectance_left",
+            "residual_structure",
+            "tangents",
+        )
+    },
+    "processing/_uncertainty/model_error.py": (
+        "processing/test_model_error.py",
+        "processing/test_normal_uncertainty.py",
+    ),
+    **{
+        f"processing/_reconstruction/{name}.py": ("processing/test_banded_normals.py",)
+        for name in ("banded_normals", "colour_normals", "recorded_images")
+    },
+    "processing/_reconstruction/colours.py": (
+        "processing/test_joint_colours.py",
+        "processing/test_colours.py",
+    ),
+    "processing/_uncertainty/colours.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/joint_colours.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/joint_noise.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/specular.py": ("processing/test_specular.py",),

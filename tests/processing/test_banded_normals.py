@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import fields, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
-from acquisition import read_source
+from acquisition import Frame, read_source
 from processing import Reconstruction, reconstruct
 from processing._reconstruction import reconstruct as source_to_normals
 from processing._reconstruction import recorded_images
+from tests.processing.test_colours import recording
 from tests.processing.test_reconstruct import session  # noqa: F401
 
 
@@ -64,3 +68,41 @@ def test_maps_do_not_depend_on_the_bands(
         for name, found in arrays(banded).items():
             np.testing.assert_array_equal(found, expected[name], err_msg=f"{name}, {band} rows")
         assert banded.warnings == whole.warnings
+
+
+@pytest.mark.parametrize(
+    ("channel", "law"),
+    [("rgb", False), pytest.param("joint", True, marks=pytest.mark.slow), ("joint", False)],
+)
+def test_maps_of_colours_do_not_depend_on_the_bands(
+    monkeypatch: pytest.MonkeyPatch, channel: Literal["rgb", "joint"], law: bool
+) -> None:
+    """Red is saturated in some columns, and the first rows are black."""
+    monkeypatch.setattr(Path, "exists", lambda self: True)  # the frames are arrays
+    source = recording((0.8, 0.3, 0.1), noise=law, white=20)
+    source = replace(source, frames=tuple(replace(f, load=black(f)) for f in source.frames))
+    columns = source.size[1]
+    monkeypatch.setattr(recorded_images, "_SAMPLE", 3 * 8 * columns)
+    whole = reconstruct(source, method="cauchy", channel=channel, surface=False)
+    assert not whole.stereo.normal_map.mask[:9].any()
+    assert whole.stereo.normal_map.mask[9:].all()
+    assert whole.uncertainty.valid[9:].all()
+    monkeypatch.setattr(source_to_normals, "_IN_MEMORY", 0)
+    monkeypatch.setattr(recorded_images, "_BAND", 7 * 3 * 4 * len(source.light_ids) * columns)
+    banded = reconstruct(source, method="cauchy", channel=channel, surface=False)
+    expected = arrays(whole)
+    for name, found in arrays(banded).items():
+        np.testing.assert_array_equal(found, expected[name], err_msg=name)
+    assert banded.warnings == whole.warnings
+    assert banded.uncertainty.neighbour_correlation == whole.uncertainty.neighbour_correlation
+
+
+def black(frame: Frame) -> Callable[[], npt.NDArray[Any]]:
+    """Return a loader of a frame whose first rows have no light."""
+
+    def load() -> npt.NDArray[Any]:
+        pixels = frame.load().copy()
+        pixels[:9] = 0
+        return pixels
+
+    return load

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from acquisition import Lights, angle_deg
 from processing import photometric_stereo
 from processing._stereo.frames import Frames
-from processing._stereo.image_noise import law_of_images
+from processing._stereo.image_noise import _not_negative, law_of_images
 from processing._stereo.light_model import LightModel
 
 COUNT = 24
@@ -81,3 +82,15 @@ def test_every_robust_method_is_as_exact_as_weighted_least_squares(scene, method
     found = photometric_stereo(values, Lights(directions), mask, method=method)
     error = angle_deg(found.normal_map.normals, normals)
     assert np.sqrt(np.mean(error**2)) < 1.04 * np.sqrt(np.mean(bound**2))
+
+
+def test_two_coefficients_that_are_not_negative_are_those_of_scipy():
+    rng = np.random.default_rng(3)
+    seen = set()
+    for _ in range(100):
+        terms = rng.uniform(size=(8, 2))
+        values = terms @ rng.normal(size=2) + 0.2 * rng.normal(size=8)
+        expected, _ = nnls(terms, values)
+        np.testing.assert_allclose(_not_negative(terms, values), expected, atol=1e-12)
+        seen.add(tuple(expected > 0))
+    assert len(seen) == 4

@@ -8,11 +8,13 @@ import pytest
 from acquisition import CameraModel, Lights
 from calibration import EstimateError, StackNoise
 from processing import angle_deg
-from processing._reconstruction.colours import stereo_of_colours
-from processing._reconstruction.joint_colours import joint_stereo
+from processing._reconstruction.colour_maps import ColourImages
+from processing._reconstruction.colours import laws_of_colours, solve_colours
+from processing._reconstruction.joint_colours import law_of_joint_samples, solve_jointly
 from processing._reconstruction.joint_noise import JointNoise
 from processing._stereo.method import METHODS
-from processing._uncertainty.colours import uncertainty_of_colours
+from processing._uncertainty.colours import shown_by_colours, variances_of_colours
+from processing._uncertainty.normal_uncertainty import as_uncertainty
 
 SIZE = (70, 60)
 COUNT = 20
@@ -68,17 +70,15 @@ def recorded(near, seed):
     return (signal + rng.normal(size=signal.shape) * np.sqrt(variance)).astype(np.float32), variance
 
 
-def solved(values, near=False, method="ls", known=True, by=joint_stereo, rows=slice(None)):
+def solved(values, near=False, method="ls", known=True, joint=True, rows=slice(None)):
     law = noise().rows(rows.start or 0, rows.stop or SIZE[0]) if known else None
-    return by(
-        values[:, rows],
-        lights(near),
-        MASK[rows],
-        method=method,
-        points_mm=CAMERA.points_on_plane()[rows] if near else None,
-        noise=law,
-        on_progress=lambda *step: None,
-    )
+    points = CAMERA.points_on_plane()[rows] if near else None
+    images = ColourImages(values[:, rows], lights(near), MASK[rows], points, law)
+    if joint:
+        maps = solve_jointly(images, method, law_of_joint_samples(images, method))
+    else:
+        maps = solve_colours(images, method, laws_of_colours(images, method))
+    return maps.result(images.mask, images.values.max(axis=-1)), maps.albedo
 
 
 def errors(result):
@@ -111,7 +111,7 @@ def bounds(near, variance, measured=None):
 def test_every_method_reaches_the_bound_of_all_samples(near, methods):
     values, variance = recorded(near, seed=11)
     bound = bounds(near, variance)
-    apart = errors(solved(values, near, by=stereo_of_colours)) / bound
+    apart = errors(solved(values, near, joint=False)) / bound
     for method in methods:
         ratio = errors(solved(values, near, method)) / bound
         assert (ratio > 0.9).all()
@@ -155,7 +155,7 @@ def test_a_saturated_colour_with_nearly_all_the_light_is_no_worse_than_solved_ap
     for values, stripes in ((some, [red]), (everywhere, [gray, red])):
         for method in ("trimmed", "best"):
             joint = errors(solved(values, method=method))[stripes]
-            apart = errors(solved(values, method=method, by=stereo_of_colours))[stripes]
+            apart = errors(solved(values, method=method, joint=False))[stripes]
             assert (joint < 1.1 * apart).all(), (method, joint, apart)
 
 
@@ -165,18 +165,11 @@ def test_errors_are_as_large_as_predicted(known, method):
     values = shadowed(17)
     values[::3, ..., 0] = np.nan
     stereo, albedo = solved(values, method=method, known=known)
-    found = uncertainty_of_colours(
-        values,
-        lights(False),
-        MASK,
-        stereo,
-        albedo,
-        points_mm=None,
-        camera=None,
-        depth_sigma=0.0,
-        noise=noise() if known else None,
-        on_progress=lambda *step: None,
-    )
+    given = values, lights(False), MASK, stereo.normal_map.normals, albedo
+    others = {"points_mm": None, "camera": None, "depth_sigma": 0.0}
+    others["noise"] = noise() if known else None
+    shown = shown_by_colours(*given, **others)
+    found = as_uncertainty(variances_of_colours(*given, **others, shown=shown))
     assert found.valid.all()
     error = angle_deg(stereo.normal_map.normals, normals()).ravel()
     sigma = found.sigma_deg.ravel().astype(float)

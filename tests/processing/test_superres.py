@@ -315,6 +315,7 @@ DESCRIPTIONS = {
     "scale 3": ({"scale": 3}, "key 'scale'"),
     "architecture": ({"architecture": "unet"}, "key 'architecture'"),
     "halo": ({"halo_px": 0}, "key 'halo_px'"),
+    "deviations": ({"deviations": {"predicted_deg": [1], "actual_deg": [1]}}, "key 'deviations'"),
     "unknown key": ({"halo": 3}, "key 'halo'"),
     "another file": ({"sha256": 64 * "0"}, "not the network that n.json describes, or altered"),
 }

@@ -148,6 +148,8 @@ class Browser:
 
     def open(self, path: Path, fragment: str = "") -> None:
         """Open a file and wait until it is loaded."""
+        # Without this, another fragment of the open page would not load it again.
+        self.call("Page.navigate", url="about:blank")
         self.requests.clear()
         self.messages.clear()
         self.call("Page.navigate", url=path.resolve().as_uri() + fragment)

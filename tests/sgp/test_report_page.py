@@ -68,6 +68,8 @@ def show(browser: Browser, mode: str, light: tuple[float, float]) -> np.ndarray:
     azimuth, elevation = light
     browser.value(f"location.hash = 'zoom=1&show={mode}&light={azimuth},{elevation}'")
     browser.until(f"document.querySelector('canvas').dataset.shown.startsWith('{mode} ')")
+    status = f"Light: azimuth {azimuth}°, elevation {elevation}°"
+    browser.until(f"document.querySelector('.status').textContent.startsWith('{status}')")
     browser.value(FRAME)
     return pixels(browser)
 
@@ -79,7 +81,7 @@ def pixels(browser: Browser) -> np.ndarray:
 
 def at_map(canvas: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """Cut the map out of the canvas, in whose middle it is at 1:1."""
-    top, left = (round((a - b) / 2) for a, b in zip(canvas.shape[:2], size, strict=True))
+    top, left = ((a - b + 1) // 2 for a, b in zip(canvas.shape[:2], size, strict=True))
     return canvas[top : top + size[0], left : left + size[1]]
 
 
@@ -181,16 +183,12 @@ def test_the_keyboard_reaches_every_control_with_a_visible_focus(browser, page):
 def test_the_divider_compares_two_modes(browser, page, planes):
     opened(browser, page)
     show(browser, "matte", LIGHTS[0])
-    browser.value(
-        "[...document.querySelectorAll('input[type=checkbox]')]"
-        ".find((one) => one.parentElement.textContent.includes('compare')).click()"
-    )
-    browser.value("location.hash = 'zoom=1&show=matte&right=normals&light=135,45'")
+    browser.value("location.hash = 'layout=divider&zoom=1&show=matte&right=normals&light=135,45'")
     browser.until("document.querySelector('canvas').dataset.shown === 'matte normals'")
     browser.value(FRAME)
     canvas = pixels(browser)
     found = at_map(canvas, planes["normals"].samples.shape[:2])[..., :3]
-    middle = found.shape[1] // 2
+    middle = round(canvas.shape[1] / 2) - (canvas.shape[1] - found.shape[1] + 1) // 2
     for part, mode in ((slice(0, middle - 1), "matte"), (slice(middle + 1, None), "normals")):
         expected = shaded(planes, mode, LIGHTS[0])
         assert np.abs(found - expected)[:, part].max() <= 2

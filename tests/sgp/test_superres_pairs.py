@@ -18,7 +18,7 @@ from sgp._superres.batches import SYMMETRIES, batch, turned
 from sgp._superres.files import claim_work, remove_work
 from sgp._superres.pair_files import make_pairs
 from sgp._superres.pairs import averaged, pair
-from sgp._superres.presets import HELD_OUT, PRESETS, REPORTED, Task
+from sgp._superres.presets import CORRECTED, HELD_OUT, PRESETS, REPORTED, Task
 from sgp._superres.rdn import OUTPUTS, RdnSize, weight_shapes
 from simulator import random_normals
 
@@ -107,8 +107,8 @@ def test_a_batch_depends_on_its_key_alone(folder):
 
 def test_surfaces_of_different_sets_differ():
     trained = [set(Task(4, "detail", seed, "small", 1).surfaces) for seed in range(3)]
-    sets = [*trained, set(HELD_OUT), set(REPORTED)]
-    assert len(set().union(*sets)) == sum(map(len, sets)) == 3 * 900 + 48 + 128
+    sets = [*trained, set(HELD_OUT), set(CORRECTED), set(REPORTED)]
+    assert len(set().union(*sets)) == sum(map(len, sets)) == 3 * 900 + 2 * 128 + 256
 
 
 def test_sizes_of_the_published_network():

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -34,6 +38,7 @@ TINY = replace(
 def tiny(monkeypatch):
     monkeypatch.setitem(PRESETS, "small", TINY)
     monkeypatch.setattr("sgp.commands.detail_train.HELD_OUT", range(3))
+    monkeypatch.setattr("sgp.commands.detail_train.CORRECTED", range(3, 6))
 
 
 @pytest.mark.parametrize("upsampling", ["direct", "convolved"])
@@ -176,3 +181,47 @@ def test_the_command_writes_a_network_and_its_description(sgp, tmp_path: Path):
     assert 0 < figures["network_mae_deg"] < 2 * figures["bicubic_mae_deg"]
     assert len(figures["actual_over_predicted"]) == 10
     assert sgp(*words).code == 2
+
+
+# The command with a tiny preset, which writes a checkpoint after each step.
+CHILD = """
+import sys
+from dataclasses import replace
+import sgp
+from sgp._superres import presets, training
+from sgp.commands import detail_train
+sizes = dict(blocks=1, convolutions=2, growth=8, features=8, surfaces=6, side=48, crop=8)
+presets.PRESETS["small"] = replace(presets.PRESETS["small"], **sizes)
+detail_train.HELD_OUT, detail_train.CORRECTED = range(3), range(3, 6)
+training._SAVE_EVERY_S = -1.0
+sgp.main()
+"""
+
+
+def test_a_process_killed_on_the_way_leads_to_the_same_files(tmp_path):
+    def command(out: Path) -> list[str | Path]:
+        words = ["detail", "train", "--scale", "2", "--steps", "40", "--out", out]
+        return [sys.executable, "-c", CHILD, *words]
+
+    out, whole = tmp_path / "a" / "n.onnx", tmp_path / "b" / "n.onnx"
+    for path in (out, whole):
+        path.parent.mkdir()
+    checkpoint = out.with_suffix(".training") / "checkpoint.pt"
+    killed = 0
+    while not out.exists():
+        with subprocess.Popen(command(out), stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr is not None
+            began = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
+            while process.poll() is None and killed < 2:
+                if checkpoint.exists() and checkpoint.stat().st_mtime_ns != began:
+                    process.kill()
+                    killed += 1
+                    break
+                time.sleep(0.002)
+            talk = process.communicate()[1]
+        assert process.returncode in (0, -signal.SIGKILL), talk
+    assert killed > 0
+    subprocess.run(command(whole), check=True, capture_output=True)
+    assert out.read_bytes() == whole.read_bytes()
+    assert out.with_suffix(".json").read_text() == whole.with_suffix(".json").read_text()
+    assert sorted(path.name for path in out.parent.iterdir()) == ["n.json", "n.onnx"]

@@ -1,7 +1,8 @@
 // What the page keeps in its address, after the #. Each view uses keys of its own.
 
-export function remembered(key) {
-  return new URLSearchParams(location.hash.slice(1)).get(key);
+/** Return the value of a key, of the page's address or of another one, or null. */
+export function remembered(key, address = location.href) {
+  return new URLSearchParams(new URL(address).hash.slice(1)).get(key);
 }
 
 export function remember(key, value) {

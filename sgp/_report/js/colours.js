@@ -1,6 +1,6 @@
 // Colour maps of numbers, and their scales.
 
-import { drawing } from "./elements.js";
+import { drawing, element } from "./elements.js";
 
 /** Return the 256 x 3 samples of a colour map from base64. */
 export function colourMap(text) {
@@ -24,13 +24,13 @@ export function written(value, step) {
   return value.toFixed(digits).replace("-", "\u2212");
 }
 
-/** Draw a colour scale as text and a bar. */
+/** Return a colour scale: its title, and a bar with ticks. */
 export function scale(samples, low, high, title) {
   const width = 260;
-  const bar = [];
+  const parts = [];
   for (let i = 0; i < 64; i++) {
     const [r, g, b] = samples.subarray(12 * i, 12 * i + 3);
-    bar.push(drawing("rect", { x: 20 + (i * width) / 64, y: 22, width: width / 64 + 0.5, height: 12, fill: `rgb(${r},${g},${b})` }));
+    parts.push(drawing("rect", { x: 20 + (i * width) / 64, y: 22, width: width / 64 + 0.5, height: 12, fill: `rgb(${r},${g},${b})` }));
   }
   const values = high > low ? ticks(low, high) : [low];
   const step = values.length > 1 ? values[1] - values[0] : Math.abs(low) || 1;
@@ -41,11 +41,11 @@ export function scale(samples, low, high, title) {
       drawing("text", { x, y: 51, "text-anchor": "middle" }, written(value, step)),
     ];
   });
-  return drawing(
+  const bar = drawing(
     "svg",
-    { viewBox: "0 0 300 56", class: "scale", role: "img", "aria-label": `${title}: scale from ${written(low, step)} to ${written(high, step)}` },
-    drawing("text", { x: 20, y: 15 }, title),
-    ...bar,
+    { viewBox: "0 20 300 36", class: "scale", role: "img", "aria-label": `${title}: scale from ${written(low, step)} to ${written(high, step)}` },
+    ...parts,
     ...marks,
   );
+  return element("div", {}, element("p", { class: "scale-title" }, title), bar);
 }

@@ -2,31 +2,40 @@
 
 const MOST_ZOOM = 32;
 
-/** Where the map lies on the canvas: x, y of its top left corner and zoom, in pixels of the canvas. */
+/**
+ * Where the map lies in a frame {width, height}, which each pane has: x, y of its top left corner and
+ * zoom, in pixels of the canvas. `unit` is the zoom at which one pixel of the finest map is one of the canvas.
+ */
 export class Place {
-  constructor(canvas, size) {
-    Object.assign(this, { canvas, size, x: 0, y: 0, zoom: 1, fitted: true });
+  constructor(size, unit) {
+    Object.assign(this, { frame: { width: 1, height: 1 }, size, unit, x: 0, y: 0, zoom: 1, fitted: true });
+  }
+
+  /** Change the frame; what was in its middle stays there. */
+  reframe({ width, height }) {
+    const [right, down] = [(width - this.frame.width) / 2, (height - this.frame.height) / 2];
+    this.frame = { width, height };
+    if (this.fitted) return this.fit();
+    this.x = Math.round(this.x + right);
+    this.y = Math.round(this.y + down);
+    this.limit();
   }
 
   fit() {
-    const { width, height } = this.canvas;
-    this.zoom = Math.min(width / this.size.columns, height / this.size.rows, MOST_ZOOM);
-    this.centre();
+    const { width, height } = this.frame;
+    this.zoom = Math.min(width / this.size.columns, height / this.size.rows, MOST_ZOOM * this.unit);
+    this.x = Math.round((width - this.size.columns * this.zoom) / 2);
+    this.y = Math.round((height - this.size.rows * this.zoom) / 2);
     this.fitted = true;
   }
 
-  centre() {
-    this.x = Math.round((this.canvas.width - this.size.columns * this.zoom) / 2);
-    this.y = Math.round((this.canvas.height - this.size.rows * this.zoom) / 2);
-  }
-
-  /** Zoom about a place of the canvas, by default its middle. */
-  zoomTo(zoom, x = this.canvas.width / 2, y = this.canvas.height / 2) {
-    const least = Math.min(1, 0.5 * Math.min(this.canvas.width / this.size.columns, this.canvas.height / this.size.rows));
-    const next = Math.min(MOST_ZOOM, Math.max(least, zoom));
+  /** Zoom about a place of the frame, by default its middle. */
+  zoomTo(zoom, x = this.frame.width / 2, y = this.frame.height / 2) {
+    const least = Math.min(this.unit, 0.5 * Math.min(this.frame.width / this.size.columns, this.frame.height / this.size.rows));
+    const next = Math.min(MOST_ZOOM * this.unit, Math.max(least, zoom));
     this.x = x - ((x - this.x) * next) / this.zoom;
     this.y = y - ((y - this.y) * next) / this.zoom;
-    if (next === 1) [this.x, this.y] = [Math.round(this.x), Math.round(this.y)];
+    if (next === this.unit) [this.x, this.y] = [Math.round(this.x), Math.round(this.y)];
     this.zoom = next;
     this.fitted = false;
     this.limit();
@@ -41,7 +50,7 @@ export class Place {
 
   /** A part of the map stays in sight. */
   limit() {
-    const { width, height } = this.canvas;
+    const { width, height } = this.frame;
     this.x = Math.min(0.9 * width, Math.max(0.1 * width - this.size.columns * this.zoom, this.x));
     this.y = Math.min(0.9 * height, Math.max(0.1 * height - this.size.rows * this.zoom, this.y));
   }

@@ -1,7 +1,9 @@
-// The page: reads its data, makes a tab for each view, and opens the first one.
+// The page: reads its data, makes a tab for the light and for each other view, and opens the first one.
 
+import { remember, remembered } from "./address.js";
 import { element } from "./elements.js";
 import { drawMaps } from "./gallery.js";
+import { label, mount } from "./relight.js";
 import { Result } from "./result.js";
 
 export function start(views) {
@@ -11,21 +13,27 @@ export function start(views) {
   if (!place || results.length === 0) return;
   if (typeof DecompressionStream === "undefined") return;
   const tabs = element("div", { role: "tablist", class: "tabs", "aria-label": "Views" });
-  const panels = views.map((view) => panel(view, tabs, results, report));
-  if (views.length > 1) place.append(tabs);
+  const panels = [{ id: "relight", label, mount }, ...views].map((view) => panel(view, tabs, results, report));
+  if (panels.length > 1) place.append(tabs);
   place.append(...panels.map((one) => one.body));
   const choose = (chosen) => panels.forEach((one) => one.select(one === chosen));
+  const turn = (chosen) => {
+    choose(chosen);
+    remember("view", chosen.id);
+  };
   panels.forEach((one) => {
-    one.tab.addEventListener("click", () => choose(one));
+    one.tab.addEventListener("click", () => turn(one));
     one.tab.addEventListener("keydown", (event) => {
       const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
       if (!step) return;
       const next = panels[(panels.indexOf(one) + step + panels.length) % panels.length];
-      choose(next);
+      turn(next);
       next.tab.focus();
     });
   });
   choose(panels[0]);
+  const asked = panels.find((one) => one.id === remembered("view"));
+  if (asked) choose(asked);
   drawMaps(results, report.colourMaps);
 }
 
@@ -53,5 +61,5 @@ function panel(view, tabs, results, report) {
     const shown = await mounted;
     (chosen ? shown?.show : shown?.hide)?.();
   };
-  return { tab, body, select };
+  return { id: view.id, tab, body, select };
 }

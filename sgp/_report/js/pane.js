@@ -2,18 +2,21 @@
 
 import { nearest } from "./captured.js";
 import { modesOf } from "./modes.js";
+import { Tiles } from "./tiles.js";
 import { decodeVectors, encodeVectors, smoothed } from "./vectors.js";
 
 const TAIL = 0.02; // share of the curvatures beyond the scale
 
 /** A pane; `prepare` loads what its mode needs, `draw` draws a part of the canvas. */
 export class Pane {
-  constructor(renderer, maps, results, index) {
+  constructor(renderer, maps, results, index, redraw) {
     Object.assign(this, { renderer, maps, mode: "", textures: new Map(), smoothing: 0 });
     this.result = results[Math.min(index, results.length - 1)];
     this.columns = results[0].columns;
+    this.tiles = new Tiles(renderer, redraw);
     const offered = modesOf(this.result).map(([key]) => key);
-    const wanted = index === 0 ? ["shaded", "matte"] : ["detail", "matte", "normals"];
+    // The second pane shows another result in the same way, or the same result in another one.
+    const wanted = index === 0 || results.length > 1 ? ["shaded", "matte"] : ["detail", "matte", "normals"];
     this.mode = wanted.find((key) => offered.includes(key)) ?? offered[0];
     this.curvature = 1;
     this.ready = false;
@@ -21,8 +24,7 @@ export class Pane {
 
   async prepare({ smoothing }) {
     const { result } = this;
-    const names = this.mode.startsWith("map:") ? [this.mode.slice(4)] : ["normals", "shape", "albedo", "height"];
-    for (const name of names) {
+    for (const name of needs(this.mode)) {
       const header = result.header(name);
       if (header) await this.load(result, header, header.kind === "vectors" ? smoothing : 0);
     }
@@ -74,13 +76,28 @@ export class Pane {
     return smoothing > 0 ? smoothed(decoded, plane.rows, plane.columns, smoothing) : decoded;
   }
 
-  draw({ left, right, view, light, look }) {
+  /** Draw into a box of the canvas; `view` is the place of the map on it. */
+  draw({ box, view, light, look }) {
     if (!this.ready) return;
     const { result, mode } = this.shown;
-    const texture = (name, smoothing = 0) => this.textures.get(this.key(result, name, smoothing));
+    // All results are shown as wide as the first one.
+    const zoom = (view.zoom * this.columns) / result.columns;
+    const whole = { step: 1, x: view.x, y: view.y, zoom, box, size: result, offset: [0, 0], levels: levels(result) };
+    const texture = (name) => this.textures.get(this.key(result, name, ["normals", "shape"].includes(name) ? this.smoothing : 0));
+    this.drawPart(whole, texture, light, look);
+    if (!result.tiles || mode === "captured" || this.smoothing > 0 || zoom <= 1) return;
+    const names = needs(mode).filter((name) => result.has(name));
+    for (const tile of this.tiles.visible(result, names, whole)) this.drawPart(tile, tile.texture, light, look);
+  }
+
+  /** Draw the whole map, or a tile, whose pixels are `step` times finer. */
+  drawPart({ step, x, y, zoom, box, size, offset, levels }, texture, light, look) {
+    const { result, mode } = this.shown;
     const scalar = mode.startsWith("map:") ? result.header(mode.slice(4)) : null;
     const height = result.header("height");
-    const diagonal = Math.hypot(result.columns, result.rows);
+    const wide = [result.columns * step, result.rows * step];
+    const diagonal = Math.hypot(...wide);
+    const pixelSize = result.pixelSize / step;
     const images = this.captured(light);
     const uniforms = {
       uFrameWeights: [0, 1, 2].map((i) => images[i]?.[1] ?? 0),
@@ -89,28 +106,29 @@ export class Pane {
       uReference: light.distance * diagonal,
       uHasShape: result.has("shape"),
       uHasHeight: Boolean(height),
-      uHeightStep: height ? [(height.low - (height.shown[0] + height.shown[1]) / 2) / result.pixelSize, height.step / result.pixelSize] : [0, 0],
+      uHeightStep: height ? [(height.low - (height.shown[0] + height.shown[1]) / 2) / pixelSize, height.step / pixelSize] : [0, 0],
+      uOffset: offset,
+      uWhole: wide,
+      uMark: look.marked && result.has("invented"),
       uExaggeration: look.exaggeration,
       uGain: look.gain,
       uGloss: look.gloss,
       uShine: look.shine,
-      uPixelSize: result.pixelSize,
+      uPixelSize: pixelSize,
       uCurvatureRange: this.curvature,
       uScalarRange: scalar ? scalar.shown.map((value) => (value - scalar.low) / scalar.step + 1) : [0, 1],
     };
     const textures = {
-      uNormals: texture("normals", this.smoothing),
-      uShape: texture("shape", this.smoothing),
+      uNormals: texture("normals"),
+      uShape: texture("shape"),
       uAlbedo: texture("albedo"),
       uHeight: texture("height"),
+      uInvented: texture("invented"),
       uScalar: scalar && texture(scalar.name),
       ...Object.fromEntries(images.map(([image], i) => [`uFrame${"ABC"[i]}`, this.textures.get(image.id)])),
       uColours: this.colours(scalar ? scalar.colours : "signed"),
     };
-    // All results are shown as wide as the first one.
-    const scale = this.columns / result.columns;
-    view = { x: view.x, y: view.y, zoom: view.zoom * scale };
-    this.renderer.draw({ left, right, mode: scalar ? "scalar" : mode, textures, uniforms, size: result, levels: levels(result), view });
+    this.renderer.draw({ box, mode: scalar ? "scalar" : mode, textures, uniforms, size, levels, view: { x, y, zoom } });
   }
 
   colours(name) {
@@ -133,6 +151,12 @@ export class Pane {
     const { shown, label, unit, colours } = result.header(mode.slice(4));
     return { samples: this.maps[colours] ?? this.maps.doubt, low: shown[0], high: shown[1], title: unit ? `${label}, ${unit}` : label };
   }
+}
+
+/** Return the names of the planes that a mode needs. */
+function needs(mode) {
+  const names = mode.startsWith("map:") ? [mode.slice(4)] : ["normals", "shape", "albedo", "height"];
+  return names.includes("invented") ? names : [...names, "invented"];
 }
 
 /** Return the number of levels that the renderer makes for the maps of a result. */

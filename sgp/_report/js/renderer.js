@@ -3,7 +3,7 @@
 import { levelsOf } from "./levels.js";
 import { FRAGMENT, MODES, VERTEX } from "./shader.js";
 
-const UNITS = ["uNormals", "uShape", "uScalar", "uHeight", "uAlbedo", "uColours", "uFrameA", "uFrameB", "uFrameC"];
+const UNITS = ["uNormals", "uShape", "uScalar", "uHeight", "uInvented", "uAlbedo", "uColours", "uFrameA", "uFrameB", "uFrameC"];
 
 /** Draws panes into a canvas. Throws if there is no WebGL2. */
 export class Renderer {
@@ -25,9 +25,9 @@ export class Renderer {
     return this.places.get(name);
   }
 
-  /** Return a texture with all levels of a plane. */
-  planeTexture(plane) {
-    const levels = levelsOf(plane);
+  /** Return a texture with all levels of a plane, or with the first one alone. */
+  planeTexture(plane, single = false) {
+    const levels = single ? [plane] : levelsOf(plane);
     const kind = plane.kind === "scalar" && plane.bits === 8 ? "scalar8" : plane.kind;
     return this.texture(plane.kind === "colour" ? levels.map((level) => coloured(level, plane)) : levels, kind);
   }
@@ -82,16 +82,19 @@ export class Renderer {
     gl.clear(gl.COLOR_BUFFER_BIT);
   }
 
-  /** Draw a pane: {left, right} of the canvas, mode, textures by name of uniform, and uniforms. */
-  draw({ left, right, mode, textures, uniforms, size, levels, view }) {
+  /**
+   * Draw a map, or one of its tiles, into a box of the canvas: mode, textures by name of uniform, and uniforms.
+   * `view` is the place of the map on the canvas, and its zoom.
+   */
+  draw({ box, mode, textures, uniforms, size, levels, view }) {
     const gl = this.gl;
     const { width, height } = gl.canvas;
     gl.viewport(0, 0, width, height);
     gl.enable(gl.SCISSOR_TEST);
-    gl.scissor(left, 0, Math.max(0, right - left), height);
+    gl.scissor(box.left, height - box.top - box.height, Math.max(0, box.width), Math.max(0, box.height));
     UNITS.forEach((name, unit) => {
       gl.activeTexture(gl.TEXTURE0 + unit);
-      const other = unit < 4 ? this.unsigned : this.picture;
+      const other = unit < 5 ? this.unsigned : this.picture;
       gl.bindTexture(gl.TEXTURE_2D, textures[name] ?? other);
     });
     const level = Math.min(levels - 1, Math.max(0, Math.round(-Math.log2(view.zoom))));

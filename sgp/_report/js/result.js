@@ -27,6 +27,11 @@ export class Result {
     return this.decoded.get(name);
   }
 
+  /** Pixels of the finest map for each pixel of the embedded one. */
+  get finest() {
+    return this.tiles ? this.tiles.columns / this.columns : 1;
+  }
+
   /** Return what views get: decision 60 lists it. */
   async data() {
     const names = ["height", "height_sigma", "normals", "albedo"];

@@ -25,15 +25,16 @@ precision highp float;
 precision highp int;
 precision highp sampler2D;
 precision highp usampler2D;
-uniform usampler2D uNormals, uShape, uScalar, uHeight;
+uniform usampler2D uNormals, uShape, uScalar, uHeight, uInvented;
 uniform sampler2D uAlbedo, uColours, uFrameA, uFrameB, uFrameC;
 uniform int uMode, uLevel;
-uniform ivec2 uSize;            // of the map
+uniform ivec2 uSize;            // of the map, or of one of its tiles
+uniform vec2 uOffset, uWhole;   // first pixel of the tile, and size of the whole map
 uniform vec2 uOrigin;           // of the map on the canvas, from its top left corner
 uniform float uZoom;            // pixels of the canvas for each pixel of the map
 uniform float uCanvasHeight;
 uniform vec3 uLight;            // unit vector, or a position in pixels of the map for a near light
-uniform bool uNear, uHasShape, uHasHeight;
+uniform bool uNear, uHasShape, uHasHeight, uMark;
 uniform float uReference;       // distance at which a near light has strength 1
 uniform float uExaggeration, uGain, uGloss, uShine, uPixelSize;
 uniform vec2 uScalarRange;      // samples at the ends of the colour scale
@@ -170,7 +171,8 @@ void main() {
     float strength = 1.0;
     if (uNear) {
       float z = uHasHeight ? uHeightStep.x + uHeightStep.y * (scalarAt(uHeight).x - 1.0) : 0.0;
-      vec3 way = uLight - vec3(p.x - 0.5 * float(uSize.x), 0.5 * float(uSize.y) - p.y, z);
+      vec2 at = p + uOffset - 0.5 * uWhole;
+      vec3 way = uLight - vec3(at.x, -at.y, z);
       float far = max(length(way), 1e-6);
       l = way / far;
       strength = uReference * uReference / (far * far);
@@ -184,6 +186,12 @@ void main() {
       float glint = lit > 0.0 ? strength * pow(max(0.0, dot(n, h)), uShine) : 0.0;
       shown = toSrgb(uGain * ((1.0 - uGloss) * lit * albedoAt() + uGloss * glint));
     } else shown = toSrgb(vec3(uGain * lit));
+  }
+  if (uMark) {
+    // Stripes: a colour alone would be lost on coloured maps, and to some eyes.
+    float invented = (scalarAt(uInvented).x - 1.0) / 253.0;
+    float stripe = mod(gl_FragCoord.x + gl_FragCoord.y, 10.0) < 3.0 ? 0.85 : 0.0;
+    shown = mix(shown, vec3(1.0, 0.55, 0.0), stripe * step(0.5, invented));
   }
   colour = vec4(shown, 1.0) * known;
 }`;

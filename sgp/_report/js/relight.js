@@ -1,13 +1,15 @@
 // The relightable view: one or two panes of a canvas under one light.
 
-import { remember, remembered } from "../js/address.js";
-import { colourMap, scale } from "../js/colours.js";
-import { element, selection, slider } from "../js/elements.js";
-import { Place, gestures } from "../js/gestures.js";
-import { Light, RAKING_DEG, dome, turnByKey } from "../js/light.js";
-import { modesOf } from "../js/modes.js";
-import { Pane } from "../js/pane.js";
-import { Renderer } from "../js/renderer.js";
+import { remember, remembered } from "./address.js";
+import { colourMap, scale } from "./colours.js";
+import { animation, later, picker } from "./controls.js";
+import { element, selection, slider } from "./elements.js";
+import { Place, gestures } from "./gestures.js";
+import { LAYOUTS, boxAt, boxes } from "./layout.js";
+import { Light, RAKING_DEG, dome, turnByKey } from "./light.js";
+import { modesOf } from "./modes.js";
+import { Pane } from "./pane.js";
+import { Renderer } from "./renderer.js";
 
 export const label = "Light";
 
@@ -20,31 +22,30 @@ export function mount(body, { results, report }) {
   const renderer = new Renderer(canvas);
   const maps = Object.fromEntries(Object.entries(report.colourMaps).map(([name, text]) => [name, colourMap(text)]));
   const light = new Light();
-  const look = { exaggeration: 1, smoothing: 0, gain: 1, gloss: 0.5, shine: 30 };
-  const place = new Place(canvas, results[0]);
-  const panes = [new Pane(renderer, maps, results, 0), new Pane(renderer, maps, results, 1)];
-  const state = { compare: false, divider: 0.5, drags: "light" };
-
+  const look = { exaggeration: 1, smoothing: 0, gain: 1, gloss: 0.5, shine: 30, marked: results.every((one) => one.marked) };
+  const place = new Place(results[0], results[0].finest);
   let waiting = 0;
   const redraw = () => {
     waiting ||= requestAnimationFrame(draw);
   };
+  const panes = [0, 1].map((i) => new Pane(renderer, maps, results, i, redraw));
+  const state = { layout: results.length > 1 ? "side" : "one", divider: 0.5, drags: "light", held: null };
+  const areas = () => boxes(state.layout, state.divider, canvas);
   const draw = () => {
     waiting = 0;
     renderer.clear();
-    const { width } = canvas;
-    const middle = state.compare ? Math.round(state.divider * width) : width;
-    panes[0].draw({ left: 0, right: middle, view: place, light, look });
-    if (state.compare) panes[1].draw({ left: middle, right: width, view: place, light, look });
+    const drawn = areas();
+    drawn.forEach((box, i) => panes[i].draw({ box, view: { x: place.x + box.x, y: place.y + box.y, zoom: place.zoom }, light, look }));
     canvas.dataset.drawn = String(Number(canvas.dataset.drawn ?? 0) + 1);
-    zoomed.textContent = `${(100 * place.zoom).toFixed(0)} %`;
-    const images = panes[0].captured(light).map(([image, share]) => `${image.name} ${(100 * share).toFixed(0)} %`);
-    status.textContent = images.length > 0 ? `Images ${images.join(", ")}` : `Light: ${light.text}`;
+    canvas.dataset.pending = String(panes[0].tiles.pending + panes[1].tiles.pending);
+    zoomed.textContent = `${((100 * place.zoom) / place.unit).toFixed(0)} %`;
+    const images = panes.slice(0, drawn.length).map((pane) => pane.captured(light)).find((one) => one.length > 0) ?? [];
+    status.textContent = [`Light: ${light.text}`, ...images.map(([image, share]) => `image ${image.name} ${(100 * share).toFixed(0)} %`)].join(", ");
   };
   light.listeners.push(redraw);
 
-  // The stage: canvas, divider and what lies on them.
-  const divider = element("div", { class: "divider", role: "slider", tabindex: 0, hidden: true, "aria-label": "Divider of the two views", "aria-valuemin": 0, "aria-valuemax": 100 });
+  // The stage: canvas, divider, and the names of the pictures.
+  const divider = element("div", { class: "divider", role: "slider", tabindex: 0, hidden: true, "aria-label": "Divider of the two pictures", "aria-valuemin": 0, "aria-valuemax": 100 });
   const setDivider = (share) => {
     state.divider = Math.min(1, Math.max(0, share));
     divider.style.left = `${100 * state.divider}%`;
@@ -63,13 +64,35 @@ export function mount(body, { results, report }) {
     event.preventDefault();
     setDivider(state.divider + step);
   });
-  const stage = element("div", { class: "stage" }, canvas, divider);
+  const names = panes.map(() => element("div", { class: "name", hidden: true }));
+  const stage = element("div", { class: "stage" }, canvas, ...names, divider);
+  const arrange = () => {
+    const drawn = areas();
+    place.reframe(state.layout === "side" ? drawn[0] : canvas);
+    divider.hidden = state.layout !== "divider";
+    pickers[1].row.hidden = drawn.length < 2;
+    names.forEach((name, i) => {
+      const { left, top, width } = drawn[i] ?? { left: 0, top: 0, width: 0 };
+      // With the divider, the second name is at the right edge.
+      const right = state.layout === "divider" && i === 1;
+      Object.assign(name.style, right ? { right: "0", left: "auto" } : { left: `${(100 * left) / canvas.width}%`, right: "auto" });
+      Object.assign(name.style, { top: `${(100 * top) / canvas.height}%`, maxWidth: `${(state.layout === "divider" ? 50 : (100 * width) / canvas.width)}%` });
+      name.hidden = drawn.length < 2;
+    });
+    showLegends();
+    redraw();
+  };
 
+  const inFrame = (x, y, box = boxAt(areas(), x, y)) => [x - box.x, y - box.y];
   gestures(canvas, {
     pans: (event) => state.drags === "picture" || event.shiftKey || event.buttons === 4 || event.buttons === 2,
-    drag: (x, y) => light.turnTo((2 * x) / canvas.width - 1, 1 - (2 * y) / canvas.height),
+    drag: (x, y, start) => {
+      if (start) state.held = boxAt(areas(), x, y);
+      const [right, down] = inFrame(x, y, state.held);
+      light.turnTo((2 * right) / place.frame.width - 1, 1 - (2 * down) / place.frame.height);
+    },
     pan: (x, y) => (place.pan(x, y), redraw()),
-    zoom: (factor, x, y) => (place.zoomTo(place.zoom * factor, x, y), redraw()),
+    zoom: (factor, x, y) => (place.zoomTo(place.zoom * factor, ...inFrame(x, y)), redraw()),
   });
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("keydown", (event) => {
@@ -79,7 +102,7 @@ export function mount(body, { results, report }) {
     if (event.shiftKey && event.key in pans) place.pan(...pans[event.key]);
     else if (event.key in zooms) place.zoomTo(place.zoom * zooms[event.key]);
     else if (event.key === "0") place.fit();
-    else if (event.key === "1") place.zoomTo(1);
+    else if (event.key === "1") place.zoomTo(place.unit);
     else if (!turnByKey(light, event.key)) return;
     event.preventDefault();
     redraw();
@@ -94,31 +117,40 @@ export function mount(body, { results, report }) {
     button("−", () => (place.zoomTo(place.zoom / 1.25), redraw()), "Zoom out"),
     button("+", () => (place.zoomTo(place.zoom * 1.25), redraw()), "Zoom in"),
     button("Fit", () => (place.fit(), redraw()), "Show the complete picture"),
-    button("1:1", () => (place.zoomTo(1), redraw()), "One pixel of the screen for each embedded pixel"),
+    button("1:1", () => (place.zoomTo(place.unit), redraw()), "One pixel of the screen for each embedded pixel"),
     zoomed,
   );
   const drags = selection("Dragging moves", [["light", "the light"], ["picture", "the picture"]], "light", (value) => (state.drags = value));
 
   const legends = panes.map(() => element("div", { class: "legend" }));
-  const showLegends = () =>
+  const showLegends = () => {
+    const count = areas().length;
     panes.forEach((pane, i) => {
-      const found = (i === 0 || state.compare) && pane.legend();
-      legends[i].replaceChildren(...(found ? [scale(found.samples, found.low, found.high, found.title)] : []));
+      const found = i < count && pane.legend();
+      const which = count > 1 ? `${i === 0 ? "First" : "Second"} picture: ` : "";
+      legends[i].replaceChildren(...(found ? [scale(found.samples, found.low, found.high, which + found.title)] : []));
+      const mode = modesOf(pane.result).find(([key]) => key === pane.mode)?.[1] ?? "";
+      names[i].textContent = results.length > 1 ? `${pane.result.name} \u2013 ${mode}` : mode;
     });
+  };
   const pickers = panes.map((pane, i) => picker(pane, i, results, async () => {
     await pane.prepare(look);
     canvas.dataset.shown = panes.map((one) => one.shown?.mode ?? "").join(" ");
     showLegends();
     redraw();
   }));
-  pickers[1].row.hidden = true;
-  const compare = element("input", { type: "checkbox" });
-  compare.addEventListener("change", () => {
-    state.compare = compare.checked;
-    divider.hidden = pickers[1].row.hidden = !compare.checked;
-    setDivider(0.5);
-    showLegends();
+  const layout = selection("Layout", LAYOUTS, state.layout, (value) => {
+    state.layout = value;
+    remember("layout", value);
+    arrange();
   });
+  const marks = element("input", { type: "checkbox" });
+  marks.checked = look.marked;
+  marks.addEventListener("change", () => {
+    look.marked = marks.checked;
+    redraw();
+  });
+  const marked = element("label", { class: "check", hidden: !results.some((one) => one.has("invented")) }, marks, "mark invented pixels");
 
   const near = element("input", { type: "checkbox" });
   const distance = slider("Distance", { min: 0.2, max: 3, step: 0.05, value: 1, shown: (v) => `${v.toFixed(2)} ×`, onchange: (v) => light.set({ distance: v }) });
@@ -156,9 +188,10 @@ export function mount(body, { results, report }) {
     "fieldset",
     {},
     element("legend", {}, "View"),
+    layout.row,
     pickers[0].row,
-    element("label", { class: "check" }, compare, "compare, with a divider"),
     pickers[1].row,
+    marked,
     drags.row,
     zoomBar,
   );
@@ -174,88 +207,28 @@ export function mount(body, { results, report }) {
     if (canvas.width === width && canvas.height === height) return;
     canvas.width = width;
     canvas.height = height;
-    if (place.fitted) place.fit();
+    arrange();
     draw();
   }).observe(canvas);
-  const recall = () => {
-    const [azimuth, elevation] = (remembered("light") ?? "").split(",").map(Number);
+  // The address of the event: the page's own may have been written again since then.
+  const recall = (event) => {
+    const wish = (key) => remembered(key, event?.newURL);
+    const [azimuth, elevation] = (wish("light") ?? "").split(",").map(Number);
     if (Number.isFinite(azimuth) && Number.isFinite(elevation)) light.set({ azimuth, elevation: Math.min(90, Math.max(1, elevation)) });
-    panes.forEach((pane, i) => pickers[i].choose(remembered(i === 0 ? "show" : "right")));
-    if (remembered("zoom") === "1") place.zoomTo(1);
+    panes.forEach((pane, i) => pickers[i].choose(wish(i === 0 ? "show" : "right")));
+    const wanted = wish("layout");
+    if (LAYOUTS.some(([key]) => key === wanted)) state.layout = layout.input.value = wanted;
+    arrange();
+    if (wish("zoom") === "1") {
+      place.fit();
+      place.zoomTo(place.unit);
+    }
     redraw();
   };
   window.addEventListener("hashchange", recall);
   const keep = later(() => remember("light", `${light.azimuth.toFixed(1)},${light.elevation.toFixed(1)}`), 500);
+  setDivider(0.5);
   recall();
   light.listeners.push(keep);
-  setDivider(0.5);
   return { hide: turning.stop };
-}
-
-/** Return the selection of a pane: the result, if there are several, and the mode. */
-function picker(pane, index, results, changed) {
-  const side = index === 0 ? "Show" : "Right of it";
-  const modes = element("div");
-  const fill = () => {
-    const offered = modesOf(pane.result);
-    const known = offered.some(([key]) => key === pane.mode);
-    if (!known) pane.mode = offered[Math.min(index, offered.length - 1)][0];
-    const made = selection(side, offered, pane.mode, (value) => {
-      pane.mode = value;
-      remember(index === 0 ? "show" : "right", value);
-      changed();
-    });
-    modes.replaceChildren(made.row);
-  };
-  const choose = (mode) => {
-    if (modesOf(pane.result).some(([key]) => key === mode)) pane.mode = mode;
-    fill();
-    changed();
-  };
-  const rows = [modes];
-  if (results.length > 1) {
-    const names = results.map((result, i) => [String(i), result.name]);
-    rows.unshift(
-      selection("Result", names, String(results.indexOf(pane.result)), (value) => {
-        pane.result = results[Number(value)];
-        fill();
-        changed();
-      }).row,
-    );
-  }
-  fill();
-  return { row: element("div", { class: "picker" }, ...rows), choose };
-}
-
-/** Return a button that lets the light circle. */
-function animation(light) {
-  let frame = 0;
-  let before = 0;
-  const step = (now) => {
-    light.turn(Math.min(100, now - before) * 0.06, 0);
-    before = now;
-    frame = requestAnimationFrame(step);
-  };
-  const stop = () => {
-    cancelAnimationFrame(frame);
-    frame = 0;
-    button.setAttribute("aria-pressed", "false");
-  };
-  const button = element("button", { type: "button", "aria-pressed": "false" }, "Circle");
-  button.addEventListener("click", () => {
-    if (frame) return stop();
-    before = performance.now();
-    frame = requestAnimationFrame(step);
-    button.setAttribute("aria-pressed", "true");
-  });
-  return { button, stop };
-}
-
-/** Return a function that waits until its value stands still. */
-function later(action, milliseconds = 120) {
-  let timer = 0;
-  return (value) => {
-    clearTimeout(timer);
-    timer = setTimeout(() => action(value), milliseconds);
-  };
 }

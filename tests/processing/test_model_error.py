@@ -1,0 +1,36 @@
+"""Errors where the surface is not matte: closed forms on maps of one value."""
+
+import numpy as np
+import pytest
+
+from processing._uncertainty.model_error import common_error, deviations, model_errors
+
+SIZE, FREE, PAIRED, TOTAL = (9, 9), 30.0, 10.0, 2e-4
+
+
+def found(alike, left=1.0):
+    """Return variance and share kept in the middle; half of the variance is that of the lights."""
+    maps = (TOTAL / 2, TOTAL / 2, 2 * FREE, FREE, left * FREE, alike * PAIRED, PAIRED)
+    model, kept = model_errors(*(np.full(SIZE, value, np.float32) for value in maps))
+    return float(model[4, 4]), float(kept[4, 4])
+
+
+# Sums over 5 x 5 pixels; the lights explain half, and 4 standard deviations more are noise.
+LIMIT = 0.5 + 4 * (1 / np.sqrt(25 * PAIRED) + 0.5 * np.sqrt(2 / FREE))
+
+
+@pytest.mark.parametrize("left", [2.0, 1.0, 0.0])
+def test_residuals_that_are_alike_beyond_their_noise_are_errors_of_the_model(left):
+    assert found(LIMIT - 0.02, left) == (0, 1)
+    alike, prior, free = LIMIT + 0.02, 50, 25 * FREE
+    share = ((left * free + prior) / (2 * free + prior)) ** 3
+    model, kept = found(alike, left)
+    assert kept == pytest.approx(share, rel=1e-5)
+    assert model == pytest.approx(1.6 * share * (alike - 0.5) * TOTAL * (FREE + 3), rel=1e-4)
+
+
+def test_the_mean_deviation_counts_pixels_with_a_solution():
+    model = np.array([[4e-4, 1e-4], [9e-4, 0]], np.float32)
+    total = np.array([[1, 1], [1, 0]], np.float32)
+    assert common_error(*deviations(model, total)) == pytest.approx((0.7 * 0.06 / 3) ** 2)
+    assert common_error(*deviations(model * 0, total * 0)) == 0

@@ -1,0 +1,109 @@
+"""What a report shows of the inputs of a result: only files that have not changed."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+
+import pytest
+
+from rig import MAX_PIXELS
+from sgp._report.report import make_report
+from tests.sgp.report_folder import write_folder, write_recording
+
+
+def report_of(html: str) -> dict:
+    found = re.search(r'id="report">(.*?)</script>', html, re.DOTALL)
+    return json.loads(found[1])
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    """A recording and a result of it."""
+    path = tmp_path_factory.mktemp("recorded")
+    source = write_recording(path / "frames")
+    write_folder(path / "result", inputs=sorted(source.iterdir()), source=str(source))
+    return path
+
+
+def changed(path, *names):
+    for name in names:
+        file = path / name
+        file.write_bytes(file.read_bytes() + b" ")
+
+
+CASES = {
+    "nothing changed": ((), 8, []),
+    "a frame": (("frames/L3.png",), 7, ["L3.png has changed since the result was computed: "]),
+    "two frames": (("frames/L3.png", "frames/L5.png"), 6, ["L3.png and 1 other file have changed"]),
+    "the lights": (("frames/lights.lp",), 0, ["lights.lp has changed", "recording is not shown"]),
+}
+
+
+@pytest.mark.parametrize(("files", "images", "texts"), CASES.values(), ids=CASES)
+def test_images_are_shown_only_if_their_hashes_are_those_of_the_record(
+    recorded, files, images, texts
+):
+    try:
+        changed(recorded, *files)
+        made = make_report([recorded / "result"], max_pixels=MAX_PIXELS)
+    finally:
+        for file in files:
+            path = recorded / file
+            path.write_bytes(path.read_bytes()[:-1])
+    (result,) = report_of(made.html)["results"]
+    assert len(result["images"]) == images
+    assert made.html.count("data:image/jpeg;base64,") == images + 8  # those under eight lights
+    line = " ".join(notice.text for notice in made.notices if notice.code == "input-changed")
+    assert all(text in line for text in texts)
+    assert bool(line) == bool(texts)
+    assert all(text in made.html for text in texts)
+
+
+def test_images_that_no_record_names_are_not_shown(recorded, tmp_path):
+    write_folder(tmp_path / "result", source=str(recorded / "frames"))
+    made = make_report([tmp_path / "result"], max_pixels=MAX_PIXELS)
+    assert [notice.code for notice in made.notices] == ["recording-unreadable"]
+    assert "name no file of the recording" in made.html
+    assert report_of(made.html)["results"][0]["images"] == []
+
+
+@pytest.mark.parametrize("fault", [None, "changed", "missing"])
+def test_a_filled_map_is_shown_next_to_the_one_before(tmp_path, fault):
+    before = write_folder(tmp_path / "before")
+    after = write_folder(
+        tmp_path / "after",
+        command="sgp detail fill",
+        invented=True,
+        inputs=[before / "normals.exr", before / "mask.png"],
+        normals=str(before),
+    )
+    if fault == "changed":
+        changed(before, "mask.png")
+    elif fault == "missing":
+        shutil.rmtree(before)
+    made = make_report([after], max_pixels=MAX_PIXELS)
+    first, *others = report_of(made.html)["results"]
+    assert first["marked"]
+    assert "invented" in [plane["name"] for plane in first["planes"]]
+    if fault is None:
+        (other,) = others
+        assert other["name"] == "Before: before"
+        assert (other["rows"], other["columns"]) == (first["rows"], first["columns"])
+        assert made.notices == []
+    else:
+        assert others == []
+        (notice,) = made.notices
+        assert "“Before” is not shown" in str(notice) or "“Before” is not shown" in notice.text
+
+
+def test_a_recording_without_a_result_is_shown(sgp, recorded, tmp_path):
+    page = tmp_path / "page.html"
+    answer = sgp("report", recorded / "frames", "--out", page, "--json")
+    notices = [one["text"] for one in json.loads(answer.out)["notices"]]
+    assert "there are no normals, no detail and no surface yet: sgp run computes them" in notices
+    html = page.read_text(encoding="utf-8")
+    assert html.count("data:image/jpeg;base64,") == 8
+    assert "Directions of 8 lights" in html
+    assert "is a recording without a result" in html
