@@ -16,7 +16,7 @@ import numpy as np
 from harness import command_line
 
 from acquisition import Lights, angle_deg, read_source
-from calibration import calibrate_spheres, linear_stack
+from calibration import EstimateError, calibrate_spheres, linear_stack
 from calibration._spheres.reflection import orthographic_directions
 
 IMAGES = 12
@@ -50,7 +50,11 @@ def main() -> None:
     print(f"{'halves':24}  apart    x      y      radius px   stated")
     means = []
     for name, half in HALVES.items():
-        parts = [calibrate_spheres(values[half]), calibrate_spheres(values[~half])]
+        try:
+            parts = [calibrate_spheres(values[half]), calibrate_spheres(values[~half])]
+        except EstimateError as refusal:
+            print(f"{name:24} refused: {refusal}")
+            continue
         a, b = (part.spheres[0].outline for part in parts)
         directions = [orthographic_directions(outline, highlights_px) for outline in (a, b)]
         apart = angle_deg(*directions).mean()
@@ -61,7 +65,7 @@ def main() -> None:
             f"{name:24} {apart:6.3f} {x:6.2f} {y:6.2f} {b.radius_px - a.radius_px:6.2f}"
             f"      {np.mean(errors):6.3f} deg"
         )
-    print(f"{'mean':24} {np.mean(means):6.3f} deg")
+    print(f"{'mean':24} {np.mean(means) if means else np.nan:6.3f} deg")
 
 
 if __name__ == "__main__":

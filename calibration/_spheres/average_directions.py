@@ -101,6 +101,8 @@ def _directions(
             "are near; give a camera and a radius to get positions"
         )
         warnings.append(Notice("lights-near", text))
+    warnings += _unlike(names, images)
+    _check_alike(images)
     covariances = direction_covariances(
         rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
     )
@@ -109,6 +111,32 @@ def _directions(
     lights = Lights(directions=directions, ids=names, errors=errors)
     spheres = shown.numbered(spheres)
     return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
+
+
+def _unlike(names: tuple[str, ...], images: Sequence[SphereImage]) -> list[Notice]:
+    """Return a notice for each sphere on which some lights have no highlight of the usual size."""
+    notices = []
+    for image in images:
+        odd = [names[k] for k in image.highlights.unlike]
+        if odd:
+            more = f" (and {len(odd) - 4} more lights)" if len(odd) > 4 else ""
+            text = (
+                f"under light {', '.join(odd[:4])}{more}, no bright spot on {places([image])} has "
+                "the size of the highlights under the other lights: a reflection may be a part of "
+                "it, or hide it; look at these images, cover what shines, or add a short exposure"
+            )
+            notices.append(Notice("highlights-unlike", text))
+    return notices
+
+
+def _check_alike(images: Sequence[SphereImage]) -> None:
+    """Raise `EstimateError` if most highlights on each sphere differ in size."""
+    shown = [image.highlights for image in images]
+    if all(2 * len(one.unlike) > np.count_nonzero(one.found) for one in shown):
+        raise EstimateError(
+            f"{places(list(images))}: the bright spots under most lights differ in size, and are "
+            "not round: they may be reflections; cover what shines, or add a short exposure"
+        )
 
 
 def _check_known(covariances: Array, images: Sequence[SphereImage]) -> None:

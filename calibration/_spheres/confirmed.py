@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.joint_search import JointNear, change_of, edges_agree, joint_near
+from calibration._spheres.joint_search import (
+    JointNear,
+    best_of,
+    change_of,
+    edges_agree,
+    joint_near,
+)
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import mirror_near
 from calibration._spheres.robust import Array
@@ -23,8 +30,9 @@ _WIDER_SHARE, _DECIDED = 0.1, 0.5
 _AROUND, _AROUND_REACH = 1.2, 0.25
 # Circles that are given may be so many times their reach away.
 _NEAR = 2.0
-# Without a plane, only the edges show that there is a ball.
-_LEAST_SUPPORT = 0.4
+# Without a plane, only the edges show that there is a ball. False outlines have up to .48, all of
+# those below .6 get a notice.
+_LEAST_SUPPORT = 0.45
 # Contact shadows and what is mirrored at the limb move the edges of all images by up to 0.2 px.
 # The 99.9 % quantile of chi-square with 3 degrees of freedom.
 _MODEL_PX, _DIFFERENT = 0.15, 16.3
@@ -37,10 +45,12 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
 
     The mirror image determines an outline if the sphere rests on a plane that faces the camera.
     Where there is no such plane, something else is compared, and the outline is wrong. The edges of
-    all images do not depend on the plane. If they confirm the outline of one sphere, or do not
-    determine it well enough to contradict it, the plane is there, and all spheres are returned as
-    they are. Otherwise, each sphere gets the outline of the edges. Where less than half of its
-    length is supported, its covariance contains the difference.
+    all images do not depend on the plane. If they confirm the outline of one sphere, the plane is
+    there, and all spheres are returned as they are. So they are if the edges do not determine an
+    outline well enough to contradict that of one of several spheres, which confirm each other. A
+    single sphere may have either outline then, unless the plane itself is without doubt: its
+    covariance contains the difference. Otherwise, each sphere gets the outline of the edges. Where
+    less than half of its length is supported, its covariance contains the difference.
 
     Parameters
     ----------
@@ -58,13 +68,13 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
     for sphere in mirroring:
         if edges_agree(values, sphere.outline):
             return list(mirroring)
-        joint = _joint(values, sphere.outline)
+        joint = best_of(_found(values, sphere.outline))
         if joint is None:
             by_edges.append(None)
             continue
         change = change_of(sphere.outline, joint.outline)
         if not _contradicts(joint, sphere, change):
-            return list(mirroring)
+            return list(mirroring) if len(mirroring) > 1 else [_either(sphere, joint, change)]
         doubt = 0.0 if joint.support >= _DECIDED else 1.0
         by_edges.append(_with_outline(values, sphere, joint, doubt * np.outer(change, change)))
     return by_edges
@@ -96,29 +106,29 @@ def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
 
     An edge of one picture may be the border of what a ball mirrors. So, if less than half of the
     outline is supported, outlines around it are compared as well, up to 1.45 times as large. None
-    if less than 40 % of the best one is supported.
+    if less than 45 % of the best one is supported.
     """
-    joint = _joint(values, sphere.outline)
-    if joint is None or joint.support < _DECIDED:
+    found = _found(values, sphere.outline)
+    if max((one.support for one in found), default=0.0) < _DECIDED:
         size = sphere.outline.radius_px
         around = Ellipse(sphere.outline.centre_px, (_AROUND * size, _AROUND * size))
         larger = joint_near(values, around, _AROUND_REACH * size)
-        if joint is None or (larger is not None and larger.support > joint.support):
-            joint = larger
+        found += [] if larger is None else [larger]
+    joint = best_of(found)
     if joint is None or joint.support < _LEAST_SUPPORT:
         return None
     return _with_outline(values, sphere, joint, np.zeros((3, 3)))
 
 
-def _joint(values: Images, outline: Ellipse) -> JointNear | None:
-    """Return the outline near another one that the edges of all images support best."""
+def _found(values: Images, outline: Ellipse) -> list[JointNear]:
+    """Return outlines near another one that the edges of all images support, one or two."""
     radius = outline.radius_px
     joint = joint_near(values, outline, max(_REACH_PX, _REACH_SHARE * radius))
+    found = [] if joint is None else [joint]
     if joint is None or joint.support < _DECIDED:
         wider = joint_near(values, outline, max(_REACH_PX, _WIDER_SHARE * radius))
-        if joint is None or (wider is not None and wider.support > joint.support):
-            joint = wider
-    return joint
+        found += [] if wider is None else [wider]
+    return found
 
 
 def _contradicts(joint: JointNear, sphere: SphereImage, change: Array) -> bool:
@@ -132,6 +142,19 @@ def _contradicts(joint: JointNear, sphere: SphereImage, change: Array) -> bool:
     return bool(change @ np.linalg.solve(both, change) > _DIFFERENT)
 
 
+def _either(sphere: SphereImage, joint: JointNear, change: Array) -> SphereImage:
+    """Return a sphere that may have its own outline or that of the edges."""
+    if sphere.on_plane:
+        return sphere
+    own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
+    covariance = own + joint.covariance_px2 + np.eye(3) * joint.model_px**2
+    return replace(
+        sphere,
+        coverage=min(sphere.coverage, joint.support),
+        covariance_px2=covariance + np.outer(change, change),
+    )
+
+
 def _with_outline(
     values: Images, sphere: SphereImage, joint: JointNear, doubt_px2: Array
 ) -> SphereImage | None:
@@ -139,5 +162,5 @@ def _with_outline(
     highlights = find_highlights(values, joint.outline)
     if np.count_nonzero(highlights.found) < np.count_nonzero(sphere.highlights.found):
         return None
-    covariance = joint.covariance_px2 + doubt_px2
-    return SphereImage(joint.outline, joint.points_px, joint.coverage, highlights, covariance)
+    covariance = joint.covariance_px2 + np.eye(3) * joint.model_px**2 + doubt_px2
+    return SphereImage(joint.outline, joint.points_px, joint.support, highlights, covariance)

@@ -12,6 +12,7 @@ from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 from calibration._spheres.spot import Spot
+from calibration._spheres.unlike import usual_size
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.
@@ -24,6 +25,10 @@ _SAME_PX, _SAME_SHARE = 0.5, 0.01
 _ONE_SPOT_PX = 1.0
 _LEAST_SHARED, _MORE_SHARED = 3, 2
 _LAMPS, _AS_BRIGHT = 3, 0.6
+# One percent of the radius is an error of a degree.
+_UNLIKE = 0.01
+# Saturated pixels from which this little of white is subtracted are still even.
+_UNCUT = 0.95
 # Pixels from which the median brightness of a large sphere is taken.
 _SAMPLED = 40000
 _BAND_ROWS = 16
@@ -72,12 +77,16 @@ class Highlights:
     several
         All places that may be the highlight, that of ``pixels`` among them; None if there are no
         others.
+    unlike
+        Indices of the lights whose saturated highlights are larger or smaller than the others, so
+        that they may be off by more than a degree.
     """
 
     pixels: Array
     saturated: npt.NDArray[np.bool_]
     sigma_px: Array
     several: Candidates | None = None
+    unlike: tuple[int, ...] = ()
 
     @property
     def candidates(self) -> Candidates:
@@ -229,6 +238,7 @@ class _Search:
         """Return the positions of blobs, and which of them are highlights."""
         result = _none(len(blobs))
         of = result.candidates
+        radii_px = np.full(of.share.shape, np.nan)
         for k, of_one in enumerate(blobs):
             rank = 0
             for blob in of_one:
@@ -245,12 +255,38 @@ class _Search:
                     continue
                 of.pixels[k, rank], of.sigma_px[k, rank] = place, spot.sigma_px
                 of.saturated[k, rank], of.share[k, rank] = blob.saturated, share
+                radii_px[k, rank] = spot.radius_px
                 rank += 1
             largest = of.share[k, 0]
             if largest >= 1 and of_one[0].rival <= _RIVAL_FLUX * largest * of_one[0].flux:
                 result.pixels[k], result.sigma_px[k] = of.pixels[k, 0], of.sigma_px[k, 0]
                 result.saturated[k] = of.saturated[k, 0]
-        return result
+        return self._by_size(result, radii_px)
+
+    def _by_size(self, found: Highlights, radii_px: Array) -> Highlights:
+        """Choose the spots that have the usual size of a highlight, and widen errors of others.
+
+        If the size is known, the only spot of this size is the highlight, and without one,
+        the brightest spot is its only trace.
+        """
+        of = found.candidates
+        size = usual_size(radii_px, of.sigma_px)
+        if size is None:
+            return found
+        picks = np.where(found.found, 0, -1)
+        if size.known:
+            usual = size.matches(radii_px)
+            count = usual.sum(axis=1)
+            picks = np.where(count == 1, np.argmax(usual, axis=1), picks)
+            picks = np.where((count == 0) & of.seen, 0, picks)
+        chosen, rows = found.chosen(picks), np.arange(len(picks))
+        part, radius_px = size.part_px(radii_px), self.outline.radius_px
+        elsewhere = size.elsewhere_px(radii_px[rows, picks], chosen.sigma_px, radius_px)
+        off = np.hypot(part[rows, picks], elsewhere)
+        of.sigma_px[:, 0] = np.hypot(of.sigma_px[:, 0], part[:, 0])
+        unlike = np.flatnonzero(chosen.found & (off > _UNLIKE * radius_px))
+        sigma_px = np.hypot(chosen.sigma_px, off)
+        return replace(chosen, sigma_px=sigma_px, unlike=tuple(unlike.tolist()))
 
     def spot(self, k: int, blob: Blob) -> Spot:
         """Return the centre of a blob.
@@ -262,13 +298,20 @@ class _Search:
         """
         image, clipped = self.images[k], self.saturated[k]
         spot = blob.locate(image, clipped)
-        if not blob.saturated:
+        if not blob.saturated or self._uncut(image, clipped, blob.region):
             return spot
         whole = blob.locate(np.where(clipped, np.float32(self.white), image), clipped)
         best, other = sorted((spot, whole), key=lambda one: one.sigma_px)
         weight = best.sigma_px / (best.sigma_px + other.sigma_px)
         doubt = weight * float(np.sum((best.centre - other.centre) ** 2)) / 2
-        return Spot(best.centre, float(np.sqrt(best.sigma_px**2 + doubt)))
+        return replace(best, sigma_px=float(np.sqrt(best.sigma_px**2 + doubt)))
+
+    def _uncut(self, image: npt.NDArray[np.float32], clipped: Region, region: Region) -> bool:
+        """Return whether hardly anything was subtracted from saturated pixels around a region."""
+        rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
+        wide = max(len(rows), len(columns))
+        box = tuple(slice(max(of[0] - wide, 0), of[-1] + wide + 1) for of in (rows, columns))
+        return bool(np.all(image[box][clipped[box]] > _UNCUT * self.white))
 
 
 def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array] | None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -31,6 +32,12 @@ _SAME_PX, _NEAR_PX = 0.25, 1.0
 _FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4), 25.0, 0.2
 # Edges along this length of an outline count as one observation.
 _INDEPENDENT_PX = 16.0
+# A ball mirrors circles inside itself, but none around itself: an outline that is larger by
+# 5 % wins if it has nearly as much support. The inner one counts as two observations less.
+_LARGER, _AS_GOOD, _INNER = 1.05, 0.1, 2.0
+# Where edges do not support an outline, they are elsewhere, and so may be the outline: this many px
+# over that share of its length. A blur hides so much of itself.
+_ELSEWHERE_PX, _OF_BLUR = 1.0, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +51,11 @@ class JointNear(JointOutline):
     """
 
     covariance_px2: Array
+
+    @property
+    def model_px(self) -> float:
+        """Systematic error of centre x, centre y and radius: unsupported edges and the blur."""
+        return (1 - self.support) * _ELSEWHERE_PX + _OF_BLUR * self.blur_px
 
 
 def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
@@ -70,30 +82,52 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
     if part is None:
         return None
     crop, low = part
-    best: JointNear | None = None
+    best: _Seen | None = None
     for factor in _FACTORS:
-        doubtful = best is None or best.support <= _WITHOUT_DOUBT
+        doubtful = best is None or best.found[0].support <= _WITHOUT_DOUBT
         if factor > 1 and not (doubtful and guess.radius_px >= factor * _SMALLEST_PX):
             break
         # The centre of the first pixel of a smaller image is between the first pixels.
         start: Array = low + np.float64((factor - 1) / 2)
         small = crop if factor == 1 else _smaller(crop, factor)
-        joint = _near(small, _scaled(_shifted(guess, -start), 1 / factor), reach_px / factor)
-        if joint is None or (factor > 1 and joint.blur_px * factor <= LARGEST_BLUR_PX):
+        seen = _seen(small, _scaled(_shifted(guess, -start), 1 / factor), reach_px / factor)
+        if seen is None:
             continue
-        if best is None or joint.support > best.support + _MORE_SUPPORT:
-            best = replace(
-                joint,
-                outline=_shifted(_scaled(joint.outline, factor), start),
-                points_px=joint.points_px * factor + start,
-                blur_px=joint.blur_px * factor,
-                covariance_px2=joint.covariance_px2 * factor**2,
-            )
-    return best
+        joint = seen.found[0]
+        blurred = factor == 1 or joint.blur_px * factor > LARGEST_BLUR_PX
+        if blurred and (best is None or joint.support > best.found[0].support + _MORE_SUPPORT):
+            best = replace(seen, factor=factor, start=start)
+    return None if best is None else best.with_covariance()
 
 
-def _near(crop: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
-    """Return the outline near a guess in images of one size, as `joint_near`."""
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """Outlines in images of one size, the best one first, and how large and where the images are.
+
+    The images are smaller by ``factor``, and begin at the pixel ``start``.
+    """
+
+    images: Images
+    found: list[JointOutline]
+    factor: int = 1
+    start: Array = field(default_factory=lambda: np.zeros(2))
+
+    def with_covariance(self) -> JointNear:
+        """Return the best outline in pixels of the large images."""
+        joint = self.found[0]
+        covariance = _covariance(self.found) + part_covariance(self.images, joint.outline)
+        return JointNear(
+            _shifted(_scaled(joint.outline, self.factor), self.start),
+            joint.points_px * self.factor + self.start,
+            joint.coverage,
+            joint.support,
+            joint.blur_px * self.factor,
+            covariance * self.factor**2,
+        )
+
+
+def _seen(crop: Images, guess: Ellipse, reach_px: float) -> _Seen | None:
+    """Return the outlines near a guess in images of one size; None if the best one is doubtful."""
     found = _found(crop, guess, reach_px)
     if not found:
         return None
@@ -104,14 +138,39 @@ def _near(crop: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
         return None
     if best.support < _LEAST_SUPPORT or scatter_px(best.outline, best.points_px) >= SHARP_PX:
         return None
-    return JointNear(
-        best.outline,
-        best.points_px,
-        best.coverage,
-        best.support,
-        best.blur_px,
-        _covariance(found) + part_covariance(crop, best.outline),
-    )
+    return _Seen(crop, found)
+
+
+def best_of(found: Sequence[JointNear]) -> JointNear | None:
+    """Return the best of several outlines; its covariance contains the others that may be right.
+
+    As in `joint_near`, one that has n observations less has the weight exp(-n).
+
+    Parameters
+    ----------
+    found
+        Results of `joint_near`; the result for an empty list is None.
+    """
+    if not found:
+        return None
+    best = max(found, key=lambda one: one.support)
+    larger = [
+        one
+        for one in found
+        if one.support > best.support - _AS_GOOD
+        and one.outline.radius_px > _LARGER * best.outline.radius_px
+    ]
+    best = max(larger or [best], key=lambda one: one.support)
+    length = 2 * np.pi * best.outline.radius_px / _INDEPENDENT_PX
+    others = [one for one in found if one is not best]
+    changes = [change_of(best.outline, one.outline) for one in others]
+    inner = [_LARGER * one.outline.radius_px < best.outline.radius_px for one in others]
+    less = [length * (best.support - one.support) for one in others]
+    weights = np.exp([-n - _INNER * of_inner for n, of_inner in zip(less, inner, strict=True)])
+    covariance = best.covariance_px2
+    for weight, change in zip(weights / (1 + weights.sum()), changes, strict=True):
+        covariance = covariance + weight * np.outer(change, change)
+    return replace(best, covariance_px2=covariance)
 
 
 def edges_agree(values: Images, outline: Ellipse) -> bool:

@@ -46,6 +46,8 @@ class SphereImage:
         otherwise.
     painted
         Whether the sphere in a mask is shaded like a painted ball.
+    on_plane
+        Whether what it mirrors is, without doubt, a plane that faces the camera.
     """
 
     outline: Ellipse
@@ -56,6 +58,7 @@ class SphereImage:
     systematic_px: float = OUTLINE_SIGMA_PX
     mask_off_px: float = 0.0
     painted: bool = False
+    on_plane: bool = False
 
     __repr__ = short_repr
 

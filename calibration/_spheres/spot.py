@@ -45,10 +45,13 @@ class Spot:
         (x, y) in pixels.
     sigma_px
         Standard deviation of each coordinate.
+    radius_px
+        Radius of the contour of a saturated one, without rays; NaN for others.
     """
 
     centre: Array
     sigma_px: float
+    radius_px: float = float("nan")
 
 
 def saturated_spot(image: Image, region: Region, white: float) -> Spot:
@@ -87,7 +90,7 @@ def saturated_spot(image: Image, region: Region, white: float) -> Spot:
     beyond *= min(1.0, _LONGEST_RADII * radius / max(beyond * float(np.linalg.norm(moved)), 1e-12))
     # The errors of the two contours are alike: their mean is not better than the better one.
     total = min(variance, wider) + glare**2
-    return Spot(upper + (share - beyond) * moved, float(np.sqrt(total)))
+    return Spot(upper + (share - beyond) * moved, float(np.sqrt(total)), radius)
 
 
 def unsaturated_spot(image: Image, region: Region, noise: float) -> Spot:
