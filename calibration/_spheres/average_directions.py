@@ -106,7 +106,7 @@ def _directions(
     covariances = direction_covariances(
         rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
     )
-    _check_known(covariances, images)
+    _check_known(names, covariances, images)
     errors = LightErrors(covariances, spheres=seen.sum(axis=1))
     lights = Lights(directions=directions, ids=names, errors=errors)
     spheres = shown.numbered(spheres)
@@ -139,8 +139,8 @@ def _check_alike(images: Sequence[SphereImage]) -> None:
         )
 
 
-def _check_known(covariances: Array, images: Sequence[SphereImage]) -> None:
-    """Raise `EstimateError` if most directions are known to 10 degrees or worse."""
+def _check_known(names: tuple[str, ...], covariances: Array, images: Sequence[SphereImage]) -> None:
+    """Raise `EstimateError` if directions, or a single one, are known to 10 degrees or worse."""
     sigma_deg = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2))
     if not np.isfinite(sigma_deg).any():
         return
@@ -149,6 +149,14 @@ def _check_known(covariances: Array, images: Sequence[SphereImage]) -> None:
         raise EstimateError(
             f"{places(list(images))}: outline and highlights determine the directions only to "
             f"{middle:.0f} degrees: give a mask or a circle, or light the background evenly"
+        )
+    unknown = np.flatnonzero(sigma_deg > _LARGEST_SIGMA_DEG)
+    if len(unknown):
+        more = f" (and {len(unknown) - 1} more lights)" if len(unknown) > 1 else ""
+        raise EstimateError(
+            f"light {names[unknown[0]]}{more}: its highlight on {places(list(images))} determines "
+            f"the direction only to {sigma_deg[unknown[0]]:.0f} degrees, because a reflection may "
+            "hide it: cover what shines, add a short exposure, or leave out its image"
         )
 
 

@@ -93,17 +93,15 @@ def ball():
     return np.where(values >= 1, np.nan, values).astype(np.float32)
 
 
-def test_the_light_of_a_highlight_of_another_size_is_named():
+def test_a_single_ball_whose_highlight_is_of_another_size_is_refused():
     outline = Ellipse((60.0, 60.0), (50.0, 50.0))
     points = outline.point(np.arange(6.0))
     sphere = SphereImage(outline, points, 1.0, find_highlights(ball(), outline), np.eye(3) * 0.01)
+    assert list(sphere.highlights.unlike) == [6]
     names = tuple(f"L{k:02d}" for k in range(LIGHTS))
     shown = SeenTogether(names, np.full((LIGHTS, 3), np.nan), [sphere], [0], ("",), [True])
-    result = orthographic_lights(shown, [])
-    (notice,) = [one for one in result.warnings if one.code == "highlights-unlike"]
-    assert "light L06, no bright spot on the sphere at (60, 60) px has the size" in notice.text
-    spread = np.trace(result.lights.errors.covariances, axis1=1, axis2=2)
-    assert spread[6] > 10 * np.median(spread)
+    with pytest.raises(EstimateError, match=r"light L06: its highlight on .* only to \d+ degrees"):
+        orthographic_lights(shown, [])
 
 
 def test_angular_reflections_of_many_sizes_are_refused():
