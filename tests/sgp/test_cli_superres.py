@@ -249,4 +249,4 @@ def test_all_tables_of_the_bench_are_written(sgp, tmp_path, monkeypatch) -> None
     for name in smooth():
         bicubic, ours = written["errors_x4"]["rows"][name][:2]
         assert ours <= 1.01 * bicubic + 1e-4
-    assert "SGP_DATA is not set" in answer.err
+    assert "SGP_DATA is not set" in answer.out
