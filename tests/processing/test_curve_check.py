@@ -12,7 +12,6 @@ import pytest
 from acquisition import LINEAR, SRGB, CameraModel, Frame, Lights, Source, TransferCurve
 from processing import reconstruct
 from simulator import SCENES, render, scene_named
-from tests.quick_sample import quick
 
 SIZE = 64
 WHITE = 255
@@ -144,7 +143,8 @@ def test_floats_have_no_white_and_are_not_doubted() -> None:
     assert doubts(recording(samples, lights, LINEAR, np.inf)) == []
 
 
-@pytest.mark.parametrize("name", quick(sorted(set(SCENES) - {"spheres"}), every=16))
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(set(SCENES) - {"spheres"}))
 def test_simulated_scenes_are_quiet_and_found_with_a_display_curve(name: str) -> None:
     rendering = render(scene_named(name, width=96, height=80, leds=12))
     truth = rendering.truth

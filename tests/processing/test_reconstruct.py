@@ -72,6 +72,7 @@ def test_a_session_gives_normals_and_height(session):
     assert result.near_height.mean_height_mm == pytest.approx(4.7, abs=0.5)
 
 
+@pytest.mark.slow
 def test_a_region_gives_the_normals_of_the_complete_recording(session):
     """The lights are near: a principal point that did not move with the region would show."""
     source = read_source(session)

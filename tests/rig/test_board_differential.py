@@ -94,6 +94,7 @@ def test_a_fault_in_the_firmware_is_a_difference(
     assert compare(command, items=1000, seed=20, tolerance=HOST).differing
 
 
+@pytest.mark.slow
 def test_items_cover_every_kind() -> None:
     """The random items must include every kind that the comparison should cover."""
     items = [item for item, _ in zip(Items(1, longest=600, bursts=True), range(5000), strict=False)]

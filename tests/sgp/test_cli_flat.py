@@ -87,6 +87,7 @@ def test_the_command_writes_a_flat_with_its_record(sgp, place, tmp_path):
     assert "already contains files" in again.error_line(2)
 
 
+@pytest.mark.slow
 def test_the_albedo_of_an_even_object_becomes_even(sgp, place, tmp_path):
     spread = []
     for flat in ([], ["--flat", place / "flat"]):

@@ -66,6 +66,7 @@ def test_a_calibration_records_its_setup(spheres, lights):
             ("camera", {"model": "virtual camera", "serial": "0815"}),
             "lights-of-another-camera",
             id="camera",
+            marks=pytest.mark.slow,
         ),
     ],
 )

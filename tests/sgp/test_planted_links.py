@@ -44,7 +44,7 @@ last = max(n for n, line in enumerate(lines) if b'"kind":"frame"' in line)
 (ROOT / "cut/journal.jsonl").write_bytes(b"".join(lines[:last]))
 """
 # Call every writer; each line reads the results of the lines before it.
-CORE = """
+COMMANDS = """
     capture run {root}/s --rig {root}/rig.toml --plan {root}/plan.toml
     CUT OFF
     capture resume {root}/cut --rig {root}/rig.toml
@@ -55,8 +55,6 @@ CORE = """
     capture import {root}/diligent --out {root}/imported
     normals {root}/sim --lights {lights} --out {root}/normals
     surface {root}/normals --out {root}/surface --obj --stl --glb
-"""
-REST = """
     capture info {root}/s --sheet {root}/sheet.png
     capture compact {root}/s
     simulate coin --out {root}/plain --size 64x52 --led-count 6 --format diligent
@@ -86,24 +84,16 @@ REST = """
 """
 
 
-def commands(text: str, root: Path) -> list[list[str]]:
+def commands(root: Path) -> list[list[str]]:
     lights = root / "sim/derived/truth/lights.json"
-    lines = [line.strip() for line in text.format(root=root, lights=lights).split("\n")]
+    lines = [line.strip() for line in COMMANDS.format(root=root, lights=lights).split("\n")]
     return [["python", CUT_OFF] if line == "CUT OFF" else line.split() for line in lines if line]
 
 
-@pytest.mark.parametrize(
-    ("kind", "text", "names"),
-    [
-        pytest.param("link", CORE, 150, id="link"),
-        *(
-            pytest.param(kind, CORE + REST, 400, id=f"{kind}-everywhere", marks=pytest.mark.slow)
-            for kind in ("link", "dangling", "hard", "pipe")
-        ),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["link", "dangling", "hard", "pipe"])
 @pytest.mark.timeout(900)
-def test_no_writer_follows_planted_links(tmp_path: Path, kind: str, text: str, names: int) -> None:
+def test_no_writer_follows_planted_links(tmp_path: Path, kind: str) -> None:
     root, victims = tmp_path / "root", tmp_path / "victims"
     root.mkdir()
     victims.mkdir()
@@ -116,7 +106,7 @@ def test_no_writer_follows_planted_links(tmp_path: Path, kind: str, text: str, n
     write_mask(root / "holes.png", holes)
     program = Path(__file__).with_name("planting.py")
     done = subprocess.run(
-        [sys.executable, program, root, victims, kind, json.dumps(commands(text, root))],
+        [sys.executable, program, root, victims, kind, json.dumps(commands(root))],
         capture_output=True,
         text=True,
         check=False,
@@ -128,7 +118,7 @@ def test_no_writer_follows_planted_links(tmp_path: Path, kind: str, text: str, n
     assert found["followed"] == []
     assert found["unseen"] == []
     planted = len(found["planted"])
-    assert planted > names
+    assert planted > 400
     whole = {path.name for path in victims.iterdir() if path.read_bytes() == b"mine"}
     assert whole == (set(map(str, range(planted))) if kind in ("link", "hard") else set())
     assert list(victims.iterdir()) == [] or whole
