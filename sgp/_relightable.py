@@ -204,14 +204,25 @@ def _draw(
     mask: Mask,
     options: RelightOptions,
 ) -> None:
-    """Draw the image, as it is in the files, under four lights, and the deviation of the fit."""
+    """Draw the image, as it is in the files, under four lights, and the deviation of the fit.
+
+    Viewers average the coefficients, too, where they show several pixels as one.
+    """
     crop = Crop.around(mask)
+    planes = image.coefficients.reshape(*mask.shape, -1)
+    reduced = np.dstack([crop.picture(planes[..., k]) for k in range(planes.shape[2])])
+    small = replace(
+        image,
+        coefficients=reduced.reshape(*reduced.shape[:2], *image.coefficients.shape[2:]),
+        colour=None if image.colour is None else crop.picture(image.colour),
+    )
+    complete = Crop(*(slice(0, side) for side in small.size))
     panels = []
     for side, direction in _SHOWN.items():
-        shown = np.clip(image.relit(direction), 0, 1)
+        shown = np.clip(small.relit(direction), 0, 1)
         if options.values == "display":
             shown = acquisition.SRGB.light(shown).astype(np.float32)
-        panels.append(image_panel(f"light from {side}", shown, crop))
+        panels.append(image_panel(f"light from {side}", shown, complete))
     title = "deviation of the fit, rms over the lights"
     percent = 100 * residual
     panels.append(map_panel(title, percent, "% of white", crop, error=True, mask=mask))

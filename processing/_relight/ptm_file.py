@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, MissingPathError, write_pieces
-from processing._relight.bytes_of_coefficients import coded
+from processing._relight.ptm_bytes import ptm_bytes
 from processing._relight.relightable_image import RelightableImage
 from rig import (
     MAX_BINARY_BYTES,
@@ -58,8 +58,9 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
     """Write a relightable image of the basis ``ptm`` as a polynomial texture map.
 
     A shared function becomes PTM_FORMAT_LRGB, functions of three colours become PTM_FORMAT_RGB.
-    Coefficients are rounded to 8 bits with a scale for each of the six; the .01 % that are farthest
-    out may be clipped. Colours are clipped to 0 to 1.
+    Functions and colours of a pixel are rounded to 8 bits together, so that under any light the
+    values deviate as little as the format allows: with a shared function by at most about 1/255,
+    with functions of three colours by about 2/255. Colours below 0 become 0.
 
     Parameters
     ----------
@@ -93,29 +94,32 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
     if image.basis != "ptm":
         raise DataError(f"a polynomial texture map has the basis 'ptm', not {image.basis!r}")
     height, width = image.size
-    functions = image.coefficients.reshape(height, width, 6, -1)
-    functions = functions[:, :, _TO_FILE] * np.float32(_WHITE)
-    # All colours share scale and bias.
-    count = functions.shape[3]
-    bytes_of = coded(np.concatenate([functions[..., c] for c in range(count)], axis=0))
-    blocks = list(bytes_of.samples.reshape(count, height, width, 6))
-    colour = None
-    if image.colour is not None:
-        blocks.append(np.rint(np.clip(image.colour, 0, 1) * _WHITE).astype(np.uint8))
-        colour = blocks[-1].astype(np.float32) / np.float32(_WHITE)
+    shared = image.colour is not None
+    # One function after the other: of red, green and blue.
+    separate = image.coefficients.reshape(height * width, 6, -1)
+    functions = np.moveaxis(separate, 2, 0).reshape(-1, 6)
+    tint = image.colour.reshape(-1, 3) if image.colour is not None else None
+    made = ptm_bytes(functions, tint)
+    blocks = list(made.samples.reshape(-1, height, width, 6)[..., _TO_FILE])
+    colour = made.colour.reshape(-1, height, width, 3)[0] if shared else None
     lines = [
         "PTM_1.2",
-        "PTM_FORMAT_RGB" if image.colour is None else "PTM_FORMAT_LRGB",
+        "PTM_FORMAT_LRGB" if shared else "PTM_FORMAT_RGB",
         f"{width}",
         f"{height}",
-        " ".join(f"{scale:.9g}" for scale in bytes_of.scale),
-        " ".join(f"{bias:.0f}" for bias in bytes_of.bias),
+        " ".join(f"{scale:.9g}" for scale in _WHITE * made.scale[_TO_FILE]),
+        " ".join(f"{bias:.0f}" for bias in made.bias[_TO_FILE]),
     ]
     head = "".join(f"{line}\n" for line in lines).encode()
-    write_pieces(Path(path), [head, *(np.ascontiguousarray(b[::-1]).data for b in blocks)])
-    decoded = bytes_of.decoded().reshape(count, height, width, 6) / np.float32(_WHITE)
-    stored = np.moveaxis(decoded[..., _FROM_FILE], 0, -1)
-    return RelightableImage("ptm", stored if colour is None else stored[..., 0], colour)
+    rows = [*blocks, *([] if colour is None else [colour])]
+    write_pieces(Path(path), [head, *(np.ascontiguousarray(b[::-1]).data for b in rows)])
+    stored = made.samples.astype(np.float32)
+    stored -= made.bias.astype(np.float32)
+    stored *= made.scale.astype(np.float32)
+    stored = stored.reshape(-1, height, width, 6)
+    if colour is None:
+        return RelightableImage("ptm", np.moveaxis(stored, 0, -1))
+    return RelightableImage("ptm", stored[0], colour.astype(np.float32) / np.float32(_WHITE))
 
 
 def read_ptm(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RelightableImage:

@@ -26,6 +26,7 @@ from processing import (
     write_ptm,
     write_rti_planes,
 )
+from processing._relight.ptm_bytes import ptm_bytes
 from processing._relight.sample_fit import PENALTY, fitted
 
 ABOVE, BELOW, RIGHT = (0, 1, 0.6), (0, -1, 0.6), (1, 0, 0.6)
@@ -154,7 +155,7 @@ def test_up_is_up_and_right_is_right_in_every_file(fits, tmp_path):
 
 
 def test_a_file_relights_as_its_fit(ball, fits, tmp_path):
-    for colours in ("lrgb", "rgb"):
+    for colours, most in (("lrgb", 1.0), ("rgb", 2.3)):
         image = fits["ptm", colours].image
         stored = write_ptm(tmp_path / "a.ptm", image)
         read = read_ptm(tmp_path / "a.ptm")
@@ -164,7 +165,7 @@ def test_a_file_relights_as_its_fit(ball, fits, tmp_path):
             np.testing.assert_allclose(read.relit(light), stored.relit(light), atol=2e-6)
             left.append(255 * (read.relit(light) - image.relit(light))[ball.mask])
         assert np.sqrt(np.mean(np.square(left))) < 0.6
-        assert np.abs(left).max() < 2.5
+        assert np.abs(left).max() < most
         header = (tmp_path / "a.ptm").read_bytes().split(b"\n", 4)[:4]
         assert header == [b"PTM_1.2", f"PTM_FORMAT_{colours.upper()}".encode(), b"48", b"48"]
 
@@ -324,15 +325,41 @@ def test_a_golden_file(tmp_path):
 
 
 def test_the_written_bytes(tmp_path):
-    """A card of one colour: the constant is the largest byte, all others are their bias."""
-    coefficients = np.tile(np.float32([1, 0, 0, 0, 0, 0]), (2, 1, 1))
+    """Two pixels, decoded by hand: the lower one first; u², v², uv, u, v, 1; then the colours."""
+    coefficients = np.float32([[[0.5, 0.25, 0, 0, 0, 0]], [[0.75, 0, -0.25, 0, 0, 0]]])
     colour = np.float32([[[1, 0.2, 0]], [[0, 0.4, 1]]])
     write_ptm(tmp_path / "a.ptm", RelightableImage("ptm", coefficients, colour))
-    scale = f"{255 / 254:.9g}".encode()
-    assert (tmp_path / "a.ptm").read_bytes() == (
-        b"PTM_1.2\nPTM_FORMAT_LRGB\n1\n2\n1 1 1 1 1 " + scale + b"\n0 0 0 0 0 0\n"
-        + bytes([0, 0, 0, 0, 0, 254]) * 2 + bytes([0, 102, 255]) + bytes([255, 51, 0])
-    )  # fmt: skip
+    *head, body = (tmp_path / "a.ptm").read_bytes().split(b"\n", 6)
+    assert head[:4] == [b"PTM_1.2", b"PTM_FORMAT_LRGB", b"1", b"2"]
+    scale, bias = (np.array(line.split(), float) for line in head[4:])
+    samples = np.frombuffer(body, np.uint8).astype(float)
+    values = (samples[:12].reshape(2, 6) - bias) * scale
+    found = values[:, :, None] * samples[12:].reshape(2, 1, 3) / 255
+    lower = np.outer([0, 0, 0, 0, -0.25, 0.75], [0, 0.4, 1])
+    upper = np.outer([0, 0, 0, 0.25, 0, 0.5], [1, 0.2, 0])
+    np.testing.assert_allclose(found, 255 * np.stack([lower, upper]), atol=0.8)
+
+
+@pytest.mark.parametrize("shared", [True, False], ids=["lrgb", "rgb"])
+def test_bytes_of_functions_deviate_as_their_limit_says(shared):
+    """Under any light, also of wild functions and of black pixels, and not only on average."""
+    random = np.random.default_rng(4)
+    functions = random.normal(scale=0.2, size=(400, 6)).astype(np.float32) + np.eye(6)[0] * 0.5
+    functions[:9], functions[9] = random.normal(scale=3, size=(9, 6)), 0
+    functions = functions.astype(np.float32)
+    colour = random.uniform(0, 1, (400, 3)).astype(np.float32) if shared else None
+    if colour is not None:
+        colour[::3], colour[10] = colour[::3, :1], 0
+    made = ptm_bytes(functions, colour)
+    decoded = (made.samples - made.bias) * made.scale
+    tint = np.ones((400, 3)) if colour is None else colour
+    for light in [[0, 0, 1], *hemisphere(300, 1)]:
+        weights = light_basis(light, "ptm")
+        expected = (functions @ weights)[:, None] * tint
+        found = (decoded @ weights)[:, None] * (made.colour / 255 if shared else 1)
+        over = np.abs(found - expected).max(axis=1) - 1.02 * made.bound
+        assert over.max() < 1e-5, light
+    assert made.bound[10 if shared else 9] < 1 / 255
 
 
 DAMAGED = {
