@@ -216,7 +216,8 @@ def _draw(
         coefficients=reduced.reshape(*reduced.shape[:2], *image.coefficients.shape[2:]),
         colour=None if image.colour is None else crop.picture(image.colour),
     )
-    complete = Crop(*(slice(0, side) for side in small.size))
+    rows, columns = small.size
+    complete = Crop(slice(0, rows), slice(0, columns))
     panels = []
     for side, direction in _SHOWN.items():
         shown = np.clip(small.relit(direction), 0, 1)

@@ -21,6 +21,7 @@ from sgp._report.tiles import Tile, tiles_of
 
 Read = tuple[str, npt.NDArray[Any], npt.NDArray[np.bool_]]
 _MOSTLY: Final = 0.9
+_KEPT: Final = 600_000_000  # bytes of maps that stay in memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,20 +69,43 @@ class Embedded:
         return bool(share.sum() > _MOSTLY * max(inside.sum(), 1))
 
 
-def embed(
-    folder: ResultFolder, most_pixels: float, max_pixels: int, *, full: bool = False
-) -> Embedded | None:
-    """Read the maps of a folder and reduce them to at most ``most_pixels``; None without maps.
+class FolderMaps:
+    """The maps of a folder: read when they are asked for, and kept if they are not large."""
+
+    def __init__(self, folder: ResultFolder, max_pixels: int) -> None:
+        self.folder = folder
+        self.notices: list[rig.Notice] = []
+        self._max_pixels = max_pixels
+        self._kept: list[Read] | None = None
+
+    def __iter__(self) -> Iterator[Read]:
+        if self._kept is not None:
+            yield from self._kept
+            return
+        self.notices.clear()
+        kept: list[Read] = []
+        size = 0
+        for one in _read(self.folder, self._max_pixels, self.notices):
+            size += one[1].nbytes
+            kept = [*kept, one] if size <= _KEPT else []
+            yield one
+        if size <= _KEPT:
+            self._kept = kept
+
+
+def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedded | None:
+    """Reduce the maps of a folder to at most ``most_pixels``; None without maps.
 
     With ``full``, reduced maps also have tiles of full resolution.
     """
+    folder = maps.folder
     notices: list[rig.Notice] = []
     crop: Crop | None = None
     size = (0, 0)
     planes: dict[str, Plane] = {}
     tiles: list[Tile] = []
     unit, pixel_size = scale(folder)
-    for name, values, mask in _read(folder, max_pixels, notices):
+    for name, values, mask in maps:
         if crop is None:
             size = values.shape[0], values.shape[1]
             crop = _reduced(Crop.around(mask), most_pixels)
@@ -94,6 +118,7 @@ def embed(
     if crop is None or not planes:
         return None
     step = (pixel_size or 1.0) * crop.step
+    notices = [*maps.notices, *notices]
     return Embedded(planes, size, crop, step, unit if pixel_size else "px", notices, tiles)
 
 

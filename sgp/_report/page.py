@@ -14,13 +14,18 @@ from sgp._report.scripts import asset, libraries, linked
 
 
 def page(
-    title: str, body: Iterable[Html], report: dict[str, Any], planes: Sequence[tuple[str, str]]
+    title: str,
+    body: Iterable[Html],
+    report: dict[str, Any],
+    planes: Sequence[tuple[str, str]],
+    views: tuple[str, ...],
 ) -> str:
     """Return the page.
 
-    ``report`` is the data for the scripts; ``planes`` are ids of elements and encoded maps.
+    ``report`` is the data for the scripts; ``planes`` are ids of elements and encoded maps;
+    ``views`` are the tabs after the one with the light.
     """
-    scripts, style = [*libraries(), linked()], asset("style.css")
+    scripts, style = [*libraries(views), linked(views)], asset("style.css")
     policy = "; ".join(
         [
             "default-src 'none'",

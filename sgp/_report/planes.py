@@ -19,6 +19,7 @@ Colours = Literal["height", "doubt", "signed", "plain"]
 # Steps of each coordinate of a direction. Even, so that (0, 0, 1) is exact.
 VECTOR_STEPS: Final = 4094
 _DEFLATE: Final = 6
+_BAND: Final = 48  # rows; one band of four is encoded to estimate the size
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +76,18 @@ class Plane:
     def encoded(self) -> str:
         """The samples as base64 of deflated differences."""
         return base64.b64encode(zlib.compress(_differences(self.samples), _DEFLATE)).decode()
+
+    @cached_property
+    def estimated(self) -> float:
+        """About how long the encoded samples are, from a part of them."""
+        bands = [
+            self.samples[top : top + _BAND] for top in range(_BAND, len(self.samples), 4 * _BAND)
+        ]
+        rows = sum(len(band) for band in bands)
+        if 2 * rows < _BAND:
+            return len(self.encoded)
+        size = sum(len(zlib.compress(_differences(band), _DEFLATE)) for band in bands)
+        return 4 / 3 * size * len(self.samples) / rows
 
 
 def vectors_plane(name: str, vectors: Float, label: str) -> Plane:

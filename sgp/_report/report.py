@@ -9,15 +9,17 @@ from pathlib import Path
 from typing import Any, Final
 
 import acquisition
+import processing
 import rig
 from sgp._report.companions import companions
 from sgp._report.differences import height_differences
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
-from sgp._report.maps import Embedded, embed, embed_beside
+from sgp._report.maps import Embedded, FolderMaps, embed, embed_beside
 from sgp._report.page import colour_maps, page
 from sgp._report.prerendered import prerendered
 from sgp._report.recording import Recording, read_bare_recording, read_recording
+from sgp._report.scripts import VIEWS
 from sgp._report.sections import image_id, sections
 from sgp._report.tiles import SIDE
 from sgp._result import Result
@@ -25,7 +27,8 @@ from sgp._result import Result
 _PIXELS: Final = 1_300_000
 _FEWEST_PIXELS: Final = 1000
 MOST_BYTES: Final = 8_000_000
-_MARGIN: Final = 0.93  # of the limit: the size of a reduced page is predicted roughly
+_MARGIN: Final = 0.97  # of the limit: the size of a page is estimated
+_POWER: Final = 1.15  # of the pixels: smaller maps need more bytes for each
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,20 +64,26 @@ def make_report(
     DataError
         If a folder contains nothing that a report can show.
     """
-    folders = [read_folder(path) for path in paths]
-    recordings: dict[Path, Recording] = {}
+    folders = [_Folder(read_folder(path), max_pixels) for path in paths]
     pixels = _PIXELS / len(folders)
+    rest: int | None = None
     while True:
         parts: list[_Part] = []
         for folder in folders:
-            parts += _parts(folder, len(parts), pixels, max_pixels, recordings, full)
-        html = _page(parts)
-        size = len(html.encode())
+            parts += folder.parts(len(parts), pixels, full)
         embedded = [part.maps for part in parts if part.maps]
-        planes = sum(len(plane.encoded) for one in embedded for plane in one.planes.values())
-        if full or size <= most_bytes or pixels < _FEWEST_PIXELS or not planes:
-            break
-        share = max(0.1, _MARGIN * (most_bytes - size + planes) / planes)
+        last = full or not embedded or pixels < _FEWEST_PIXELS
+        if rest is None and not last:
+            rest = len(_page(parts, maps=False).encode())
+        planes = 0.0 if last else sum(p.estimated for one in embedded for p in one.planes.values())
+        room = most_bytes - (rest or 0)
+        if last or planes <= room:
+            html = _page(parts)
+            excess = len(html.encode()) - most_bytes
+            if last or excess <= 0:
+                break
+            planes = room + excess
+        share = max(0.1, _MARGIN * room / planes) ** _POWER
         pixels = min(pixels, max(one.size[0] * one.size[1] for one in embedded)) * share
     notices = [notice for part in parts for notice in part.notices]
     shown = [part.maps for part in parts if part.folder and part.maps]
@@ -91,28 +100,38 @@ def write_report(path: Path, folder: Path, result: Result, max_pixels: int) -> N
     result.summary.append(f"turn the light in {path}")
 
 
-def _parts(
-    folder: ResultFolder,
-    first: int,
-    pixels: float,
-    max_pixels: int,
-    recordings: dict[Path, Recording],
-    full: bool,
-) -> Iterator[_Part]:
-    """Yield the result of a folder, and the maps that it was computed from."""
-    numbers = count(first)
-    maps = embed(folder, pixels, max_pixels, full=full)
-    if folder.path not in recordings:
-        recordings[folder.path] = _recording(folder, maps, max_pixels)
-    recording = recordings[folder.path]
-    notices = [*folder.notices, *(maps.notices if maps else ()), *recording.notices]
-    path = folder.path.absolute()
-    yield _Part(next(numbers), path.name or str(path), maps, folder, recording, notices)
-    if maps is not None:
-        # `notices` is the list of the part above.
-        for name, normal_map in companions(folder, max_pixels, notices):
-            beside = embed_beside(normal_map, maps, pixels, full=full)
-            yield _Part(next(numbers), name, beside)
+class _Folder:
+    """A folder whose maps, inputs and recording are read once."""
+
+    def __init__(self, folder: ResultFolder, max_pixels: int) -> None:
+        self._folder = folder
+        self._max_pixels = max_pixels
+        self._maps = FolderMaps(folder, max_pixels)
+        self._recording: Recording | None = None
+        self._notices: list[rig.Notice] = []
+        self._beside: list[tuple[str, processing.NormalMap]] = []
+
+    def parts(self, first: int, pixels: float, full: bool) -> Iterator[_Part]:
+        """Yield the result, and the maps that it was computed from."""
+        maps = embed(self._maps, pixels, full=full)
+        folder, numbers = self._folder, count(first)
+        if self._recording is None:
+            self._recording = _recording(folder, maps, self._max_pixels)
+            if maps is not None:
+                self._beside = list(companions(folder, self._max_pixels, self._notices))
+        notices = [
+            *folder.notices,
+            *(maps.notices if maps else ()),
+            *self._recording.notices,
+            *self._notices,
+        ]
+        path = folder.path.absolute()
+        name = path.name or str(path)
+        yield _Part(next(numbers), name, maps, folder, self._recording, notices)
+        if maps is not None:
+            for name, normal_map in self._beside:
+                beside = embed_beside(normal_map, maps, pixels, full=full)
+                yield _Part(next(numbers), name, beside)
 
 
 def _recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> Recording:
@@ -127,19 +146,20 @@ def _recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> 
         ) from error
 
 
-def _page(parts: Sequence[_Part]) -> str:
+def _page(parts: Sequence[_Part], *, maps: bool = True) -> str:
+    """Return the page; without ``maps``, all of it but the encoded maps."""
     folders = [part for part in parts if part.folder]
     name = ", ".join(part.name for part in folders)
     shown = [(part, part.maps) for part in parts if part.maps]
     planes = [
-        (_plane_id(part, plane.name), plane.encoded)
-        for part, maps in shown
-        for plane in maps.planes.values()
+        (_plane_id(part, plane.name), plane.encoded if maps else "")
+        for part, found in shown
+        for plane in found.planes.values()
     ]
     planes += [
-        (_plane_id(part, one.key), one.encoded) for part, maps in shown for one in maps.tiles
+        (_plane_id(part, one.key), one.encoded) for part, found in shown for one in found.tiles
     ]
-    pictures = [prerendered(maps.planes, part.name) for part, maps in shown]
+    pictures = [prerendered(found.planes, part.name) for part, found in shown]
     heading = " of {}" if len(folders) > 1 else ""
     body = [
         tag("header", tag("h1", name), tag("p", _lead(parts), class_="lead")),
@@ -162,8 +182,10 @@ def _page(parts: Sequence[_Part]) -> str:
             ),
         ),
     ]
-    described = [_described(part, maps) for part, maps in shown]
-    return page(name, body, {"results": described, "colourMaps": colour_maps()}, planes)
+    described = [_described(part, found) for part, found in shown]
+    report = {"results": described, "colourMaps": colour_maps()}
+    with_heights = any("height" in found.planes for _, found in shown)
+    return page(name, body, report, planes, VIEWS if with_heights else ())
 
 
 def _lead(parts: Sequence[_Part]) -> str:

@@ -9,7 +9,9 @@ import pytest
 
 from acquisition import write_exr
 from rig import MAX_PIXELS
+from sgp._report import maps as maps_module
 from sgp._report.report import make_report
+from sgp._report.scripts import asset
 from tests.sgp.report_folder import SIZE, write_folder
 
 
@@ -54,6 +56,26 @@ def test_maps_are_reduced_until_the_page_is_small_enough(folder):
     (result,) = report_of(small.html)["results"]
     assert result["pixelSize"] == pytest.approx(0.2 * small.reduction[0])
     assert "reduced from" in small.html
+
+
+def test_each_file_is_read_once_and_three_js_is_for_heights(folder, tmp_path, monkeypatch):
+    read = []
+    original = maps_module.acquisition.read_image
+    monkeypatch.setattr(
+        maps_module.acquisition,
+        "read_image",
+        lambda path, **options: (read.append(path.name), original(path, **options))[1],
+    )
+    flat = shutil.copytree(folder, tmp_path / "flat")
+    (flat / "height.exr").unlink()
+    pages = [
+        make_report([one], max_pixels=MAX_PIXELS, most_bytes=700_000) for one in (folder, flat)
+    ]
+    assert pages[0].reduction[0] > 1
+    assert sorted(set(read[:4])) == sorted(read[:4])
+    three = [asset("vendor/three.js") in page.html for page in pages]
+    assert three == [True, False]
+    assert len(pages[1].html) < 400_000
 
 
 def test_two_folders_are_on_one_page(sgp, folder, tmp_path):

@@ -10,7 +10,7 @@ import pytest
 
 from rig import MAX_PIXELS
 from sgp._report.folder import read_folder
-from sgp._report.maps import embed
+from sgp._report.maps import FolderMaps, embed
 from tests.sgp.chromium import MISSING, PROGRAM, Browser
 from tests.sgp.report_folder import shaded, write_folder
 
@@ -37,7 +37,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def planes(folder):
-    return embed(read_folder(folder), 1e6, MAX_PIXELS).planes
+    return embed(FolderMaps(read_folder(folder), MAX_PIXELS), 1e6).planes
 
 
 @pytest.fixture(scope="module")

@@ -103,6 +103,14 @@ def test_texts_are_escaped_once_and_markup_is_not():
     assert "<" not in script_json({hostile: hostile})
 
 
+@pytest.mark.parametrize("rows", [3, 200, 777])
+def test_the_size_of_a_plane_is_estimated_from_a_part_of_it(rows):
+    random = np.random.default_rng(8)
+    noise = random.normal(size=(rows, 400)) + np.linspace(0, 40, rows)[:, None]
+    plane = scalar_plane("any", noise.astype(np.float32), "", "", "plain", bits=16)
+    assert plane.estimated == pytest.approx(len(plane.encoded), rel=0.05)
+
+
 def test_modules_are_linked_after_those_that_they_import(monkeypatch):
     sources = {
         "views/one.js": 'import { a } from "../js/a.js";\nexport const label = a;\n',

@@ -11,7 +11,7 @@ from rig import MAX_PIXELS
 from sgp._report import report as report_module
 from sgp._report import tiles as tiles_module
 from sgp._report.folder import read_folder
-from sgp._report.maps import embed
+from sgp._report.maps import FolderMaps, embed
 from sgp._report.report import make_report
 from tests.sgp.chromium import MISSING, PROGRAM, Browser
 from tests.sgp.report_folder import (
@@ -43,7 +43,7 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def planes(folder):
-    return embed(read_folder(folder), 1e6, MAX_PIXELS).planes
+    return embed(FolderMaps(read_folder(folder), MAX_PIXELS), 1e6).planes
 
 
 @pytest.fixture(scope="module")
@@ -196,7 +196,7 @@ def test_invented_pixels_are_marked_until_the_mark_is_switched_off(browser, fold
     path.write_text(make_report([after], max_pixels=MAX_PIXELS).html, encoding="utf-8")
     opened(browser, path, "#layout=side&zoom=1&show=matte&right=matte")
     browser.value(FRAME)
-    size = embed(read_folder(after), 1e6, MAX_PIXELS).size
+    size = embed(FolderMaps(read_folder(after), MAX_PIXELS), 1e6).size
     first, second = halves(pixels(browser), size)
     marked = (first[..., 0].astype(int) - first[..., 2]) > 60
     assert 0.15 < marked.sum() / (0.08 * 50**2) < 0.5  # stripes are 3 of 10 pixels wide
