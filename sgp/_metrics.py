@@ -227,6 +227,12 @@ class SurfaceMetrics(MeshMetrics):
             "distance of neighbouring pixels; with a camera, at the working distance",
         ]
     ]
+    camera_distance: NotRequired[
+        Annotated[float, "`unit`", "distance of a perspective camera from height 0, along its axis"]
+    ]
+    camera_axis_px: NotRequired[
+        Annotated[list[float], "px", "column and row at which this axis meets the map"]
+    ]
     height_range: Annotated[float, "`unit`", "highest minus lowest point"]
     vertices: Annotated[int, "", "vertices of the surface, one for each pixel with a height"]
     parts: Annotated[int, "", "connected parts"]

@@ -82,7 +82,8 @@ class SurfaceOptions:
         is not known; default: 2 % of the longer side. Implies --close.
     discontinuity
         Look for jumps in depth, where one part of the object hides another, and do not smooth
-        across them; meshes are cut there. discontinuity.png and parts.png show what was found.
+        across them; meshes are cut there. discontinuity.png, jumps.png and parts.png show what was
+        found.
     height_sigma
         Also write height_sigma.exr, the standard deviation of each height, from simulated errors of
         the normals, and report that of differences in height; about 6 CPU seconds per million

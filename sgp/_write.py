@@ -305,6 +305,10 @@ def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
         "disagreement_deg": height_map.disagreement_deg,
         "curl": None if np.isnan(height_map.curl) else height_map.curl,
     }
+    camera = height_map.camera
+    if camera is not None and height_map.depth is not None:
+        metrics["camera_distance"] = height_map.pixel_size * camera.focal_px
+        metrics["camera_axis_px"] = [float(camera.K[0, 2]), float(camera.K[1, 2])]
     add_height_sigma(metrics, height_map)
     jumps = height_map.jumps
     if jumps is not None:

@@ -15,6 +15,7 @@ import processing
 import rig
 from sgp._panels.crop import Crop
 from sgp._report.folder import ResultFolder
+from sgp._report.jumps import jumps_plane
 from sgp._report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
 from sgp._report.planes import Plane
 from sgp._report.tiles import Tile, tiles_of
@@ -92,6 +93,17 @@ class FolderMaps:
         if size <= _KEPT:
             self._kept = kept
 
+    def jumps(self) -> npt.NDArray[Any] | None:
+        """Return jumps.png, if there is one."""
+        path = self.folder.file("jumps.png")
+        if path is None:
+            return None
+        try:
+            return acquisition.read_image(path, max_pixels=self._max_pixels)
+        except acquisition.DataError as error:
+            self.notices.append(_unreadable(error))
+            return None
+
 
 def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedded | None:
     """Reduce the maps of a folder to at most ``most_pixels``; None without maps.
@@ -117,6 +129,9 @@ def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedd
         planes |= _planes(name, values, mask, crop, own, tiles if full else None)
     if crop is None or not planes:
         return None
+    jumps = maps.jumps() if "height" in planes else None
+    if jumps is not None and jumps.shape == size:
+        planes["jumps"] = jumps_plane(jumps, crop, planes["height"].samples.shape[:2])
     step = (pixel_size or 1.0) * crop.step
     notices = [*maps.notices, *notices]
     return Embedded(planes, size, crop, step, unit if pixel_size else "px", notices, tiles)

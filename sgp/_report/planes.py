@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 Samples = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 Float = npt.NDArray[np.float32]
-Kind = Literal["vectors", "scalar", "colour"]
+Kind = Literal["vectors", "scalar", "colour", "flags"]
 Colours = Literal["height", "doubt", "signed", "plain"]
 
 # Steps of each coordinate of a direction. Even, so that (0, 0, 1) is exact.
@@ -32,6 +32,7 @@ class Plane:
         Name within the result, such as ``normals``.
     kind
         ``vectors``: two octahedral coordinates. ``scalar``: one channel. ``colour``: sRGB samples.
+        ``flags``: bits.
     samples
         ``(H, W, C)``; 0 means no value, except in colours.
     low, step

@@ -12,7 +12,7 @@ import acquisition
 import processing
 import rig
 from sgp._report.companions import companions
-from sgp._report.differences import height_differences
+from sgp._report.differences import camera_of, height_differences
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
 from sgp._report.maps import Embedded, FolderMaps, embed, embed_beside
@@ -246,6 +246,7 @@ def _described(part: _Part, maps: Embedded) -> dict[str, Any]:
         "unit": maps.unit,
         "reduction": maps.crop.step,
         "heightDifferences": None if part.folder is None else height_differences(part.folder),
+        "camera": None if part.folder is None else camera_of(part.folder, maps),
         "marked": not maps.mostly_invented,
         "planes": [
             {"id": _plane_id(part, plane.name), **plane.header()} for plane in maps.planes.values()

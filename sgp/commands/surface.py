@@ -58,8 +58,9 @@ def surface(
     out
         Folder for height.exr, height.png, depth.exr (with a camera), normal_residual_deg.exr (angle
         between the given normals and those of the surface), curl_deg.exr and curl.png (where
-        normals contradict each other), mask.png, surface.ply and surface.json; discontinuity.png
-        and parts.png with --discontinuity, height_sigma.exr with --height-sigma.
+        normals contradict each other), mask.png, surface.ply and surface.json;
+        discontinuity.png, jumps.png and parts.png with --discontinuity, height_sigma.exr with
+        --height-sigma.
     mask
         Mask image of the pixels to integrate; default: all pixels with a normal.
     albedo

@@ -354,8 +354,9 @@ GRID = """(() => {
     const [x, y] = [j * pixelSize - half[0], half[1] - i * pixelSize];
     height[i * columns + j] = %s;
   }
-  const data = {columns, rows, pixelSize, unit: "mm", height, sigma: null};
-  const heights = new $js_surface_heights.Heights(data, %s);
+  const [differences, camera, jumps] = [%s];
+  const data = {columns, rows, pixelSize, unit: "mm", height, sigma: null, camera, jumps};
+  const heights = new $js_surface_heights.Heights(data, differences);
   return (%s)(heights);
 })()"""
 
@@ -423,19 +424,82 @@ def test_a_large_map_is_reduced_for_the_picture_only(browser, page):
     assert height == pytest.approx(0.75)
 
 
-def test_what_cannot_be_shown_is_said(browser, folder, page, tmp_path):
-    flat = tmp_path / "flat"
-    write_folder(flat)
-    (flat / "height.exr").unlink()
-    path = tmp_path / "flat.html"
-    assert run(build(["report"]), ["report", str(flat), "--out", str(path)]) == 0
-    for where, hide, text in (
-        (path, "", "This result has no height map; sgp surface computes one."),
-        (page, WITHOUT_WEBGL, "This view cannot be shown: the browser has no WebGL2."),
-    ):
-        browser.open(where)
-        browser.until("document.querySelector('#view-surface3d-tab') !== null")
-        browser.value(hide)
-        browser.value("document.querySelector('#view-surface3d-tab').click()")
-        browser.until(f"{VIEW}.textContent.includes({json.dumps(text)})")
-        quiet(browser, where)
+def test_without_webgl_the_view_says_so(browser, page):
+    text = "This view cannot be shown: the browser has no WebGL2."
+    browser.open(page)
+    browser.until("document.querySelector('#view-surface3d-tab') !== null")
+    browser.value(WITHOUT_WEBGL)
+    browser.value("document.querySelector('#view-surface3d-tab').click()")
+    browser.until(f"{VIEW}.textContent.includes({json.dumps(text)})")
+    quiet(browser, page)
+
+
+def test_figures_follow_the_lines_of_sight_of_a_camera(browser, page):
+    """Against points of a plane and of a sphere on the rays of a camera at 40 mm."""
+    opened(browser, page)
+    camera = 40.0, np.array([3.0, -2.0])
+
+    def point(x, y, z):
+        return np.array([*(camera[1] + (np.array([x, y]) - camera[1]) * (1 - z / camera[0])), z])
+
+    extra = "null, {distance: 40, axis: [3, -2]}"
+    ends = [(-9.0, 4.0), (8.0, -7.0)]
+    a, b = (point(x, y, 0.3 * x - 0.2 * y + 1) for x, y in ends)
+    found = measured(browser, "0.3 * x - 0.2 * y + 1", ends, extra)
+    assert found["distance"] == pytest.approx(np.linalg.norm(b - a), rel=1e-4)
+    assert found["across"] == pytest.approx(np.linalg.norm((b - a)[:2]), rel=1e-4)
+    # A plane of the map is a bent surface; a level stays one, and is seen smaller.
+    polygon = [(-5, -5), (5, -5), (5, 5), (-5, 5)]
+    level = measured(browser, "8", polygon, extra)
+    assert [level["area"], level["surface"]] == pytest.approx([100 * 0.8**2] * 2, rel=1e-4)
+    # The sphere of radius 12 around 0, along the ray of each place.
+    w = "((x - 3) ** 2 + (y + 2) ** 2) / 1600"
+    p = "((3 * (x - 3) - 2 * (y + 2)) / 40)"
+    # |axis + ray t| = 12 with z = 40 (1 - t): (w + 1) 1600 t² + 2 (40 p - 1600) t + ...
+    z = (
+        f"((w, p) => {{ const [a, b, c] = [1600 * (w + 1), 40 * p - 1600, 1600 + 13 - 144];"
+        f" return 40 * (1 - (-b - Math.sqrt(b * b - a * c)) / a); }})({w}, {p})"
+    )
+    around = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    circle = (4 * np.stack([np.cos(around), np.sin(around)], 1)).tolist()
+    cap = measured(browser, z, circle, extra)
+    grid = np.stack(np.meshgrid(*[np.linspace(-4, 4, 801)] * 2), -1)
+    x, y = np.moveaxis(grid, -1, 0)
+    at = np.hypot(x, y) < 4
+    ray = np.stack([x - 3, y + 2, np.full_like(x, -40.0)], -1)
+    origin = np.array([3.0, -2.0, 40.0])
+    a2, b2 = (ray**2).sum(-1), ray @ origin
+    t = (-b2 - np.sqrt(b2**2 - a2 * (origin @ origin - 144))) / a2
+    points = origin + ray * t[..., None]
+    du, dv = np.gradient(points, axis=(0, 1))
+    expected = np.linalg.norm(np.cross(du, dv), axis=-1)[at].sum()
+    assert cap["surface"] == pytest.approx(expected, rel=5e-3)
+
+
+def test_nothing_spans_a_jump(browser, page):
+    """A step between columns 29 and 30, and one pixel that hangs on nothing."""
+    opened(browser, page)
+    jumps = np.zeros((50, 60), int)
+    jumps[:, 29] = 1
+    jumps[20, 9], jumps[20, 10], jumps[19, 10] = 1, 3, 2
+    code = """(heights) => {
+      const step = $js_surface_mesh.meshOf(heights, %g);
+      let widest = 0;
+      for (let t = 0; t < step.index.length; t += 3) {
+        const z = [0, 1, 2].map((k) => step.positions[3 * step.index[t + k] + 2]);
+        widest = Math.max(widest, Math.max(...z) - Math.min(...z));
+      }
+      const across = [0.24, -0.24, 0.01].map((x) => heights.at(x, 3));
+      return [widest, step.index.length / 3, ...across];
+    }"""
+    height = "(x > 0 ? 7 : 0) + (Math.abs(x + 9.75) < 0.1 && Math.abs(y - 2.25) < 0.1 ? 3 : 0)"
+    extra = f"null, null, {json.dumps(jumps.ravel().tolist())}"
+    for most, count in ((1e6, 2 * 49 * 58 - 4), (1000, 2 * 24 * 28 - 4)):
+        widest, triangles, *heights = browser.value(
+            GRID % (60, 50, 0.5, height, extra, code % most)
+        )
+        assert (widest, triangles) == (0, count)
+        assert heights == [7, 0, 7]
+    area = measured(browser, height, [(-5, -5), (5, -5), (5, 5), (-5, 5)], extra)
+    assert area["surface"] == pytest.approx(95, rel=1e-3)
+    assert area["missing"] == pytest.approx(0.05, abs=1e-6)

@@ -34,8 +34,8 @@ export class Result {
 
   /** Return what views get: decision 60 lists it. */
   async data() {
-    const names = ["height", "height_sigma", "normals", "albedo"];
-    const [height, sigma, normals, albedo] = await Promise.all(names.map((name) => this.plane(name)));
+    const names = ["height", "height_sigma", "normals", "albedo", "jumps"];
+    const [height, sigma, normals, albedo, jumps] = await Promise.all(names.map((name) => this.plane(name)));
     const vectors = normals && decodeVectors(normals.samples);
     const values = height && numbers(height);
     const mask = new Uint8Array(this.rows * this.columns);
@@ -53,6 +53,7 @@ export class Result {
       heightStep: height ? height.step : 0,
       sigma: sigma && numbers(sigma),
       normals: vectors,
+      jumps: jumps && jumps.samples,
       texture: painted(albedo, this.columns, this.rows),
       full: this.full,
       result: this,

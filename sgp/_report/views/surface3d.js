@@ -54,11 +54,11 @@ export async function mount(body, { results, report }) {
     canvas.dataset.texture = name;
   };
   const open = async (result) => {
-    const data = { ...(await result.data()), result };
+    const data = { ...(await result.data()), camera: result.camera, result };
     state.data = data;
     state.heights = new Heights(data, result.heightDifferences ?? null);
     const mesh = meshOf(state.heights, MOST_VERTICES);
-    scene.open(mesh, state.heights.half);
+    scene.open(mesh, state.heights);
     scene.clip(null);
     measuring.open(state.heights, new Marks(`marks-${result.id}`), result.name);
     const offered = texturesOf(data);
@@ -149,6 +149,12 @@ function sectionControls(scene, heights, range) {
   return [selection(`Section, ${heights.unit}`, options, "none", choose).row, place];
 }
 
+/** Say whether figures follow the lines of sight. */
+function perspective({ camera, unit }) {
+  if (camera) return ` Figures and the picture follow the lines of sight of the camera, which is ${Number(camera.distance.toPrecision(4))} ${unit} above height 0; x and y of places are those at height 0.`;
+  return " The lines of sight count as parallel: under a camera close to the object, what is nearer by 1 % of the distance is measured 1 % too long and wide.";
+}
+
 /** Say what the figures and the picture are made of. */
 function statement(data, mesh, heights) {
   const reduced = mesh.step > 1 ? ` The picture shows every ${mesh.step}th pixel of a row and a column; figures use all.` : "";
@@ -156,5 +162,5 @@ function statement(data, mesh, heights) {
   let errors = "";
   if (heights.differences) errors = " Deviations of height differences are those of the record at this distance; common errors of the normals are not in them.";
   else if (heights.sigma) errors = " Deviations of height differences take the errors of both heights as independent.";
-  return `Figures use the embedded heights (${data.columns} x ${data.rows} pixels, steps of ${data.heightStep.toPrecision(2)} ${data.unit}), interpolated, without the exaggeration.${full}${reduced}${errors} The view is parallel: the scale bar holds everywhere.`;
+  return `Figures use the embedded heights (${data.columns} x ${data.rows} pixels, steps of ${data.heightStep.toPrecision(2)} ${data.unit}), interpolated, without the exaggeration.${full}${perspective(heights)}${reduced}${errors} The scale bar holds everywhere.`;
 }

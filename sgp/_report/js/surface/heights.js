@@ -1,9 +1,12 @@
 // Heights at any place of a map. Places have x to the right and y up from the middle of the map.
 
 export class Heights {
-  /** `differences`: {distances, sigma} of differences in height, or null. */
-  constructor({ columns, rows, pixelSize, unit, height, sigma }, differences = null) {
-    Object.assign(this, { columns, rows, pixelSize, unit, height, sigma, differences });
+  /**
+   * `differences`: {distances, sigma} of differences in height, or null. `camera`: {distance, axis} of a
+   * perspective camera, its axis at [x, y], or null. `jumps`: 1 at a pixel with a jump to the right, 2 below, or null.
+   */
+  constructor({ columns, rows, pixelSize, unit, height, sigma, camera = null, jumps = null }, differences = null) {
+    Object.assign(this, { columns, rows, pixelSize, unit, height, sigma, differences, camera, jumps });
     this.digits = Math.max(0, Math.ceil(-Math.log10(pixelSize / 20)));
   }
 
@@ -17,6 +20,24 @@ export class Heights {
     return [Number(x.toFixed(this.digits)), Number(y.toFixed(this.digits))];
   }
 
+  /** Return the point x, y, z that the camera sees at a place, whose height is z. */
+  point(x, y, z) {
+    if (!this.camera) return [x, y, z];
+    const { distance, axis } = this.camera;
+    const share = 1 - z / distance;
+    return [axis[0] + (x - axis[0]) * share, axis[1] + (y - axis[1]) * share, z];
+  }
+
+  /** Return whether the surface jumps between a pixel and one to its right (below it), or on the way to a diagonal one. */
+  cut(row, column, down, right) {
+    if (!this.jumps) return false;
+    const at = row * this.columns + column;
+    const across = (place) => right !== 0 && (this.jumps[right > 0 ? place : place - 1] & 1) !== 0;
+    const along = (place) => down !== 0 && (this.jumps[down > 0 ? place : place - this.columns] & 2) !== 0;
+    if (down === 0 || right === 0) return across(at) || along(at);
+    return (across(at) || along(at + right)) && (along(at) || across(at + down * this.columns));
+  }
+
   /** Return the height at a place, or NaN. */
   at(x, y) {
     return this.value(this.height, x, y);
@@ -27,19 +48,20 @@ export class Heights {
     return this.sigma ? this.value(this.sigma, x, y) : NaN;
   }
 
-  /** Interpolate between the four pixels around a place; NaN if the nearest one has no value. */
+  /** Interpolate between those of the four pixels around a place that hang together with the nearest one; NaN if that has no value. */
   value(map, x, y) {
     const [halfWidth, halfHeight] = this.half;
     const column = (x + halfWidth) / this.pixelSize;
     const row = (halfHeight - y) / this.pixelSize;
     const known = (r, c) => (r >= 0 && c >= 0 && r < this.rows && c < this.columns ? map[r * this.columns + c] : NaN);
-    if (Number.isNaN(known(Math.round(row), Math.round(column)))) return NaN;
+    const [nearRow, nearColumn] = [Math.round(row), Math.round(column)];
+    if (Number.isNaN(known(nearRow, nearColumn))) return NaN;
     const [top, left] = [Math.floor(row), Math.floor(column)];
     let [sum, weights] = [0, 0];
     for (const [r, c] of [[top, left], [top, left + 1], [top + 1, left], [top + 1, left + 1]]) {
       const weight = (1 - Math.abs(row - r)) * (1 - Math.abs(column - c));
       const value = known(r, c);
-      if (!(weight > 0) || Number.isNaN(value)) continue;
+      if (!(weight > 0) || Number.isNaN(value) || this.cut(nearRow, nearColumn, r - nearRow, c - nearColumn)) continue;
       sum += weight * value;
       weights += weight;
     }

@@ -13,45 +13,48 @@ function position(heights, [x, y]) {
 }
 
 function distance(heights, a, b) {
-  const across = Math.hypot(b[0] - a[0], b[1] - a[1]);
-  const difference = heights.at(...b) - heights.at(...a);
+  const [first, last] = [a, b].map((place) => heights.point(...place, heights.at(...place)));
+  const difference = last[2] - first[2];
+  const across = Number.isNaN(difference) ? Math.hypot(b[0] - a[0], b[1] - a[1]) : Math.hypot(last[0] - first[0], last[1] - first[1]);
   return {
     kind: "distance",
     distance: Math.hypot(across, difference),
     across,
     difference,
     differenceSigma: heights.differenceSigma(a, b),
-    along: alongSurface(profile(heights, a, b)),
+    along: profile(heights, a, b).along,
   };
 }
 
-/** Return {across, height, sigma} at steps of at most a pixel from one place to another. */
+/** Return {across, height, sigma} at steps of at most a pixel from one place to another, and the length along the surface. */
 export function profile(heights, a, b) {
   const length = Math.hypot(b[0] - a[0], b[1] - a[1]);
   const steps = Math.min(MOST_SAMPLES, Math.max(1, Math.ceil(length / heights.pixelSize)));
-  const samples = { across: [], height: [], sigma: [] };
+  const way = [(b[0] - a[0]) / (length || 1), (b[1] - a[1]) / (length || 1)];
+  const samples = { across: [], height: [], sigma: [], along: 0 };
+  const start = heights.point(...a, heights.at(...a) || 0);
+  let before = null;
   for (let i = 0; i <= steps; i++) {
     const share = i / steps;
     const place = [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
-    samples.across.push(share * length);
-    samples.height.push(heights.at(...place));
+    const height = heights.at(...place);
+    const point = heights.point(...place, height);
+    const seen = heights.point(...place, height || 0);
+    samples.across.push((seen[0] - start[0]) * way[0] + (seen[1] - start[1]) * way[1]);
+    samples.height.push(height);
+    if (before) samples.along += Math.hypot(...point.map((value, axis) => value - before[axis]));
+    before = point;
     samples.sigma.push(heights.sigmaAt(...place));
   }
   return samples;
-}
-
-function alongSurface({ across, height }) {
-  let sum = 0;
-  for (let i = 1; i < across.length; i++) sum += Math.hypot(across[i] - across[i - 1], height[i] - height[i - 1]);
-  return sum;
 }
 
 /** The area of a polygon seen from the front, that of the surface over it, and the share without a surface. */
 function area(heights, points) {
   if (crossing(points)) return { kind: "area", area: NaN, surface: NaN, missing: NaN, crossing: true };
   const seen = Math.abs(shoelace(points));
-  const { mean, missing } = steepness(heights, points);
-  return { kind: "area", area: seen, surface: seen * (1 - missing) * mean, missing, crossing: false };
+  const { front, surface, missing } = enlargements(heights, points);
+  return { kind: "area", area: seen * (Number.isNaN(front) ? 1 : front), surface: seen * (1 - missing) * surface, missing, crossing: false };
 }
 
 function shoelace(points) {
@@ -75,27 +78,39 @@ function crossing(points) {
   return false;
 }
 
-/** Average the area of the surface over that of the map in the squares of four pixels inside a polygon. */
-function steepness({ columns, rows, pixelSize, height, half }, points) {
+/** Average the areas of the surface, and of its view from the front, over that of the map in the squares of four pixels inside a polygon. */
+function enlargements(heights, points) {
+  const { columns, rows, pixelSize, height, half } = heights;
   const pixels = points.map(([x, y]) => [(x + half[0]) / pixelSize, (half[1] - y) / pixelSize]);
   const ys = pixels.map((one) => one[1]);
-  let [sum, known, all] = [0, 0, 0];
+  const corner = (row, column) => heights.point(column * pixelSize - half[0], half[1] - row * pixelSize, height[row * columns + column]);
+  let [surface, front, known, all] = [0, 0, 0, 0];
   for (let row = Math.floor(Math.min(...ys)); row <= Math.max(...ys); row++) {
     const crossed = crossings(pixels, row + 0.5);
     for (let k = 0; k + 1 < crossed.length; k += 2) {
       for (let column = Math.ceil(crossed[k] - 0.5); column + 0.5 < crossed[k + 1]; column++) {
         all++;
         if (row < 0 || column < 0 || row + 1 >= rows || column + 1 >= columns) continue;
-        const at = row * columns + column;
-        const [a, b, c, d] = [height[at], height[at + 1], height[at + columns], height[at + columns + 1]];
-        const found = (Math.hypot(1, (b - a) / pixelSize, (c - a) / pixelSize) + Math.hypot(1, (d - c) / pixelSize, (d - b) / pixelSize)) / 2;
+        const sides = [[row, column, 0, 1], [row, column, 1, 0], [row + 1, column, 0, 1], [row, column + 1, 1, 0]];
+        if (heights.jumps && sides.some((side) => heights.cut(...side))) continue;
+        const [a, b, c, d] = [corner(row, column), corner(row, column + 1), corner(row + 1, column), corner(row + 1, column + 1)];
+        const halves = [product(b, c, a), product(c, b, d)];
+        const found = halves.reduce((sum, one) => sum + Math.hypot(...one) / 2, 0);
         if (Number.isNaN(found)) continue;
-        sum += found;
+        surface += found;
+        front += Math.abs(halves[0][2] + halves[1][2]) / 2;
         known++;
       }
     }
   }
-  return { mean: sum / known, missing: all > 0 ? 1 - known / all : NaN };
+  const square = known * pixelSize ** 2;
+  return { surface: surface / square, front: front / square, missing: all > 0 ? 1 - known / all : NaN };
+}
+
+/** Return the vector product of the ways from `origin` to `p` and to `q`. */
+function product(p, q, origin) {
+  const [[a, b, c], [d, e, f]] = [p, q].map((one) => one.map((value, axis) => value - origin[axis]));
+  return [b * f - c * e, c * d - a * f, a * e - b * d];
 }
 
 function crossings(points, y) {

@@ -37,8 +37,9 @@ export class Scene {
   }
 
   /** Show a mesh of `meshOf`, seen from the side that the camera of the recording does not see well. */
-  open(made, half) {
+  open(made, heights) {
     this.made = made;
+    this.heights = heights;
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(made.positions, 3));
     geometry.setAttribute("uv", new THREE.BufferAttribute(made.uv, 2));
@@ -47,8 +48,8 @@ export class Scene {
     geometry.computeBoundingSphere();
     this.mesh.geometry.dispose();
     this.mesh.geometry = geometry;
-    this.half = half;
-    this.radius = Math.hypot(...half, (MOST_EXAGGERATION * (made.range[1] - made.range[0])) / 2) || 1;
+    this.half = heights.half;
+    this.radius = Math.hypot(...this.half, (MOST_EXAGGERATION * (made.range[1] - made.range[0])) / 2) || 1;
     this.look("tilted");
   }
 
@@ -150,9 +151,10 @@ export class Scene {
     this.drawn();
   }
 
-  /** Return where a point of the surface is on the canvas, in pixels of the page. */
-  project([x, y, z]) {
+  /** Return where the surface at a place of the map is on the canvas, in pixels of the page. */
+  project(place) {
     const [width, height] = this.size;
+    const [x, y, z] = this.heights.point(...place);
     const at = new THREE.Vector3(x, y, (z - this.made.middle) * this.exaggeration).project(this.camera);
     return [((at.x + 1) / 2) * width, ((1 - at.y) / 2) * height];
   }
@@ -165,13 +167,15 @@ export class Scene {
     });
   }
 
-  /** Return x, y of the surface at a place of the canvas, or null. */
+  /** Return the place of the map at a place of the canvas, or null. */
   hit(left, top) {
     const [width, height] = this.size;
     this.caster.setFromCamera(new THREE.Vector2((2 * left) / width - 1, 1 - (2 * top) / height), this.camera);
     const hits = this.caster.intersectObject(this.mesh, false);
     const found = hits.find(({ point }) => this.cut === null || this.plane.distanceToPoint(point) >= 0);
-    return found ? [found.point.x, found.point.y] : null;
+    if (!found) return null;
+    const { columns, rows, pixelSize, half } = this.heights;
+    return [(found.uv.x * columns - 0.5) * pixelSize - half[0], half[1] - ((1 - found.uv.y) * rows - 0.5) * pixelSize];
   }
 
   /** Turn, move or zoom by a key; returns whether it was one of theirs. */
