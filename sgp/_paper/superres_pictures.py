@@ -24,11 +24,10 @@ def add_head(
     advance: Progress,
 ) -> None:
     """Project a head at two resolutions, enlarge the lower one, and compare the results."""
-    advance("head of Max Planck", 0, 1)
-    pair = head(sources, model.scale)
-    if pair is None:
+    if sources.data is None:
         return
-    points, high = pair
+    advance("head of Max Planck", 0, 1)
+    points, high = head(sources, sources.data, model.scale)
     low = processing.low_resolution(high, model.scale)
     maps: dict[str, processing.NormalMap] = {}
     surfaces = {"low": processing.integrate(low), "high": processing.integrate(high)}
