@@ -227,7 +227,7 @@ class BandStore(Mapping[str, BandFile]):
 
 
 def _identity(file: Path) -> dict[str, Any] | None:
-    """Return the identity of maps; None if there are none."""
+    """Return the identity of maps, or None without any."""
     try:
         found = parse_json(read_bounded(file))
     except FileNotFoundError:
