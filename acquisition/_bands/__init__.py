@@ -1,0 +1,1 @@
+"""Maps larger than memory: files of rows that fill band by band."""
