@@ -22,7 +22,7 @@ from acquisition import (
     write_mask,
 )
 from simulator._render.cramer_rao import Measurement, cramer_rao_deg
-from simulator._render.render import Rendering
+from simulator._render.rendering import Rendering
 from simulator._render.truth import Truth
 from simulator._scene.scene_file import write_scene
 
