@@ -4,13 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
 
-Planes = Callable[[int | None], npt.NDArray[np.float32]]
+
+class Plane(Protocol):
+    """An image in memory, or one of which rows are read where they are used."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """``(H, W)``."""
+        ...
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of a sample."""
+        ...
+
+    def __getitem__(self, rows: slice, /) -> npt.NDArray[np.float32]:
+        """Return rows."""
+        ...
+
+
+Planes = Callable[[int | None], Plane]
 
 
 @dataclass(frozen=True)
@@ -54,15 +74,15 @@ class Wiring:
         other = {a: b for one, two in self.swapped for a, b in ((one, two), (two, one))}
         both = {a: b for one, two in self.double for a, b in ((one, two), (two, one))}
 
-        def seen(led: int | None) -> npt.NDArray[np.float32]:
+        def seen(led: int | None) -> Plane:
             if led is None:
-                glow = planes(None)
+                glow = planes(None)[:]
                 for lit in self.always:
-                    glow = glow + planes(lit)
+                    glow = glow + planes(lit)[:]
                 return glow
             if led in self.always:
-                return np.zeros_like(planes(led))
+                return np.zeros_like(planes(led)[:])
             plane = planes(other.get(led, led))
-            return plane + planes(both[led]) if led in both else plane
+            return plane[:] + planes(both[led])[:] if led in both else plane
 
         return seen if self.leds else planes

@@ -99,7 +99,7 @@ class RowRenderer:
                 layer.blur(largest_px)
             if layer is not canvas:
                 canvas.take(layer)
-        rendering = canvas.finish(self._mirrored)
+        rendering = canvas.finish(self.mirrored)
         return rendering if complete else rendering.rows(first - drawn[0], last - drawn[0])
 
     @property
@@ -127,7 +127,8 @@ class RowRenderer:
         return largest
 
     @cached_property
-    def _mirrored(self) -> MirroredLights:
+    def mirrored(self) -> MirroredLights:
+        """The lights that spheres mirror."""
         return find_mirrored_lights(self.scene, self._shader.occluders)
 
 

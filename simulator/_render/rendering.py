@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,3 +91,7 @@ class Rendering:
             top=truth.top + first,
         )
         return Rendering(self.planes[:, part], self.ambient[part], rows, self.scene)
+
+    def bands(self) -> Iterator[Rendering]:
+        """Yield the rendering as one band, as `StoredRendering.bands` yields several."""
+        yield self
