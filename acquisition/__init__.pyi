@@ -1,3 +1,8 @@
+from ._bands.band_file import BandFile as BandFile
+from ._bands.band_store import BandStore as BandStore
+from ._bands.map_rows import ComputedRows as ComputedRows
+from ._bands.map_rows import MapRows as MapRows
+from ._bands.map_rows import rows_in_bands as rows_in_bands
 from ._engine.engine import check_resume as check_resume
 from ._engine.engine import record as record
 from ._engine.engine import resume as resume
@@ -22,6 +27,7 @@ from ._metering.light_level import MeteringGoal as MeteringGoal
 from ._metering.metered import Metered as Metered
 from ._metering.metered import MeteredLight as MeteredLight
 from ._metering.metering import meter as meter
+from ._pixels.image_rows import ImageRows as ImageRows
 from ._pixels.images import read_image as read_image
 from ._pixels.images import read_image_with_alpha as read_image_with_alpha
 from ._pixels.images import write_exr as write_exr

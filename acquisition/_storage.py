@@ -237,6 +237,13 @@ def write_whole(descriptor: int, data: bytes | memoryview) -> None:
         view = view[os.write(descriptor, view) :]
 
 
+def write_whole_at(descriptor: int, data: memoryview, offset: int) -> None:
+    """Write all bytes at an offset of an open file."""
+    done = 0
+    while done < len(data):
+        done += os.pwrite(descriptor, data[done:], offset + done)
+
+
 def make_folder(folder: Path) -> None:
     """Create a folder and its parents durably; do nothing if it exists.
 

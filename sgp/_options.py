@@ -16,7 +16,7 @@ from cyclopts.validators import Number
 
 import acquisition
 import processing
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, memory_size
 from sgp._exit import UsageError
 
 
@@ -85,6 +85,14 @@ def _region(kind: object, tokens: Sequence[Token]) -> tuple[int, int, int, int]:
     return x, y, width, height
 
 
+def _bytes(kind: object, tokens: Sequence[Token]) -> int:
+    """Read a size of memory such as 3G."""
+    try:
+        return memory_size(tokens[0].value)
+    except ValueError as error:
+        raise CoercionError(msg=f"{_short(tokens[0].value)} {error}", token=tokens[0]) from error
+
+
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
@@ -111,6 +119,8 @@ OptionalInput = Annotated[Path | None, _INPUT]
 Inputs = Annotated[tuple[Path, ...], _INPUT]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Real = Annotated[float, Parameter(converter=_real)]
+# Bytes, such as 3G.
+Memory = Annotated[int, Parameter(converter=_bytes)]
 Seed = Annotated[int, Parameter(converter=_whole, validator=Number(gte=0, lt=2**63))]
 Count = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=65536))]
 Order = Annotated[int, Parameter(converter=_whole, validator=Number(gte=1, lte=64))]

@@ -7,7 +7,10 @@ same bytes result as from the whole image.
 
 from __future__ import annotations
 
+import errno
 import math
+import os
+import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -17,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
+from acquisition._bands.map_rows import MapRows
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.opened_image import first_line, opened_image
 from acquisition._pixels.scratch import scratch_file
@@ -33,7 +37,7 @@ _PART = 1 << 20
 
 @contextmanager
 def encoded_image(
-    path: Path, kind: str, spec: oiio.ImageSpec, pixels: Pixels
+    path: Path, kind: str, spec: oiio.ImageSpec, pixels: MapRows
 ) -> Iterator[BinaryIO]:
     """Encode an image into a scratch file, and yield the file for reading.
 
@@ -47,7 +51,7 @@ def encoded_image(
     spec
         Size, sample type and attributes.
     pixels
-        ``(H, W)`` or ``(H, W, channels)``, contiguous, in native byte order.
+        ``(H, W)`` or ``(H, W, channels)``, of which rows are read band by band.
 
     Raises
     ------
@@ -64,15 +68,16 @@ def encoded_image(
         )
     with ExitStack() as kept:
         with disk(path, "encode"):
-            place = kept.enter_context(scratch_file())
+            place = kept.enter_context(scratch_file(_nbytes(pixels), path.parent))
             done = file.open(str(place), spec)
             for rows in _bands(pixels):
                 # OpenImageIO writes wrong pixels from arrays of two dimensions.
-                band = pixels[rows].reshape(-1, pixels.shape[1], pixels.size // _area(pixels))
+                band = _native(pixels[rows]).reshape(-1, *_shape(pixels)[1:])
                 done = done and file.write_scanlines(rows.start, rows.stop, 0, band)
             message = file.geterror()
             # Closing a correct TIFF may leave a message about Exif: only the return values count.
             if not (file.close() and done):
+                _check_space(path, pixels)
                 raise StorageError(
                     f"{path}: cannot be encoded ({first_line(message)}): free memory on this "
                     "computer, or raise its limit on file sizes"
@@ -81,7 +86,7 @@ def encoded_image(
         yield encoded
 
 
-def store_image(path: Path, data: BinaryIO, pixels: Pixels) -> None:
+def store_image(path: Path, data: BinaryIO, pixels: MapRows) -> None:
     """Write an encoded image and check that it holds these pixels.
 
     The file appears complete and checked, or not at all.
@@ -99,15 +104,17 @@ def store_image(path: Path, data: BinaryIO, pixels: Pixels) -> None:
             while piece := data.read(_PART):
                 write_whole(part.descriptor, piece)
         if not holds(part.path, pixels):
+            with disk(path, "write"):
+                _check_space(path, pixels)
             raise StorageError(f"{path}: does not read back as written: check the disk")
 
 
-def holds(path: Path, pixels: Pixels) -> bool:
+def holds(path: Path, pixels: MapRows) -> bool:
     """Return whether a file that was just written reads back as these pixels."""
     try:
         with opened_image(path, _area(pixels)) as (file, spec, channels, dtype):
             stored = spec.height, spec.width, len(channels)
-            if np.dtype(dtype) != pixels.dtype or stored != _shape(pixels):
+            if np.dtype(dtype) != pixels.dtype.newbyteorder("=") or stored != _shape(pixels):
                 return False
             for rows in _bands(pixels):
                 with convert_parser_errors("cut short or damaged"):
@@ -117,7 +124,7 @@ def holds(path: Path, pixels: Pixels) -> bool:
                 if band is None:
                     return False
                 colours = band if channels == list(range(band.shape[2])) else band[..., channels]
-                if not _same_bits(colours, pixels[rows]):
+                if not _same_bits(colours, _native(pixels[rows])):
                     return False
             # A truncated file may give pixels: only the message shows it.
             return not file.geterror()
@@ -125,21 +132,36 @@ def holds(path: Path, pixels: Pixels) -> bool:
         return False
 
 
-def _bands(pixels: Pixels) -> Iterator[slice]:
+def _bands(pixels: MapRows) -> Iterator[slice]:
     """Yield the rows of an image in bands."""
-    height = len(pixels)
-    strips = _BAND_BYTES // (_STRIP * pixels[:1].nbytes)
+    height = pixels.shape[0]
+    strips = _BAND_BYTES // (_STRIP * (_nbytes(pixels) // height))
     step = _STRIP * max(1, strips)
     for top in range(0, height, step):
         yield slice(top, min(top + step, height))
 
 
-def _area(pixels: Pixels) -> int:
+def _area(pixels: MapRows) -> int:
     return math.prod(pixels.shape[:2])
 
 
-def _shape(pixels: Pixels) -> tuple[int, int, int]:
-    return pixels.shape[0], pixels.shape[1], pixels.size // _area(pixels)
+def _nbytes(pixels: MapRows) -> int:
+    return math.prod(pixels.shape) * pixels.dtype.itemsize
+
+
+def _shape(pixels: MapRows) -> tuple[int, int, int]:
+    return pixels.shape[0], pixels.shape[1], math.prod(pixels.shape[2:])
+
+
+def _native(band: Pixels) -> Pixels:
+    # OpenImageIO writes wrong pixels, without an error, from strided or byte-swapped arrays.
+    return np.ascontiguousarray(band, band.dtype.newbyteorder("="))
+
+
+def _check_space(path: Path, pixels: MapRows) -> None:
+    """Raise the error of a full disk, which the encoders do not report."""
+    if shutil.disk_usage(path.parent).free < _nbytes(pixels):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
 def _same_bits(stored: Pixels, pixels: Pixels) -> bool:

@@ -6,6 +6,7 @@ pixels, multiplies by alpha and adds the current date. No other module has to ha
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
+from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._pixels.encoded_image import encoded_image, store_image
 from acquisition._pixels.opened_image import check_png_file, first_line, opened_image
@@ -170,14 +172,14 @@ def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.
     >>> int(read_image("card.tif")[0, 0])
     700
     """
-    _write(Path(path), pixels, "tiff", {"uint8", "uint16"}, {"compression": "none"})
+    _write(Path(path), rows_of(pixels), "tiff", {"uint8", "uint16"}, {"compression": "none"})
 
 
 def write_png(
     path: str | Path,
-    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
+    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | MapRows,
     *,
-    alpha: npt.NDArray[np.bool_] | None = None,
+    alpha: npt.NDArray[np.bool_] | MapRows | None = None,
     srgb: bool = False,
     description: str = "",
 ) -> None:
@@ -186,7 +188,7 @@ def write_png(
     Parameters
     ----------
     path, pixels
-        As in `write_tiff`, as are the errors.
+        As in `write_tiff`, as are the errors; or a map whose rows are read band by band.
     alpha
         ``(H, W)`` bool, True where the image is opaque; the colours are not multiplied by it.
         Default: no alpha channel.
@@ -204,18 +206,19 @@ def write_png(
     array([255,   0,   0], dtype=uint8)
     """
     path = Path(path)
-    array = _checked(path, pixels, {"uint8", "uint16"})
-    opacity = None if alpha is None else _opacity(path, alpha, array)
+    array = rows_of(pixels)
+    _check(path, array, {"uint8", "uint16"})
+    opacity = None if alpha is None else _opacity(path, rows_of(alpha), array)
     chunks = list(SRGB_CHUNKS) if srgb else []
     if description:
         chunks.append(chunk(b"tEXt", b"Description\0" + description.encode("latin-1", "replace")))
     store_png(path, png_pieces(array, opacity, chunks))
 
 
-def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
+def write_exr(path: str | Path, array: npt.NDArray[np.float32] | MapRows) -> None:
     """Write a lossless float32 EXR ``(H, W)`` or ``(H, W, 3)``; NaN and infinity are kept.
 
-    Errors are those of `write_tiff`.
+    Errors are those of `write_tiff`. The rows of a map on disk are read band by band.
 
     Examples
     --------
@@ -225,17 +228,19 @@ def write_exr(path: str | Path, array: npt.NDArray[np.float32]) -> None:
     >>> read_image("height.exr")
     array([[0.5, nan]], dtype=float32)
     """
-    values = np.asarray(array)
-    compression = "rle" if values.dtype != np.float32 or _has_zeros(values) else "none"
-    _write(Path(path), values, "openexr", {"float32"}, {"compression": compression})
+    path, values = Path(path), rows_of(array)
+    _check(path, values, {"float32"})
+    compression = "rle" if _has_zeros(values) else "none"
+    _write(path, values, "openexr", {"float32"}, {"compression": compression})
 
 
-def _has_zeros(values: npt.NDArray[np.float32]) -> bool:
+def _has_zeros(values: MapRows) -> bool:
     """Return whether zeros, as outside a mask, are frequent.
 
     The run lengths of EXR shorten nothing else, not even NaN, and take more time than the rest.
     """
-    return bool(np.mean(values[::_SAMPLED_ROWS] == 0) > _LEAST_ZEROS) if values.size else True
+    sampled = [values[row : row + 1] == 0 for row in range(0, values.shape[0], _SAMPLED_ROWS)]
+    return not sampled or bool(np.mean([row.mean() for row in sampled]) > _LEAST_ZEROS)
 
 
 def _as_type(pixels: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
@@ -245,17 +250,11 @@ def _as_type(pixels: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[A
 
 
 def _write(
-    path: Path,
-    pixels: npt.NDArray[np.generic],
-    kind: str,
-    allowed: set[str],
-    attributes: dict[str, str],
+    path: Path, array: MapRows, kind: str, allowed: set[str], attributes: dict[str, str]
 ) -> None:
-    array = _checked(path, pixels, allowed)
-    # OpenImageIO writes wrong pixels, without an error, from strided or byte-swapped arrays.
-    array = np.ascontiguousarray(array, array.dtype.newbyteorder("="))
+    _check(path, array, allowed)
     height, width = array.shape[:2]
-    channels = array.size // (height * width)
+    channels = math.prod(array.shape[2:])
     spec = oiio.ImageSpec(width, height, channels, _FILE_TYPES[array.dtype.name])
     spec.attribute("DateTime", "")  # otherwise the current time is written
     for name, value in attributes.items():
@@ -264,27 +263,21 @@ def _write(
         store_image(path, data, array)
 
 
-def _checked(
-    path: Path, pixels: npt.NDArray[np.generic], allowed: set[str]
-) -> npt.NDArray[np.generic]:
-    array = np.asarray(pixels)
+def _check(path: Path, array: MapRows, allowed: set[str]) -> None:
     if array.dtype.name not in allowed:
         types = " or ".join(sorted(allowed))
         raise DataError(f"{path}: {array.dtype} samples cannot be written here: give {types}")
-    if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] != 3) or not array.size:
-        raise DataError(f"{path}: an array of shape {array.shape} is not an image")
-    return array
+    shape = array.shape
+    if len(shape) not in (2, 3) or (len(shape) == 3 and shape[2] != 3) or not math.prod(shape):
+        raise DataError(f"{path}: an array of shape {shape} is not an image")
 
 
-def _opacity(
-    path: Path, alpha: npt.NDArray[np.bool_], array: npt.NDArray[np.generic]
-) -> npt.NDArray[np.generic]:
+def _opacity(path: Path, alpha: MapRows, array: MapRows) -> MapRows:
     if alpha.dtype != np.bool_ or alpha.shape != array.shape[:2]:
         raise DataError(
             f"{path}: an alpha channel of {alpha.dtype} and shape {alpha.shape} does not fit an "
             f"image of shape {array.shape[:2]}"
         )
-    # Not alpha times a Python number, which would be in 64 bits.
-    opacity = alpha.astype(array.dtype.newbyteorder("="))
-    opacity *= opacity.dtype.type(np.iinfo(opacity.dtype).max)
-    return opacity
+    kind = array.dtype.newbyteorder("=")
+    full = kind.type(np.iinfo(kind).max)
+    return ComputedRows(alpha.shape, kind, lambda rows: alpha[rows].astype(kind) * full)

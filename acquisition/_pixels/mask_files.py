@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
 from acquisition._errors import DataError
 from acquisition._pixels.images import image_form, read_image_with_alpha, write_png
 from rig import MAX_PIXELS
@@ -38,7 +39,7 @@ def read_mask(
     return _inside(_read_samples(path, size, max_pixels))
 
 
-def write_mask(path: str | Path, mask: npt.NDArray[np.bool_]) -> None:
+def write_mask(path: str | Path, mask: npt.NDArray[np.bool_] | MapRows) -> None:
     """Write a mask as an 8-bit PNG, white inside.
 
     Parameters
@@ -46,7 +47,7 @@ def write_mask(path: str | Path, mask: npt.NDArray[np.bool_]) -> None:
     path
         File to write (.png); an existing one is replaced.
     mask
-        ``(H, W)`` bool.
+        ``(H, W)`` bool, or a map whose rows are read band by band.
 
     Raises
     ------
@@ -61,7 +62,9 @@ def write_mask(path: str | Path, mask: npt.NDArray[np.bool_]) -> None:
     >>> int(read_mask("mask.png").sum())
     3
     """
-    write_png(path, mask.astype(np.uint8) * np.uint8(255))
+    inside = rows_of(mask)
+    full = np.dtype(np.uint8)
+    write_png(path, ComputedRows(inside.shape, full, lambda rows: inside[rows] * np.uint8(255)))
 
 
 def read_mask_shares(

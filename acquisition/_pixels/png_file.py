@@ -6,6 +6,7 @@ libraries. So the file needs no second decoding: its bytes on the disk are compa
 
 from __future__ import annotations
 
+import math
 import os
 import struct
 import zlib
@@ -16,6 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from acquisition._bands.map_rows import MapRows
 from acquisition._errors import StorageError
 from acquisition._pixels.png_chunks import SIGNATURE, chunk
 from acquisition._storage import disk, library_path, open_binary, published, write_whole
@@ -27,8 +29,8 @@ _PART: Final = 1 << 20
 
 
 def png_pieces(
-    pixels: npt.NDArray[np.generic],
-    alpha: npt.NDArray[np.generic] | None = None,
+    pixels: MapRows,
+    alpha: MapRows | None = None,
     chunks: Iterable[bytes] = (),
 ) -> Iterator[bytes]:
     """Yield the bytes of a PNG (PNG 3, W3C 2025); equal arguments give equal bytes.
@@ -43,18 +45,18 @@ def png_pieces(
         Complete chunks before the samples, such as the transfer curve.
     """
     height, width = pixels.shape[:2]
-    channels = pixels.size // (height * width) + (alpha is not None)
-    bits = 8 * pixels.itemsize
+    channels = math.prod(pixels.shape[2:]) + (alpha is not None)
+    size = pixels.dtype.itemsize
     yield SIGNATURE
-    form = struct.pack(">IIBBBBB", width, height, bits, _COLOUR_TYPES[channels], 0, 0, 0)
+    form = struct.pack(">IIBBBBB", width, height, 8 * size, _COLOUR_TYPES[channels], 0, 0, 0)
     yield chunk(b"IHDR", form)
     yield from chunks
     # Runs of equal bytes after a difference to the left: measured maps become as small as by the
     # search for repeated strings, in half of its time.
     encoder = zlib.compressobj(1, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
-    step = max(1, _BAND_BYTES // (width * channels * pixels.itemsize))
+    step = max(1, _BAND_BYTES // (width * channels * size))
     for top in range(0, height, step):
-        rows = slice(top, top + step)
+        rows = slice(top, min(top + step, height))
         band = pixels[rows].reshape(-1, width, channels - (alpha is not None))
         if alpha is not None:
             band = np.dstack([band, alpha[rows]])

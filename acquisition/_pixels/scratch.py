@@ -13,15 +13,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+# Larger files are on the disk.
+_IN_MEMORY = 128 << 20
+
 
 @contextmanager
-def scratch_file() -> Iterator[Path]:
+def scratch_file(size: int, folder: Path) -> Iterator[Path]:
     """Yield the name of a new file that no other process can name, and remove it afterwards.
 
-    On Linux the file is in memory, so that a killed process leaves nothing behind. On other
-    systems it is in a private temporary folder.
+    On Linux the file is in memory, or in ``folder`` without a name if it may have more than 128 MB,
+    so that a killed process leaves nothing behind. On other systems it is in a private temporary
+    folder.
     """
-    if sys.platform == "linux":
+    if sys.platform == "linux" and size > _IN_MEMORY:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            yield Path(f"/proc/self/fd/{file.fileno()}")
+    elif sys.platform == "linux":
         descriptor = os.memfd_create("image", os.MFD_CLOEXEC)
         try:
             yield Path(f"/proc/self/fd/{descriptor}")

@@ -245,7 +245,7 @@ def _disk() -> _Findings:
 
 
 def _memory() -> _Findings:
-    total, free = _memory_bytes()
+    total, free = rig.memory_of_computer()
     if total is None:
         yield "ok", f"not known on {platform.system()}; {os.cpu_count()} processors"
         return
@@ -257,19 +257,6 @@ def _memory() -> _Findings:
         yield "warning", f"{text}: close other programs"
     else:
         yield "ok", text
-
-
-def _memory_bytes() -> tuple[int | None, int | None]:
-    """Return total and available memory in bytes, None if not known."""
-    if not hasattr(os, "sysconf"):
-        return None, None
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    try:
-        content = Path("/proc/meminfo").read_text()
-    except OSError:
-        return total, None
-    match = re.search(r"^MemAvailable:\s+(\d+) kB", content, re.MULTILINE)
-    return total, None if match is None else int(match[1]) * 1024
 
 
 _CHECKS: dict[str, Callable[[], _Findings]] = {

@@ -1,0 +1,96 @@
+"""Rows of an image file, decoded as they are used."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._errors import DataError, convert_read_errors
+from acquisition._pixels.opened_image import check_png_file, first_line, opened_image
+from rig import MAX_PIXELS, convert_parser_errors
+
+
+class ImageRows:
+    """An image as `read_image` returns it, of which only the rows in use are in memory.
+
+    Read from the top downwards: a compressed file is decoded again from its start otherwise.
+
+    Parameters
+    ----------
+    path
+        As in `read_image`, as are the errors; damage shows when its rows are read.
+    max_pixels
+        Largest allowed number of pixels.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import ImageRows, write_png
+    >>> write_png("ramp.png", np.arange(20, dtype=np.uint16).reshape(5, 4))
+    >>> with ImageRows("ramp.png") as rows:
+    ...     rows.shape, rows[1:3]
+    ((5, 4), array([[ 4,  5,  6,  7],
+           [ 8,  9, 10, 11]], dtype=uint16))
+    """
+
+    def __init__(self, path: str | Path, *, max_pixels: int = MAX_PIXELS) -> None:
+        self.path = Path(path)
+        with ExitStack() as opened:
+            image = opened.enter_context(opened_image(self.path, max_pixels))
+            check_png_file(self.path)
+            self._file, self._spec, self._channels, dtype = image
+            self._opened = opened.pop_all()
+        size = (self._spec.height, self._spec.width)
+        self.shape: tuple[int, ...] = size if len(self._channels) == 1 else (*size, 3)
+        self.dtype = np.dtype(dtype)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice) -> npt.NDArray[Any]:
+        first, last, _ = rows.indices(self.shape[0])
+        spec = self._spec
+        with (
+            convert_read_errors(self.path),
+            convert_parser_errors("cut short or damaged, copy it again"),
+        ):
+            top = spec.y + first
+            band = self._file.read_scanlines(
+                top, spec.y + last, 0, 0, spec.nchannels, spec.format.basetype
+            )
+            message = self._file.geterror()
+        if band is None or message:
+            raise DataError(
+                f"{self.path}: cut short or damaged ({first_line(message)}): copy it again"
+            )
+        # Doubles beyond the range of float32 become infinite, as in `read_image`.
+        with np.errstate(over="ignore"):
+            pixels = band.reshape(last - first, self.shape[1], spec.nchannels)
+            pixels = pixels[..., self._channels].astype(self.dtype, copy=False)
+        return np.ascontiguousarray(pixels).reshape(last - first, *self.shape[1:])
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return math.prod(self.shape)
+
+    def close(self) -> None:
+        """Close the file; harmless if repeated."""
+        self._opened.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
