@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,49 @@ Rendered = simulator.Rendering | simulator.StoredRendering
 # Share of the sensor's range that a metered exposure fills; the rest is for noise and flicker.
 _FILL = 0.8
 _METERED_PIXELS = 100_000
+_BAND_BYTES = 2**26
+# How long the computation of a frame may take: usually 50 ns per pixel.
+_FRAME_S, _S_PER_PIXEL, _LONGEST_FRAME_S = 2.0, 5e-7, 60.0
 _EXPOSURE_RANGE_US = (10.0, 1_000_000.0)
+
+
+@contextmanager
+def rendered(scene: simulator.Scene, folder: Path, memory: int | None) -> Iterator[Rendered]:
+    """Render a scene: in memory if it fits, otherwise on the disk of ``folder``.
+
+    Parameters
+    ----------
+    scene
+        Scene to render.
+    folder
+        Folder for temporary files; created if it is needed.
+    memory
+        Bytes to use; None for half of what is free.
+    """
+    budget = rigs.memory_budget(memory)
+    with ExitStack() as kept:
+        rendering: Rendered
+        with Stages() as progress:
+            if simulator.rendering_bytes(scene) <= budget:
+                rendering = simulator.render(scene, progress)
+            else:
+                acquisition.make_folder(folder)
+                rendering = kept.enter_context(
+                    simulator.render_stored(
+                        scene, folder, memory_bytes=budget, on_progress=progress
+                    )
+                )
+        yield rendering
+
+
+def pixels_in_view(rendering: Rendered) -> dict[str, int]:
+    """Return the number of pixels of the object, ``mask``, and of spheres, if they are in view."""
+    counts = {
+        name: int(mask[:].sum())
+        for name, mask in rendering.maps.items()
+        if name == "mask" or name.startswith("sphere_")
+    }
+    return {name: count for name, count in counts.items() if count}
 
 
 def metered_exposures(rendering: Rendered) -> tuple[float, ...]:
@@ -35,12 +79,11 @@ def metered_exposures(rendering: Rendered) -> tuple[float, ...]:
         Exposure times in µs, rounded to two digits, longest first; only one if no sphere is in
         view.
     """
-    size = rendering.scene.lens.size
-    mask, spheres = np.zeros(size, np.bool_), np.zeros(size, np.bool_)
-    for band in rendering.bands():
-        rows = slice(band.truth.top, band.truth.top + len(band.truth.mask))
-        mask[rows] = band.truth.mask
-        spheres[rows] = np.any(band.truth.sphere_masks, axis=0)
+    maps = rendering.maps
+    spheres = np.zeros(rendering.scene.lens.size, np.bool_)
+    for index in range(len(rendering.scene.spheres)):
+        spheres |= maps[f"sphere_{index}"][:]
+    mask = maps["mask"][:]
     matte = mask if mask.any() else ~spheres
     exposures = [_exposure_us(rendering, _brightest(rendering, matte, 0.999))]
     if spheres.any():
@@ -53,17 +96,19 @@ def _brightest(rendering: Rendered, where: npt.NDArray[np.bool_], quantile: floa
     places = np.flatnonzero(where)
     if quantile < 1:
         places = places[:: -(-len(places) // _METERED_PIXELS)]
+    lights = range(len(rendering.scene.lights))
+    return max(float(np.quantile(_at(rendering.plane(led), places), quantile)) for led in lights)
+
+
+def _at(plane: acquisition.MapRows, places: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """Return the values at indices, in order, of all pixels."""
+    height, width = plane.shape
     found = []
-    for band in rendering.bands():
-        first, count = band.truth.top * where.shape[1], band.ambient.size
-        begin, end = np.searchsorted(places, (first, first + count))
-        picked = places[begin:end] - first
-        values = band.planes.reshape(len(band.planes), -1)[:, picked]
-        # Only one value of each light matters if no quantile is asked for.
-        if quantile == 1 and len(picked):
-            values = values.max(axis=1, keepdims=True)
-        found.append(values)
-    return float(np.quantile(np.concatenate(found, axis=1), quantile, axis=1).max())
+    for rows in acquisition.rows_in_bands(height, 4 * width, _BAND_BYTES):
+        first = rows.start * width
+        inside = slice(*np.searchsorted(places, (first, rows.stop * width)))
+        found.append(plane[rows].ravel()[places[inside] - first])
+    return np.concatenate(found)
 
 
 def _exposure_us(rendering: Rendered, photons_per_us: float) -> float:
@@ -98,7 +143,16 @@ def record_simulated(
     given = acquisition.Calibrations(camera_model=scene.lens.camera, sensor=scene.noise)
     leds = len(scene.lights)
     dead = tuple(led for led in scene.lamps.dead if led < leds)  # the rig refuses others
-    config = rigs.RigConfig(name="simulated", driver="simulated", leds=leds, dead_leds=dead)
+    # This process computes a frame while the board waits for it.
+    height, width = scene.lens.size
+    timeout_s = min(max(_FRAME_S, _S_PER_PIXEL * height * width), _LONGEST_FRAME_S)
+    config = rigs.RigConfig(
+        name="simulated",
+        driver="simulated",
+        leds=leds,
+        dead_leds=dead,
+        frame_timeout_s=timeout_s,
+    )
     plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
     with (
         simulator.open_rig_seeing(rendering, config, seed=seed, noisy=noisy, realtime=False) as rig,
@@ -109,8 +163,6 @@ def record_simulated(
             plan,
             out,
             acquisition.Labels(operator="sgp simulate", object_name=object_name),
-            calibrations=acquisition.Calibrations(
-                camera_model=scene.lens.camera, sensor=scene.noise
-            ),
+            calibrations=given,
             hooks=acquisition.RecordingHooks(on_progress=progress),
         )

@@ -20,6 +20,7 @@ from ._render.chrome import find_mirrored_lights as find_mirrored_lights
 from ._render.cramer_rao import Measurement as Measurement
 from ._render.cramer_rao import cramer_rao_deg as cramer_rao_deg
 from ._render.render import render as render
+from ._render.render import rendering_bytes as rendering_bytes
 from ._render.rendering import Rendering as Rendering
 from ._render.resolved import resolved_normals as resolved_normals
 from ._render.stored import StoredRendering as StoredRendering

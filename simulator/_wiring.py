@@ -4,33 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import DataError, MapRows
 
-
-class Plane(Protocol):
-    """An image in memory, or one of which rows are read where they are used."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """``(H, W)``."""
-        ...
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """The type of a sample."""
-        ...
-
-    def __getitem__(self, rows: slice, /) -> npt.NDArray[np.float32]:
-        """Return rows."""
-        ...
-
-
-Planes = Callable[[int | None], Plane]
+Planes = Callable[[int | None], MapRows]
 
 
 @dataclass(frozen=True)
@@ -74,7 +53,7 @@ class Wiring:
         other = {a: b for one, two in self.swapped for a, b in ((one, two), (two, one))}
         both = {a: b for one, two in self.double for a, b in ((one, two), (two, one))}
 
-        def seen(led: int | None) -> Plane:
+        def seen(led: int | None) -> MapRows:
             if led is None:
                 glow = planes(None)[:]
                 for lit in self.always:

@@ -171,7 +171,7 @@ class VirtualCamera:
         self._stale = False
         del self._started[frame_id]
         return CameraFrame(
-            pixels=self._sensor.pixels(exposure, end_ns),
+            pixels=self._sensor.pixels(exposure, end_ns, waiting),
             frame_id=frame_id,
             timestamp_ns=exposure.start_ns,
             exposure_us=exposure.exposure_us,

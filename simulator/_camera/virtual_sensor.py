@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import MapRows
 from rig import CameraError, CameraInfo
 from simulator._bench_state import BenchState
 from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import FixedPattern, fixed_pattern, sensor_image
 from simulator._camera.shake import shake_of, shifted
-from simulator._wiring import Plane, Planes
+from simulator._wiring import Planes
 
 # Pixels of a frame that are computed at once, and of a sensor whose pattern stays in memory.
 _BAND, _KEPT = 2**22, 2**25
@@ -54,8 +56,12 @@ class VirtualSensor:
         # is on.
         sensor_image(np.zeros((1, 1), np.float32), formation.noise, key=(0,))
 
-    def pixels(self, exposure: Exposure, end_ns: int) -> npt.NDArray[np.uint16]:
+    def pixels(
+        self, exposure: Exposure, end_ns: int, waiting: Callable[[], None] | None = None
+    ) -> npt.NDArray[np.uint16]:
         """Return the grey values of an exposure that ended at ``end_ns``.
+
+        ``waiting`` is called after each of several bands.
 
         Raises
         ------
@@ -78,11 +84,13 @@ class VirtualSensor:
                 pattern=self._pattern_of(rows),
                 top=top,
             )
+            if waiting is not None and rows.stop < height:
+                waiting()
         return grey
 
     def _lit(
         self, exposure: Exposure, end_ns: int, key: tuple[int, ...]
-    ) -> list[tuple[Plane, np.float32]]:
+    ) -> list[tuple[MapRows, np.float32]]:
         """Return the planes of the exposure, and for how many microseconds each was on."""
         lit = [(self._plane(None), np.float32(exposure.exposure_us))]
         for led, lit_ns in self._bench.lit_ns(exposure.start_ns, end_ns).items():
@@ -93,7 +101,7 @@ class VirtualSensor:
 
     def _photons(
         self,
-        lit: list[tuple[Plane, np.float32]],
+        lit: list[tuple[MapRows, np.float32]],
         key: tuple[int, ...],
         rows: slice,
     ) -> npt.NDArray[np.float32]:
@@ -116,7 +124,7 @@ class VirtualSensor:
         size = rows.stop - rows.start, self._info.width
         return fixed_pattern(noise, size, seed=seed, top=rows.start)
 
-    def _plane(self, led: int | None) -> Plane:
+    def _plane(self, led: int | None) -> MapRows:
         plane = self._planes(led)
         if plane.shape != (self._info.height, self._info.width) or plane.dtype != np.float32:
             raise CameraError(

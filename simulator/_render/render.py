@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import os
 from collections.abc import Callable
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
 from acquisition import DataError
-from rig import Progress, no_progress
+from rig import Progress, memory_of_computer, no_progress
 from simulator._render.blur import blur_reach
 from simulator._render.canvas import POINTS, Canvas
 from simulator._render.chrome import MirroredLights, find_mirrored_lights
@@ -158,28 +155,27 @@ def _shadow_step_mm(scene: Scene) -> float:
     return min(max(step, across / most), across / fewest) if across else step
 
 
-def _check_memory(scene: Scene) -> None:
+def rendering_bytes(scene: Scene) -> int:
+    """Return the memory that `render` needs for a scene, in bytes.
+
+    Examples
+    --------
+    >>> from simulator import rendering_bytes, scene_named
+    >>> rendering_bytes(scene_named("coin", width=64, height=52, leds=4)) < 2**30
+    True
+    """
     height, width = scene.lens.size
     each = _BYTES_PER_LIGHT * len(scene.lights) + _BYTES_PER_PIXEL
     each *= 2 if _blurs_colours(scene) else 1
-    required, available = float(each * height * width + _BYTES_AT_WORK), _memory_bytes()
-    if required > available:
+    return each * height * width + _BYTES_AT_WORK
+
+
+def _check_memory(scene: Scene) -> None:
+    required, (_, available) = rendering_bytes(scene), memory_of_computer()
+    if available is not None and required > available:
+        height, width = scene.lens.size
         raise DataError(
             f"rendering {len(scene.lights)} images of {width} x {height} pixels requires "
             f"{required / 2**30:.1f} GiB, but only {available / 2**30:.1f} GiB are available: "
             "use fewer lights or a smaller image"
         )
-
-
-def _memory_bytes() -> float:
-    """Return the available memory; infinity if the system does not report it."""
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        kib = next(line.split()[1] for line in lines if line.startswith("MemAvailable"))
-        return 1024.0 * int(kib)
-    except (OSError, StopIteration):
-        pass
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return math.inf

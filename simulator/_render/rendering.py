@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import DataError, MapRows
 from rig import short_repr
 from simulator._render.truth import Truth
 from simulator._scene.scene import Scene
@@ -92,6 +91,26 @@ class Rendering:
         )
         return Rendering(self.planes[:, part], self.ambient[part], rows, self.scene)
 
-    def bands(self) -> Iterator[Rendering]:
-        """Yield the rendering as one band, as `StoredRendering.bands` yields several."""
-        yield self
+    @property
+    def maps(self) -> dict[str, MapRows]:
+        """The maps of the ground truth by the names of their files; see `truth_maps`."""
+        return truth_maps(self.truth)
+
+    def truth_of(self, rows: slice) -> Truth:
+        """Return the ground truth of some rows."""
+        return self.rows(rows.start, rows.stop).truth
+
+
+def truth_maps(truth: Truth) -> dict[str, MapRows]:
+    """Return ``normals``, ``height``, ``albedo``, ``mask``, ``sphere_0``, ``shadows/L00``, etc."""
+    maps: dict[str, MapRows] = {
+        "normals": truth.normals,
+        "height": truth.height_mm,
+        "albedo": truth.albedo,
+        "mask": truth.mask,
+    }
+    maps |= {f"sphere_{index}": mask for index, mask in enumerate(truth.sphere_masks)}
+    if truth.shadows is not None:
+        pairs = zip(truth.lights.ids, truth.shadows, strict=True)
+        maps |= {f"shadows/{light}": dark for light, dark in pairs}
+    return maps

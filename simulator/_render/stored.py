@@ -1,108 +1,35 @@
-"""Renderings larger than memory: rendered in bands of rows, and kept in a temporary file."""
+"""Renderings larger than memory: rendered in bands of rows, and kept in temporary files."""
 
 from __future__ import annotations
 
 import math
 import shutil
 import tempfile
-import threading
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, StorageError, storage_error
-from rig import Progress, no_progress, short_repr
+from acquisition import BandFile, ComputedRows, DataError, MapRows, StorageError, storage_error
+from rig import Progress, no_progress
 from simulator._render.chrome import MirroredLights
 from simulator._render.render import RowRenderer
 from simulator._render.rendering import Rendering
 from simulator._render.truth import Truth
 from simulator._scene.scene import Scene
 
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
 # Memory of a pixel of a band while it is rendered, and of all that depends on no pixel.
-_BYTES_PER_LIGHT, _BYTES_PER_PIXEL, _BYTES_AT_WORK = 10, 150, 2**28
+_BYTES_PER_LIGHT, _BYTES_PER_PIXEL, _BYTES_AT_WORK = 10, 150, 2**27
 _MEMORY_BYTES = 2**30
 
 
-class _File:
-    """A temporary file without a name, in a folder."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder, self._lock, self.end = folder, threading.Lock(), 0
-        try:
-            self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115
-        except OSError as error:
-            raise storage_error(folder, "create a temporary file", error) from error
-        self.close = self._file.close
-
-    def read(self, begin: int, data: memoryview) -> None:
-        try:
-            with self._lock:
-                self._file.seek(begin)
-                while data:
-                    count = self._file.readinto(data)
-                    if not count:
-                        raise StorageError(f"{self._folder}: the temporary file was cut short")
-                    data = data[count:]
-        except OSError as error:
-            raise storage_error(self._folder, "read rendered images", error) from error
-
-    def write(self, begin: int, data: memoryview) -> None:
-        try:
-            with self._lock:
-                self._file.seek(begin)
-                while data:
-                    data = data[self._file.write(data) :]
-        except OSError as error:
-            raise storage_error(self._folder, "keep rendered images", error) from error
-
-
-@dataclass(frozen=True, eq=False)
-class StoredRows:
-    """An array in a file, whose rows are read where they are used: ``stored[first:last]``.
-
-    Parameters
-    ----------
-    file, begin
-        The file, and the place of the array in it.
-    shape, dtype
-        As of an array.
-    """
-
-    file: _File
-    begin: int
-    shape: tuple[int, ...]
-    dtype: np.dtype[Any]
-
-    __repr__ = short_repr
-
-    def __getitem__(self, rows: slice) -> npt.NDArray[Any]:
-        first, last, _ = rows.indices(self.shape[0])
-        values = np.zeros((max(last - first, 0), *self.shape[1:]), self.dtype)
-        if values.size:
-            self.file.read(self.begin + first * values[0].nbytes, values.data.cast("B"))
-        return values
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        return np.asarray(self[:], dtype)
-
-    def put(self, first: int, values: npt.NDArray[Any]) -> None:
-        """Write rows from ``first`` on."""
-        rows = np.ascontiguousarray(values, self.dtype)
-        self.file.write(self.begin + first * rows[0].nbytes, rows.data.cast("B"))
-
-    @property
-    def nbytes(self) -> int:
-        """Size of the array in bytes."""
-        return math.prod(self.shape) * self.dtype.itemsize
-
-
 class StoredRendering:
-    """A rendering in a temporary file, from `render_stored`; use it as a context manager.
+    """A rendering in temporary files, from `render_stored`; use it as a context manager.
 
     Attributes
     ----------
@@ -113,46 +40,46 @@ class StoredRendering:
     def __init__(self, scene: Scene, folder: Path, mirrored: MirroredLights) -> None:
         self.scene = scene
         self._mirrored = mirrored
-        self._file = _File(folder)
-        size, lights = scene.lens.size, len(scene.lights)
-        self._planes = [self._map(np.float32, *size) for _ in range(lights)]
-        self._ambient = self._map(np.float32, *size)
-        self._normals = self._map(np.float32, *size, 3)
-        self._height = self._map(np.float64, *size)
-        self._albedo = self._map(np.float32, *size, *([3] if scene.coloured else []))
-        self._mask = self._map(np.bool_, *size)
-        self._spheres = [self._map(np.bool_, *size) for _ in scene.spheres]
-        # Eight pixels in a byte.
-        self._shadows = [self._map(np.uint8, size[0], -(-size[1] // 8)) for _ in range(lights)]
+        width, lights = scene.lens.size[1], len(scene.lights)
+        self._files: list[BandFile] = []
+        _check_space(scene, folder)
+        try:
+            # The files stay open, and have no name, so that a killed process leaves nothing.
+            with _temporary_folder(folder) as place:
+                self._place = Path(place)
+                self._planes = [self._file(np.float32, width) for _ in range(lights)]
+                self._ambient = self._file(np.float32, width)
+                self._kept = {
+                    "normals": self._file(np.float32, width, 3),
+                    "height": self._file(np.float64, width),
+                    "albedo": self._file(np.float32, width, *([3] if scene.coloured else [])),
+                    "mask": self._file(np.bool_, width),
+                }
+                for index in range(len(scene.spheres)):
+                    self._kept[f"sphere_{index}"] = self._file(np.bool_, width)
+                # Eight pixels in a byte.
+                for light in scene.lights.ids:
+                    self._kept[f"shadows/{light}"] = self._file(np.uint8, -(-width // 8))
+        except BaseException:
+            self.close()
+            raise
 
-    def _map(self, dtype: type[np.generic], *shape: int) -> StoredRows:
-        rows = StoredRows(self._file, self._file.end, shape, np.dtype(dtype))
-        self._file.end += rows.nbytes
-        return rows
-
-    @property
-    def nbytes(self) -> int:
-        """Size of the temporary file in bytes."""
-        return self._file.end
+    def _file(self, dtype: type[np.generic], *shape: int) -> BandFile:
+        path = self._place / str(len(self._files))
+        height = self.scene.lens.size[0]
+        self._files.append(BandFile(path, (height, *shape), np.dtype(dtype)))
+        return self._files[-1]
 
     def put(self, part: Rendering) -> None:
         """Keep the rows of a rendering."""
-        truth, first = part.truth, part.truth.top
-        for kept, values in (
-            *zip(self._planes, part.planes, strict=True),
-            (self._ambient, part.ambient),
-            (self._normals, truth.normals),
-            (self._height, truth.height_mm),
-            (self._albedo, truth.albedo),
-            (self._mask, truth.mask),
-            *zip(self._spheres, truth.sphere_masks, strict=True),
-        ):
-            kept.put(first, values)
-        if truth.shadows is not None:
-            for kept, shadow in zip(self._shadows, truth.shadows, strict=True):
-                kept.put(first, np.packbits(shadow, axis=1))
+        rows = slice(part.truth.top, part.truth.top + len(part.ambient))
+        self._ambient[rows] = part.ambient
+        for kept, plane in zip(self._planes, part.planes, strict=True):
+            kept[rows] = plane
+        for name, values in part.maps.items():
+            self._kept[name][rows] = _packed(values[:]) if _is_shadow(name) else values[:]
 
-    def plane(self, led: int | None) -> StoredRows:
+    def plane(self, led: int | None) -> BandFile:
         """Return the image of one LED alone, or of the ambient light for None; see `Rendering`."""
         if led is None:
             return self._ambient
@@ -160,17 +87,32 @@ class StoredRendering:
             raise DataError(f"LED {led} is not in the scene, which has {len(self._planes)} LEDs")
         return self._planes[led]
 
-    def rows(self, first: int, last: int) -> Rendering:
-        """Return the rows from ``first`` to before ``last``; see `Rendering.rows`."""
-        part, scene, width = slice(first, last), self.scene, self.scene.lens.size[1]
-        table = scene.sphere_table
-        spheres = [sphere[part] for sphere in self._spheres]
-        truth = Truth(
-            normals=self._normals[part],
-            height_mm=self._height[part],
-            albedo=self._albedo[part],
-            mask=self._mask[part],
-            sphere_masks=np.stack(spheres) if spheres else np.zeros((0, last - first, width), bool),
+    @property
+    def maps(self) -> dict[str, MapRows]:
+        """The maps of the ground truth by the names of their files; see `truth_maps`."""
+        size = self.scene.lens.size
+
+        def unpacked(kept: BandFile) -> ComputedRows:
+            def read(rows: slice) -> Mask:
+                return np.unpackbits(kept[rows], axis=1, count=size[1]).view(np.bool_)
+
+            return ComputedRows(size, np.dtype(np.bool_), read)
+
+        return {
+            name: unpacked(kept) if _is_shadow(name) else kept for name, kept in self._kept.items()
+        }
+
+    def truth_of(self, rows: slice) -> Truth:
+        """Return the ground truth of some rows."""
+        scene, maps = self.scene, self.maps
+        spheres = [maps[f"sphere_{index}"][rows] for index in range(len(scene.spheres))]
+        mask, table = maps["mask"][rows], scene.sphere_table
+        return Truth(
+            normals=maps["normals"][rows],
+            height_mm=maps["height"][rows],
+            albedo=maps["albedo"][rows],
+            mask=mask,
+            sphere_masks=np.array(spheres, np.bool_).reshape(-1, *mask.shape),
             sphere_centres_mm=table[:, :3],
             sphere_radii_mm=table[:, 3],
             highlights_px=self._mirrored.pixels,
@@ -178,25 +120,19 @@ class StoredRendering:
             lens=scene.lens,
             noise=scene.noise,
             electrons_per_us=scene.electrons_per_us,
-            shadows=np.stack(
-                [np.unpackbits(one[part], axis=1, count=width).view(bool) for one in self._shadows]
-            ),
-            top=first,
+            shadows=np.stack([maps[name][rows] for name in maps if _is_shadow(name)]),
+            top=rows.start,
         )
-        planes = np.stack([plane[part] for plane in self._planes])
-        return Rendering(planes, self._ambient[part], truth, scene)
 
-    def bands(self) -> Iterator[Rendering]:
-        """Yield all rows, in bands of a few hundred megabytes at most."""
-        height, width = self.scene.lens.size
-        each = width * (_BYTES_PER_LIGHT * len(self.scene.lights) + _BYTES_PER_PIXEL)
-        step = max(1, _BYTES_AT_WORK // each)
-        for first in range(0, height, step):
-            yield self.rows(first, min(first + step, height))
+    @property
+    def highlights_px(self) -> Array:
+        """Positions of the mirrored lights; see `Truth`."""
+        return self._mirrored.pixels
 
     def close(self) -> None:
-        """Remove the temporary file."""
-        self._file.close()
+        """Remove the temporary files."""
+        for file in self._files:
+            file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -217,7 +153,7 @@ def render_stored(
     memory_bytes: int = _MEMORY_BYTES,
     on_progress: Progress = no_progress,
 ) -> StoredRendering:
-    """Render a scene in bands of rows, and keep the images in a temporary file.
+    """Render a scene in bands of rows, and keep the images in temporary files.
 
     Values are equal to those of `render`. The rows that the blur of the lens needs around a band
     are rendered with it.
@@ -227,7 +163,7 @@ def render_stored(
     scene
         Scene to render.
     folder
-        Folder of the temporary file, which has no name there and ends with the process.
+        Folder of the temporary files, which have no names there and end with the process.
     memory_bytes
         Memory that may be used.
     on_progress
@@ -236,32 +172,26 @@ def render_stored(
     Returns
     -------
     StoredRendering
-        The rendering; close it to remove the file.
+        The rendering; close it to remove the files.
 
     Raises
     ------
     DataError
         As `render`, or if ``memory_bytes`` is too little for one row.
     StorageError
-        If the disk has too little space, or refuses the file.
+        If the disk has too little space, or refuses a file.
 
     Examples
     --------
     >>> from simulator import render_stored, scene_named
     >>> with render_stored(scene_named("coin", width=64, height=52, leds=4), ".") as stored:
-    ...     stored.plane(2)[10:12].shape, stored.rows(10, 12).truth.normals.shape
-    ((2, 64), (2, 64, 3))
+    ...     stored.plane(2)[10:12].shape, stored.maps["normals"].shape
+    ((2, 64), (52, 64, 3))
     """
     folder, renderer, height = Path(folder), RowRenderer(scene), scene.lens.size[0]
     step = _rows_of_band(renderer, memory_bytes)
     stored = StoredRendering(scene, folder, renderer.mirrored)
     try:
-        free = shutil.disk_usage(folder).free
-        if stored.nbytes > free:
-            raise StorageError(
-                f"{folder}: the rendering needs {stored.nbytes / 1e9:.1f} GB for a temporary file, "
-                f"but {free / 1e9:.1f} GB are free: free space, or use a smaller image"
-            )
         for first in range(0, height, step):
             last = min(first + step, height)
             stored.put(renderer.rows(first, last, lambda _: None))
@@ -272,6 +202,36 @@ def render_stored(
     return stored
 
 
+def _is_shadow(name: str) -> bool:
+    return name.startswith("shadows/")
+
+
+def _packed(mask: Mask) -> npt.NDArray[np.uint8]:
+    return np.packbits(mask, axis=1)
+
+
+def _temporary_folder(folder: Path) -> tempfile.TemporaryDirectory[str]:
+    try:
+        return tempfile.TemporaryDirectory(prefix=".sgp-", dir=folder)
+    except OSError as error:
+        raise storage_error(folder, "create a temporary folder", error) from error
+
+
+def _check_space(scene: Scene, folder: Path) -> None:
+    height, width = scene.lens.size
+    # Images and packed shadows; ambient light, normals, height, albedo, masks.
+    each = 4.125 * len(scene.lights) + 37 + len(scene.spheres)
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise storage_error(folder, "create a temporary folder", error) from error
+    if each * height * width > free:
+        raise StorageError(
+            f"{folder}: the rendering needs {each * height * width / 1e9:.1f} GB for temporary "
+            f"files, but {free / 1e9:.1f} GB are free: free space, or use a smaller image"
+        )
+
+
 def _rows_of_band(renderer: RowRenderer, memory_bytes: int) -> int:
     lights, width = len(renderer.scene.lights), renderer.scene.lens.size[1]
     each = width * (_BYTES_PER_LIGHT * lights + _BYTES_PER_PIXEL) * len(set(renderer.colours[:2]))
@@ -280,6 +240,6 @@ def _rows_of_band(renderer: RowRenderer, memory_bytes: int) -> int:
         least = _BYTES_AT_WORK + each * (1 + 2 * renderer.margin)
         raise DataError(
             f"rendering {lights} images of {width} pixels a row needs at least "
-            f"{math.ceil(least / 1e6)} MB of memory"
+            f"{math.ceil(least / 1e6)} MB of memory: allow more, or use fewer lights"
         )
     return min(rows, renderer.scene.lens.size[0])

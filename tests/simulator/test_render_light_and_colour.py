@@ -245,6 +245,6 @@ def test_rows_do_not_depend_on_the_blocks_of_rendering(monkeypatch):
 
 
 def test_a_rendering_that_exceeds_the_memory_is_refused(monkeypatch):
-    monkeypatch.setattr("simulator._render.render._memory_bytes", lambda: 1e5)
+    monkeypatch.setattr("simulator._render.render.memory_of_computer", lambda: (1, 10**5))
     with pytest.raises(DataError, match=r"3 images of 150 x 90 pixels requires .* GiB"):
         render(_scene(None, NEAR, Lens.of(CAMERA)))
