@@ -112,7 +112,7 @@ def _at(plane: acquisition.MapRows, places: npt.NDArray[np.int64]) -> npt.NDArra
 
 
 def _exposure_us(rendering: Rendered, photons_per_us: float) -> float:
-    noise = rendering.scene.noise
+    noise = rendering.truth_of(slice(0, 1)).noise
     electrons_per_us = photons_per_us * noise.quantum_efficiency
     full = (noise.white_level_dn - noise.black_level_dn) * noise.electrons_per_dn
     low, high = _EXPOSURE_RANGE_US

@@ -227,8 +227,8 @@ def _check_space(scene: Scene, folder: Path) -> None:
         raise storage_error(folder, "create a temporary folder", error) from error
     if each * height * width > free:
         raise StorageError(
-            f"{folder}: the rendering needs {each * height * width / 1e9:.1f} GB for temporary "
-            f"files, but {free / 1e9:.1f} GB are free: free space, or use a smaller image"
+            f"{folder}: the rendering needs {each * height * width / 1e6:,.0f} MB for temporary "
+            f"files, but {free / 1e6:,.0f} MB are free: free space, or use a smaller image"
         )
 
 
