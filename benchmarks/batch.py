@@ -3,8 +3,9 @@
 The first table compares `sgp batch` on copies of one session with `sgp run` on one of them: CPU
 seconds for each source, here (with one worker) and on a Dask cluster of two workers on loopback,
 and the time of a second run, which has nothing to do, and of a third one after one file was edited.
-The second table scales the measured rates: cores that are busy all day, and the size of recordings
-and results. Run it on a computer without other work; the first run may compile kernels.
+The second table has the bytes of one object by format, the third scales the measured rates: cores
+that are busy all day, and the size of recordings and results. Run it on a computer without other
+work; the first run may compile kernels. --no-cluster leaves out Dask.
 
     python benchmarks/batch.py --sessions 24 --megapixels 1
 """
@@ -84,6 +85,7 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--sessions", type=int, default=24)
     parser.add_argument("--megapixels", type=float, default=1.0)
+    parser.add_argument("--no-cluster", action="store_true", help="leave out the Dask cluster")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="sgp-batch-") as name:
         root = Path(name)
@@ -109,15 +111,41 @@ def main() -> None:
         os.utime(frame)
         cpu, wall, _ = cost(here)
         print(f"{'again, one file touched':34}{cpu:8.2f}{wall:8.2f}", flush=True)
-        with cluster(root) as address:
-            there = [*asked, "--out", str(root / "there"), "--scheduler", address]
-            cpu, wall, _ = cost(there)
-        work = sum(seconds(root / "there"))
-        print(
-            f"{'Dask, two workers: client, work':34}{cpu:8.2f}{wall:8.2f}   work {work:.1f} CPU s"
-        )
+        if not options.no_cluster:
+            on_cluster(root, asked)
         recording, result = size(sources[0]), size(root / "one")
+        storage(sources[0], root / "one")
         scale(each, peak, recording, result)
+
+
+def on_cluster(root: Path, asked: list[str]) -> None:
+    """Run the batch on a Dask cluster; compare its results with those computed here."""
+    with cluster(root) as address:
+        there = [*asked, "--out", str(root / "there"), "--scheduler", address]
+        cpu, wall, _ = cost(there)
+    work = sum(seconds(root / "there"))
+    print(f"{'Dask, two workers: client, work':34}{cpu:8.2f}{wall:8.2f}   work {work:.1f} CPU s")
+    maps = [path.relative_to(root / "here") for path in (root / "here").rglob("*.exr")]
+    equal = sum(
+        (root / "here" / one).read_bytes() == (root / "there" / one).read_bytes() for one in maps
+    )
+    print(f"maps equal to those computed here: {equal} of {len(maps)}")
+
+
+def storage(session: Path, result: Path) -> None:
+    """Print the bytes of one object by format."""
+    sizes = {"recording: TIFF, as recorded": size(session)}
+    subprocess.run([*SGP, "capture", "compact", str(session)], check=True, capture_output=True)
+    sizes["recording: TIFF, compacted"] = size(session)
+    kinds = {".exr": "EXR maps", ".png": "PNG pictures and masks", ".ply": "PLY mesh"}
+    kinds |= {".html": "HTML report", ".json": "JSON records"}
+    for path in files_in(result):
+        name = f"result: {kinds.get(path.suffix, 'other')}"
+        sizes[name] = sizes.get(name, 0) + path.stat().st_size
+    sizes["result, complete"] = size(result)
+    print(f"\n{'bytes of one object':34}{'MB':>8}")
+    for name, count in sizes.items():
+        print(f"{name:34}{count / 1e6:8.2f}")
 
 
 def scale(each_s: float, peak_gb: float, recording: int, result: int) -> None:

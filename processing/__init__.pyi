@@ -11,6 +11,8 @@ from ._detail.properties import idempotence as idempotence
 from ._detail.properties import transfer_chain as transfer_chain
 from ._detail.rotation_similarity import RotationSimilarity as RotationSimilarity
 from ._detail.rotation_similarity import rotation_similarity as rotation_similarity
+from ._detail.rows import memory_of_separation as memory_of_separation
+from ._detail.rows import separate_rows as separate_rows
 from ._detail.seam import SeamSteps as SeamSteps
 from ._detail.separation import Separation as Separation
 from ._detail.separation import combine as combine

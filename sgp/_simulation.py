@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +15,57 @@ import rig as rigs
 import simulator
 from sgp._console import Stages
 
+Rendered = simulator.Rendering | simulator.StoredRendering
+
 # Share of the sensor's range that a metered exposure fills; the rest is for noise and flicker.
 _FILL = 0.8
 _METERED_PIXELS = 100_000
+_BAND_BYTES = 2**26
+# How long the computation of a frame may take: usually 50 ns per pixel.
+_FRAME_S, _S_PER_PIXEL, _LONGEST_FRAME_S = 2.0, 5e-7, 60.0
 _EXPOSURE_RANGE_US = (10.0, 1_000_000.0)
 
 
-def metered_exposures(rendering: simulator.Rendering) -> tuple[float, ...]:
+@contextmanager
+def rendered(scene: simulator.Scene, folder: Path, memory: int | None) -> Iterator[Rendered]:
+    """Render a scene: in memory if it fits, otherwise on the disk of ``folder``.
+
+    Parameters
+    ----------
+    scene
+        Scene to render.
+    folder
+        Folder for temporary files; created if it is needed.
+    memory
+        Bytes to use; None for half of what is free.
+    """
+    budget = rigs.memory_budget(memory)
+    with ExitStack() as kept:
+        rendering: Rendered
+        with Stages() as progress:
+            if simulator.rendering_bytes(scene) <= budget:
+                rendering = simulator.render(scene, progress)
+            else:
+                acquisition.make_folder(folder)
+                rendering = kept.enter_context(
+                    simulator.render_stored(
+                        scene, folder, memory_bytes=budget, on_progress=progress
+                    )
+                )
+        yield rendering
+
+
+def pixels_in_view(rendering: Rendered) -> dict[str, int]:
+    """Return the number of pixels of the object, ``mask``, and of spheres, if they are in view."""
+    counts = {
+        name: int(mask[:].sum())
+        for name, mask in rendering.maps.items()
+        if name == "mask" or name.startswith("sphere_")
+    }
+    return {name: count for name, count in counts.items() if count}
+
+
+def metered_exposures(rendering: Rendered) -> tuple[float, ...]:
     """Choose exposure times: one for matte surfaces, a short one for highlights on spheres.
 
     Parameters
@@ -33,27 +79,40 @@ def metered_exposures(rendering: simulator.Rendering) -> tuple[float, ...]:
         Exposure times in µs, rounded to two digits, longest first; only one if no sphere is in
         view.
     """
-    truth = rendering.truth
-    spheres: npt.NDArray[np.bool_] = np.any(truth.sphere_masks, axis=0)
-    matte = truth.mask if truth.mask.any() else ~spheres
-    exposures = [_exposure_us(rendering, _brightest(rendering.planes, matte, 0.999))]
+    maps = rendering.maps
+    spheres = np.zeros(rendering.scene.lens.size, np.bool_)
+    for index in range(len(rendering.scene.spheres)):
+        spheres |= maps[f"sphere_{index}"][:]
+    mask = maps["mask"][:]
+    matte = mask if mask.any() else ~spheres
+    exposures = [_exposure_us(rendering, _brightest(rendering, matte, 0.999))]
     if spheres.any():
-        exposures.append(_exposure_us(rendering, _brightest(rendering.planes, spheres, 1.0)))
+        exposures.append(_exposure_us(rendering, _brightest(rendering, spheres, 1.0)))
     return tuple(sorted(set(exposures), reverse=True))
 
 
-def _brightest(
-    planes: npt.NDArray[np.float32], where: npt.NDArray[np.bool_], quantile: float
-) -> float:
+def _brightest(rendering: Rendered, where: npt.NDArray[np.bool_], quantile: float) -> float:
     """Return the largest quantile over all lights of the signal, in photons per microsecond."""
     places = np.flatnonzero(where)
     if quantile < 1:
         places = places[:: -(-len(places) // _METERED_PIXELS)]
-    return max(float(np.quantile(plane.ravel()[places], quantile)) for plane in planes)
+    lights = range(len(rendering.scene.lights))
+    return max(float(np.quantile(_at(rendering.plane(led), places), quantile)) for led in lights)
 
 
-def _exposure_us(rendering: simulator.Rendering, photons_per_us: float) -> float:
-    noise = rendering.truth.noise
+def _at(plane: acquisition.MapRows, places: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+    """Return the values at indices, in order, of all pixels."""
+    height, width = plane.shape
+    found = []
+    for rows in acquisition.rows_in_bands(height, 4 * width, _BAND_BYTES):
+        first = rows.start * width
+        inside = slice(*np.searchsorted(places, (first, rows.stop * width)))
+        found.append(plane[rows].ravel()[places[inside] - first])
+    return np.concatenate(found)
+
+
+def _exposure_us(rendering: Rendered, photons_per_us: float) -> float:
+    noise = rendering.truth_of(slice(0, 1)).noise
     electrons_per_us = photons_per_us * noise.quantum_efficiency
     full = (noise.white_level_dn - noise.black_level_dn) * noise.electrons_per_dn
     low, high = _EXPOSURE_RANGE_US
@@ -63,7 +122,7 @@ def _exposure_us(rendering: simulator.Rendering, photons_per_us: float) -> float
 
 
 def record_simulated(
-    rendering: simulator.Rendering,
+    rendering: Rendered,
     out: Path,
     *,
     exposures_us: tuple[float, ...],
@@ -80,10 +139,20 @@ def record_simulated(
     RigError, DataError, StorageError
         As for `acquisition.record`; the frames recorded before the error stay intact.
     """
-    truth = rendering.truth
-    leds = len(rendering.planes)
-    dead = tuple(led for led in rendering.scene.lamps.dead if led < leds)  # the rig refuses others
-    config = rigs.RigConfig(name="simulated", driver="simulated", leds=leds, dead_leds=dead)
+    scene = rendering.scene
+    given = acquisition.Calibrations(camera_model=scene.lens.camera, sensor=scene.noise)
+    leds = len(scene.lights)
+    dead = tuple(led for led in scene.lamps.dead if led < leds)  # the rig refuses others
+    # This process computes a frame while the board waits for it.
+    height, width = scene.lens.size
+    timeout_s = min(max(_FRAME_S, _S_PER_PIXEL * height * width), _LONGEST_FRAME_S)
+    config = rigs.RigConfig(
+        name="simulated",
+        driver="simulated",
+        leds=leds,
+        dead_leds=dead,
+        frame_timeout_s=timeout_s,
+    )
     plan = acquisition.CapturePlan(leds=tuple(range(leds)), exposures_us=exposures_us)
     with (
         simulator.open_rig_seeing(rendering, config, seed=seed, noisy=noisy, realtime=False) as rig,
@@ -94,6 +163,6 @@ def record_simulated(
             plan,
             out,
             acquisition.Labels(operator="sgp simulate", object_name=object_name),
-            calibrations=acquisition.Calibrations(camera_model=truth.camera, sensor=truth.noise),
+            calibrations=given,
             hooks=acquisition.RecordingHooks(on_progress=progress),
         )

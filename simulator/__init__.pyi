@@ -19,9 +19,12 @@ from ._render.chrome import MirroredLights as MirroredLights
 from ._render.chrome import find_mirrored_lights as find_mirrored_lights
 from ._render.cramer_rao import Measurement as Measurement
 from ._render.cramer_rao import cramer_rao_deg as cramer_rao_deg
-from ._render.render import Rendering as Rendering
 from ._render.render import render as render
+from ._render.render import rendering_bytes as rendering_bytes
+from ._render.rendering import Rendering as Rendering
 from ._render.resolved import resolved_normals as resolved_normals
+from ._render.stored import StoredRendering as StoredRendering
+from ._render.stored import render_stored as render_stored
 from ._render.truth import Truth as Truth
 from ._render.truth_files import save_truth as save_truth
 from ._scene.clutter import Ball as Ball

@@ -10,7 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from acquisition import DataError, MissingPathError, NoiseModel
 from rig import Rig, RigConfig, RigConfigError, validation_message
 from simulator._camera.image_formation import ImageFormation
-from simulator._render.render import Rendering, render
+from simulator._render.render import render
+from simulator._render.rendering import Rendering
+from simulator._render.stored import StoredRendering
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import SCENES, scene_named
 from simulator._scene.scene import Scene
@@ -162,7 +164,7 @@ def _scene(options: RigOptions, leds: int) -> Scene:
 
 
 def open_rig_seeing(
-    rendering: Rendering,
+    rendering: Rendering | StoredRendering,
     config: RigConfig | None = None,
     *,
     seed: int = 0,
@@ -178,7 +180,7 @@ def open_rig_seeing(
     Parameters
     ----------
     rendering
-        Rendering that the camera sees.
+        Rendering that the camera sees; a stored one must stay open.
     config
         Configuration with as many LEDs as the rendering. The default is a rig called ``simulated``
         with the LED positions of the scene.
@@ -211,7 +213,7 @@ def open_rig_seeing(
     >>> shot.led, shot.frame.pixels.shape
     (2, (52, 64))
     """
-    leds = len(rendering.planes)
+    leds = len(rendering.scene.lights)
     if config is None:
         config = RigConfig(name="simulated", driver="simulated", leds=leds)
     if config.leds != leds:

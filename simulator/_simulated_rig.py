@@ -107,7 +107,7 @@ def simulated_rig(
         device: Camera
         if wanted != "inside" and lacking is None:
             gentl_camera = GentlCamera(
-                seen,
+                lambda led: seen(led)[:],
                 size=(height, width),
                 leds=config.leds,
                 formation=formation,
@@ -151,6 +151,6 @@ def _mounted(planes: Planes, config: RigConfig) -> Planes:
         return planes
 
     def stored(led: int | None) -> npt.NDArray[np.float32]:
-        return mounting.stored(planes(led))
+        return mounting.stored(planes(led)[:])
 
     return stored

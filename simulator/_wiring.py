@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import DataError, MapRows
 
-Planes = Callable[[int | None], npt.NDArray[np.float32]]
+Planes = Callable[[int | None], MapRows]
 
 
 @dataclass(frozen=True)
@@ -54,15 +53,15 @@ class Wiring:
         other = {a: b for one, two in self.swapped for a, b in ((one, two), (two, one))}
         both = {a: b for one, two in self.double for a, b in ((one, two), (two, one))}
 
-        def seen(led: int | None) -> npt.NDArray[np.float32]:
+        def seen(led: int | None) -> MapRows:
             if led is None:
-                glow = planes(None)
+                glow = planes(None)[:]
                 for lit in self.always:
-                    glow = glow + planes(lit)
+                    glow = glow + planes(lit)[:]
                 return glow
             if led in self.always:
-                return np.zeros_like(planes(led))
+                return np.zeros_like(planes(led)[:])
             plane = planes(other.get(led, led))
-            return plane + planes(both[led]) if led in both else plane
+            return plane[:] + planes(both[led])[:] if led in both else plane
 
         return seen if self.leds else planes

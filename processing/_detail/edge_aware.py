@@ -13,6 +13,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from processing._detail.filter_kind import FilterKind
+
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 EdgeAware = Literal["guided", "bilateral"]
@@ -54,6 +56,12 @@ def leave_within_edges(kind: EdgeAware, normals: Float, mask: Mask, guide: Float
     guide = smooth / np.maximum(length, np.float32(1e-6))
     rest = normals - _smooth(kind, normals, mask, guide, w)
     return rest - _smooth(kind, rest, mask, guide, w) if kind == "bilateral" else rest
+
+
+def edge_reach(kind: FilterKind, w: int) -> int:
+    """Return how many pixels `leave_within_edges` reaches."""
+    # OpenCV's windows: two boxes in a row, in two passes; 1.5 sigma in three passes.
+    return 4 * round(_GUIDED_REACH * w) if kind == "guided" else 3 * round(1.5 * w)
 
 
 def _smooth(kind: EdgeAware, vectors: Float, mask: Mask, guide: Float, w: int) -> Float:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._detail.edge_aware import leave_within_edges
+from processing._detail.edge_aware import edge_reach, leave_within_edges
 from processing._detail.filter_kind import FILTER_KINDS, FilterKind
 from processing._detail.separation_kernels import finish, gains, leave, separate_once, tiles
 from processing._normal_map import NormalMap
@@ -77,6 +77,12 @@ class ShapeFilter:
         radius = self.w if self.passes == 1 else math.ceil(3 * self.sigma_px)
         half = np.exp(-0.5 * (np.arange(radius + 1) / self.sigma_px) ** 2)
         return np.asarray(half / (2 * half.sum() - half[0]), np.float32)
+
+    @property
+    def margin(self) -> int:
+        """Number of rows above and below on which the components of a row depend."""
+        own = self.passes * (len(self._kernel) - 1)
+        return own + edge_reach(self.kind, self.w) if self.kind in ("guided", "bilateral") else own
 
     def shape(self, normal_map: NormalMap) -> NormalMap:
         """Return the shape component of a normal map; see `split`."""

@@ -50,7 +50,7 @@ def least_memory(source: Source) -> int:
     >>> from processing import least_memory
     >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
     >>> least_memory(read_source("card.png"))
-    450178560
+    450180480
     """
     row = _row_bytes(source, len(source.light_ids), colour=False)
     return _FIXED + _ON_DISK * math.prod(source.size) + _LEAST_ROWS * row

@@ -97,7 +97,7 @@ def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Out
         files={path: stamp._replace(sha256=hashes.get(path, "")) for path, stamp in before.items()},
         outputs=tuple(str(path.absolute()) for path in outputs.values()),
         notices=dict(notices),
-        figures=_figures(results[-1].metrics),
+        figures={name: value for one in results for name, value in _figures(one.metrics).items()},
     )
 
 

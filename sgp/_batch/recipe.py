@@ -10,7 +10,7 @@ import acquisition
 import rig
 
 # Tables of a recipe, in the order of the commands.
-TABLES = ("calibrate", "run")
+TABLES = ("calibrate", "run", "report")
 _GIVEN = ("out", "force", "json", "debug")
 
 Value = bool | int | float | str | Sequence[object]
@@ -27,12 +27,15 @@ class Recipe:
     calibrate
         Options of ``sgp calibrate spheres``, and its ``recordings``; None if the sources bring
         their lights or the options of ``run`` name them.
+    report
+        Options of ``sgp report``; None to keep the page that ``sgp run`` writes.
     folder
         Folder of the recipe, to which its paths are relative.
     """
 
     run: Mapping[str, Value] = field(default_factory=dict)
     calibrate: Mapping[str, Value] | None = None
+    report: Mapping[str, Value] | None = None
     folder: Path = field(default_factory=Path.cwd)
 
 
@@ -54,8 +57,8 @@ def read_recipe(path: Path) -> Recipe:
         raise acquisition.DataError(f"{path}: {error}") from error
     for name, table in content.items():
         if name not in TABLES or not isinstance(table, dict):
-            known = " and ".join(f"[{one}]" for one in TABLES)
-            raise acquisition.DataError(f"{path}: {name!r} is unknown: a recipe has {known}")
+            known = ", ".join(f"[{one}]" for one in TABLES)
+            raise acquisition.DataError(f"{path}: {name!r} is unknown: a recipe may have {known}")
         for key, value in table.items():
             _check(f"{path}: [{name}] {key}", key, value)
     calibrate = content.get("calibrate")
@@ -65,7 +68,7 @@ def read_recipe(path: Path) -> Recipe:
     if calibrate is not None and {"lights", "spheres"} & content.get("run", {}).keys():
         text = "[calibrate] and [run] both give the lights: remove one of them"
         raise acquisition.DataError(f"{path}: {text}")
-    return Recipe(content.get("run", {}), calibrate, path.absolute().parent)
+    return Recipe(content.get("run", {}), calibrate, content.get("report"), path.absolute().parent)
 
 
 def _check(place: str, key: str, value: object) -> None:

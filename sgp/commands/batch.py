@@ -31,6 +31,7 @@ from sgp._options import Inputs, OptionalInput, Whole
 from sgp._output import check_output, write_record
 from sgp._result import Result
 from sgp.commands.calibrate import spheres
+from sgp.commands.report import report
 from sgp.commands.run import run
 
 _Workers = Annotated[Whole, Parameter(validator=Number(gte=1, lte=256))]
@@ -55,8 +56,9 @@ def batch(
 
     A recipe is a TOML file. Its table [run] has options of `sgp run` by their long names. If each
     source has its own recording of spheres, the table [calibrate] has recordings, and options of
-    `sgp calibrate spheres`. Paths are relative to the recipe; {source}, {name} and {parent} stand
-    for the path of the source, its name and the folder that contains it.
+    `sgp calibrate spheres`. With a table [report], its page is written again with options of
+    `sgp report`. Paths are relative to the recipe; {source}, {name} and {parent} stand for the path
+    of the source, its name and the folder that contains it.
 
     For example:
 
@@ -143,6 +145,10 @@ def _task(
         stages.append(Stage("sgp calibrate spheres", spheres, (*paths, *given)))
         words.append(f"--lights={lights}")
     stages.append(Stage("sgp run", run, tuple(words)))
+    if recipe.report is not None:
+        page = [str(target), f"--out={target / 'report.html'}", "--force"]
+        page += option_words(recipe.report, places)
+        stages.append(Stage("sgp report", report, tuple(page)))
     return Task(
         name=name,
         source=source,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,10 +15,16 @@ import simulator
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._metrics import SimulateMetrics
-from sgp._options import Leds, Positive, Seed, image_size
+from sgp._options import Leds, Memory, Positive, Seed, image_size
 from sgp._output import check_file, check_folder, provenance
 from sgp._result import Result
-from sgp._simulation import metered_exposures, record_simulated
+from sgp._simulation import (
+    Rendered,
+    metered_exposures,
+    pixels_in_view,
+    record_simulated,
+    rendered,
+)
 from sgp._stages import Stopwatch
 
 _SHEET_SIZE = (320, 256)
@@ -36,6 +43,7 @@ def simulate(
     exposure_us: list[Positive] | None = None,
     noise: Annotated[bool, Parameter(negative="--no-noise")] = True,
     sharp: bool = False,
+    memory: Memory | None = None,
     layout: Annotated[Literal["session", "diligent"], Parameter(name="format")] = "session",
     sheet: Path | None = None,
 ) -> Result:
@@ -72,6 +80,9 @@ def simulate(
     sharp
         Simulate a lens without blur, to compare images with closed forms. A scene file states this
         in its [lens] table.
+    memory
+        Memory to use, for example 2G; default: half of what is free. Images that need more are
+        rendered in bands of rows, with equal results, and kept on the disk of --out for a while.
     layout
         session, or diligent: 16-bit PNGs with light_directions.txt, mask.png and Normal_gt.mat.
     sheet
@@ -94,78 +105,77 @@ def simulate(
         raise UsageError(
             "--format diligent does not support cameras with a colour mosaic: record a session"
         )
-    with watch.stage("render"), Stages() as progress:
-        rendering = simulator.render(chosen, progress)
-    exposures = metered_exposures(rendering) if exposure_us is None else tuple(exposure_us)
-    if layout == "diligent":
-        exposures = exposures[:1]  # the layout has one image per light
-    truth = rendering.truth
-    height, width = truth.size
-    metrics: SimulateMetrics = {
-        "lights": len(truth.lights),
-        "width": width,
-        "height": height,
-        "exposures_us": list(exposures),
-        "pixels": int(truth.mask.sum()),
-        "spheres": int(truth.sphere_masks.any(axis=(1, 2)).sum()),
-        "seconds": watch.seconds,
-    }
-    result = Result(
-        metrics=metrics,
-        summary=[
-            f"{scene}: {rig.pluralize(len(truth.lights), 'light')}, {width} x {height} pixels, "
-            "exposure time " + " and ".join(f"{exposure:g} us" for exposure in exposures)
-        ],
-        inputs=files,
-    )
-    if dead := chosen.lamps.dead:
-        text = f"LED {', '.join(map(str, dead))} skipped: dead in the scene"
-        result.warnings.append(rig.Notice("leds-skipped", text, severity="info"))
-
-    def recorded(folder: Path) -> acquisition.Session:
-        return record_simulated(
-            rendering,
-            folder,
-            exposures_us=exposures,
-            object_name=Path(scene).stem,
-            seed=seed or 0,
-            noisy=noise,
+    with ExitStack() as kept:
+        with watch.stage("render"):
+            rendering = kept.enter_context(rendered(chosen, out.parent, memory))
+        exposures = metered_exposures(rendering) if exposure_us is None else tuple(exposure_us)
+        if layout == "diligent":
+            exposures = exposures[:1]  # the layout has one image per light
+        height, width = chosen.lens.size
+        in_view = pixels_in_view(rendering)
+        metrics: SimulateMetrics = {
+            "lights": len(chosen.lights),
+            "width": width,
+            "height": height,
+            "exposures_us": list(exposures),
+            "pixels": in_view.get("mask", 0),
+            "spheres": sum(name.startswith("sphere_") for name in in_view),
+            "seconds": watch.seconds,
+        }
+        lit = rig.pluralize(len(chosen.lights), "light")
+        times = " and ".join(f"{exposure:g} us" for exposure in exposures)
+        result = Result(
+            metrics=metrics,
+            summary=[f"{scene}: {lit}, {width} x {height} pixels, exposure time {times}"],
+            inputs=files,
         )
+        if dead := chosen.lamps.dead:
+            text = f"LED {', '.join(map(str, dead))} skipped: dead in the scene"
+            result.warnings.append(rig.Notice("leds-skipped", text, severity="info"))
 
-    parameters = {
-        "scene": scene, "lights": leds, "size": size, "seed": seed, "exposures_us": exposures,
-        "noise": noise, "noise_seed": seed or 0, "sharp": sharp, "format": layout,
-    }  # fmt: skip
-
-    def save_truth(place: Path) -> dict[str, Path]:
-        with watch.stage("truth"):
-            return simulator.save_truth(
-                place,
+        def recorded(folder: Path) -> acquisition.Session:
+            return record_simulated(
                 rendering,
+                folder,
                 exposures_us=exposures,
-                facts=provenance("sgp simulate", parameters, files),
+                object_name=Path(scene).stem,
+                seed=seed or 0,
+                noisy=noise,
             )
 
-    if layout == "diligent":
-        with acquisition.staged(out) as building, watch.stage("record"):
-            session = recorded(building / "recording")
-            written = _export_diligent(session, building, truth, result)
-            shutil.rmtree(session.folder)
-        saved = save_truth(out / "truth")
-        result.outputs |= {"folder": out} | {path.stem: out / path.name for path in written}
-        result.summary.append(
-            f"{out}: {rig.pluralize(len(truth.lights), 'image')} in the DiLiGenT layout"
-        )
-    else:
-        with watch.stage("record"):
-            session = recorded(out)
-        saved = save_truth(out / _TRUTH)
-        result.outputs["session"] = out
-        result.summary.append(
-            f"{out}: {rig.pluralize(len(session.frames), 'frame')}, ground truth in {out / _TRUTH}"
-        )
-    result.outputs |= {f"truth.{name}": path for name, path in saved.items()}
-    return result
+        parameters = {
+            "scene": scene, "lights": leds, "size": size, "seed": seed, "exposures_us": exposures,
+            "noise": noise, "noise_seed": seed or 0, "sharp": sharp, "format": layout,
+        }  # fmt: skip
+
+        def save_truth(place: Path) -> dict[str, Path]:
+            with watch.stage("truth"):
+                return simulator.save_truth(
+                    place,
+                    rendering,
+                    exposures_us=exposures,
+                    facts=provenance("sgp simulate", parameters, files),
+                )
+
+        if layout == "diligent":
+            with acquisition.staged(out) as building, watch.stage("record"):
+                session = recorded(building / "recording")
+                written = _export_diligent(session, building, rendering, result)
+                shutil.rmtree(session.folder)
+            saved = save_truth(out / "truth")
+            result.outputs |= {"folder": out} | {path.stem: out / path.name for path in written}
+            result.summary.append(
+                f"{out}: {rig.pluralize(len(chosen.lights), 'image')} in the DiLiGenT layout"
+            )
+        else:
+            with watch.stage("record"):
+                session = recorded(out)
+            saved = save_truth(out / _TRUTH)
+            result.outputs["session"] = out
+            frames = rig.pluralize(len(session.frames), "frame")
+            result.summary.append(f"{out}: {frames}, ground truth in {out / _TRUTH}")
+        result.outputs |= {f"truth.{name}": path for name, path in saved.items()}
+        return result
 
 
 def _scene(
@@ -188,16 +198,16 @@ def _scene(
 
 
 def _export_diligent(
-    session: acquisition.Session, folder: Path, truth: simulator.Truth, result: Result
+    session: acquisition.Session, folder: Path, rendering: Rendered, result: Result
 ) -> tuple[Path, ...]:
     """Export a recording with its true mask and normals, and report what the layout loses."""
-    if truth.mask.any():
+    if "mask" in pixels_in_view(rendering):
         place = session.folder / _TRUTH
         acquisition.make_folder(place)
-        acquisition.write_mask(place / "mask.png", truth.mask)
-        acquisition.write_exr(place / "normals.exr", truth.normals)
+        acquisition.write_mask(place / "mask.png", rendering.maps["mask"])
+        acquisition.write_exr(place / "normals.exr", rendering.maps["normals"])
     export = acquisition.prepare_export(
-        session.folder, "diligent", values="linear", lights=truth.lights
+        session.folder, "diligent", values="linear", lights=rendering.scene.lights
     )
     result.warnings += export.warnings
     with Stages() as progress:

@@ -48,7 +48,7 @@ def pixel_format(cfa: str | None, depth: int) -> str:
 
 
 def fixed_pattern(
-    noise: NoiseModel, size: tuple[int, int], *, seed: int = 0
+    noise: NoiseModel, size: tuple[int, int], *, seed: int = 0, top: int = 0
 ) -> FixedPattern | None:
     """Draw the fixed pattern of a sensor.
 
@@ -64,6 +64,8 @@ def fixed_pattern(
         (H, W).
     seed
         Seed that identifies the sensor, like a serial number; not the shot.
+    top
+        Row of the sensor in which the pattern begins.
 
     Returns
     -------
@@ -82,6 +84,7 @@ def fixed_pattern(
         np.float32(noise.dsnu_e),
         noise.hot_pixel_fraction,
         np.float32(noise.hot_pixel_e_per_s),
+        top,
         maps,
     )
     return FixedPattern(maps)
@@ -95,6 +98,7 @@ def sensor_image(
     gain_db: float = 0.0,
     key: tuple[int, ...] | None,
     pattern: FixedPattern | None = None,
+    top: int = 0,
 ) -> npt.NDArray[np.uint16]:
     """Convert the expected photons of each pixel to grey values with the linear EMVA 1288 model.
 
@@ -123,6 +127,8 @@ def sensor_image(
         no temporal noise; quantisation and fixed pattern remain.
     pattern
         Pattern of the same size from `fixed_pattern`; None if all pixels are alike.
+    top
+        Row of the sensor in which ``photons`` begin.
 
     Returns
     -------
@@ -148,6 +154,7 @@ def sensor_image(
         np.float32(dn_per_electron),
         np.float32(noise.black_level_dn),
         np.float32(noise.converter_end_dn),
+        top,
         grey,
     )
     return grey
@@ -169,6 +176,7 @@ def _expose(
     dn_per_electron: np.float32,
     black_dn: np.float32,
     end_dn: np.float32,
+    top: int,
     grey: npt.NDArray[np.uint16],
 ) -> None:
     width = photons.shape[1]
@@ -182,7 +190,7 @@ def _expose(
                 value += pattern[2, row, column] * exposure_s
                 offset = pattern[1, row, column]
             if noisy:
-                counter = np.uint64(2 * (row * width + column))
+                counter = np.uint64(2 * ((top + row) * width + column))
                 shot, read = normal_pair(hashed(state, counter))
                 offset += read_noise_e * read
                 if value < EXACT_BELOW_E:
@@ -204,12 +212,13 @@ def _draw_pattern(
     dsnu_e: np.float32,
     hot_fraction: float,
     hot_e_per_s: np.float32,
+    top: int,
     maps: npt.NDArray[np.float32],
 ) -> None:
     width = maps.shape[2]
     for row in range(first, last):
         for column in range(width):
-            counter = np.uint64(2 * (row * width + column))
+            counter = np.uint64(2 * ((top + row) * width + column))
             response, offset = normal_pair(hashed(state, counter))
             maps[0, row, column] = max(_ONE + prnu * response, _ZERO)
             maps[1, row, column] = dsnu_e * offset

@@ -14,8 +14,9 @@ from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError, Trigger
 from simulator._bench_state import BenchState
 from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import pixel_format
-from simulator._camera.virtual_sensor import Exposure, Planes, VirtualSensor
+from simulator._camera.virtual_sensor import Exposure, VirtualSensor
 from simulator._scene.lens import CFAS
+from simulator._wiring import Planes
 
 __all__ = ["CameraFault", "Planes", "VirtualCamera"]
 
@@ -170,7 +171,7 @@ class VirtualCamera:
         self._stale = False
         del self._started[frame_id]
         return CameraFrame(
-            pixels=self._sensor.pixels(exposure, end_ns),
+            pixels=self._sensor.pixels(exposure, end_ns, waiting),
             frame_id=frame_id,
             timestamp_ns=exposure.start_ns,
             exposure_us=exposure.exposure_us,

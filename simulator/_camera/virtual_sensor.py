@@ -8,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import MapRows
 from rig import CameraError, CameraInfo
 from simulator._bench_state import BenchState
 from simulator._camera.image_formation import ImageFormation
-from simulator._camera.sensor import fixed_pattern, sensor_image
+from simulator._camera.sensor import FixedPattern, fixed_pattern, sensor_image
 from simulator._camera.shake import shake_of, shifted
+from simulator._wiring import Planes
 
-Planes = Callable[[int | None], npt.NDArray[np.float32]]
+# Pixels of a frame that are computed at once, and of a sensor whose pattern stays in memory.
+_BAND, _KEPT = 2**22, 2**25
 
 
 @dataclass(frozen=True)
@@ -45,46 +48,83 @@ class VirtualSensor:
         self._info = info
         self._bench = bench
         self._formation = formation
-        self._pattern = fixed_pattern(
-            formation.noise, (info.height, info.width), seed=formation.sensor_seed
-        )
+        self._pattern: FixedPattern | None = None
+        if info.height * info.width <= _KEPT:
+            self._pattern = self._drawn_pattern(slice(0, info.height))
         self._taken: dict[tuple[int, ...], int] = {}
         # The first call compiles or loads the kernel, which must not take seconds while an LED
         # is on.
         sensor_image(np.zeros((1, 1), np.float32), formation.noise, key=(0,))
 
-    def pixels(self, exposure: Exposure, end_ns: int) -> npt.NDArray[np.uint16]:
+    def pixels(
+        self, exposure: Exposure, end_ns: int, waiting: Callable[[], None] | None = None
+    ) -> npt.NDArray[np.uint16]:
         """Return the grey values of an exposure that ended at ``end_ns``.
+
+        ``waiting`` is called after each of several bands.
 
         Raises
         ------
         CameraError
             If a plane has the wrong size or type.
         """
-        key = self._key(self._bench.led(exposure.start_ns), exposure)
-        return sensor_image(
-            self._photons(exposure, end_ns, key),
-            self._formation.noise,
-            exposure_us=exposure.exposure_us,
-            gain_db=exposure.gain_db,
-            key=key if self._formation.noisy else None,
-            pattern=self._pattern,
-        )
+        key, height = self._key(self._bench.led(exposure.start_ns), exposure), self._info.height
+        lit = self._lit(exposure, end_ns, key)
+        # A shaken image needs its neighbours; all else is computed in bands, which may be on disk.
+        step = height if self._formation.shake_px else max(1, _BAND // self._info.width)
+        grey = np.zeros((height, self._info.width), np.uint16)
+        for top in range(0, height, step):
+            rows = slice(top, min(top + step, height))
+            grey[rows] = sensor_image(
+                self._photons(lit, key, rows),
+                self._formation.noise,
+                exposure_us=exposure.exposure_us,
+                gain_db=exposure.gain_db,
+                key=key if self._formation.noisy else None,
+                pattern=self._pattern_of(rows),
+                top=top,
+            )
+            if waiting is not None and rows.stop < height:
+                waiting()
+        return grey
 
-    def _photons(
+    def _lit(
         self, exposure: Exposure, end_ns: int, key: tuple[int, ...]
-    ) -> npt.NDArray[np.float32]:
-        photons = self._plane(None) * np.float32(exposure.exposure_us)
+    ) -> list[tuple[MapRows, np.float32]]:
+        """Return the planes of the exposure, and for how many microseconds each was on."""
+        lit = [(self._plane(None), np.float32(exposure.exposure_us))]
         for led, lit_ns in self._bench.lit_ns(exposure.start_ns, end_ns).items():
             lit_us = exposure.exposure_us * lit_ns / (end_ns - exposure.start_ns)
             lit_us *= self._formation.lamps.factor(led, exposure.lamps_ns, lit_us, key)
-            photons += self._plane(led) * np.float32(lit_us)
+            lit.append((self._plane(led), np.float32(lit_us)))
+        return lit
+
+    def _photons(
+        self,
+        lit: list[tuple[MapRows, np.float32]],
+        key: tuple[int, ...],
+        rows: slice,
+    ) -> npt.NDArray[np.float32]:
+        (ambient, first_us), *others = lit
+        photons = ambient[rows] * first_us
+        for plane, lit_us in others:
+            photons += plane[rows] * lit_us
         if self._formation.shake_px:
             shift_px = shake_of(key, self._formation.shake_px)
             photons = shifted(photons, shift_px, mosaic=self._info.cfa is not None)
         return photons
 
-    def _plane(self, led: int | None) -> npt.NDArray[np.float32]:
+    def _pattern_of(self, rows: slice) -> FixedPattern | None:
+        if self._info.height * self._info.width > _KEPT:
+            return self._drawn_pattern(rows)
+        return None if self._pattern is None else FixedPattern(self._pattern.maps[:, rows])
+
+    def _drawn_pattern(self, rows: slice) -> FixedPattern | None:
+        noise, seed = self._formation.noise, self._formation.sensor_seed
+        size = rows.stop - rows.start, self._info.width
+        return fixed_pattern(noise, size, seed=seed, top=rows.start)
+
+    def _plane(self, led: int | None) -> MapRows:
         plane = self._planes(led)
         if plane.shape != (self._info.height, self._info.width) or plane.dtype != np.float32:
             raise CameraError(

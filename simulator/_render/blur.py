@@ -6,6 +6,7 @@ Images are radiance integrated over each pixel; both steps leave uniform radianc
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import cv2
 import numba
@@ -28,7 +29,13 @@ _REACH_SIGMAS = 4.0
 _SPARE = 1e-3
 
 
-def blur(planes: Values, depth_mm: Array, circle_px: Values, sigma_px: float) -> None:
+def blur(
+    planes: Values,
+    depth_mm: Array,
+    circle_px: Values,
+    sigma_px: float,
+    largest_px: float | None = None,
+) -> None:
     """Blur images in place as the lens does.
 
     Every pixel spreads its light over its own circle of confusion. Around each pixel, the nearer
@@ -45,35 +52,32 @@ def blur(planes: Values, depth_mm: Array, circle_px: Values, sigma_px: float) ->
         ``(H, W)`` diameter of the circle of confusion of what each pixel sees.
     sigma_px
         Standard deviation of the Gaussian.
+    largest_px
+        Largest circle of the image, of which ``planes`` are some rows; None for that of ``planes``.
 
     Raises
     ------
     DataError
         If a circle is larger than 64 pixels.
     """
-    largest = float(circle_px.max(initial=0.0))
-    if largest > _MOST_PX:
-        raise DataError(
-            f"parts of the scene are out of focus by {largest:.0f} pixels, more than "
-            f"{_MOST_PX:.0f}: change focus_mm, f_number or the size of the image"
-        )
-    index = np.rint(circle_px * _STEPS).astype(np.int16)
-    count = int(index.max(initial=0))
-    if count:
-        table = np.stack([_disc(step / _STEPS, largest) for step in range(count + 1)])
-        reach = np.array([_reach(kernel) for kernel in table])
-        sides = 2 * int(reach.max()) + 1
-        inner = (table.shape[1] - sides) // 2
-        table = np.ascontiguousarray(table[:, inner : inner + sides, inner : inner + sides])
-        if reach.max():
-            spread = cv2.dilate((reach[index] > 0).astype(np.uint8), np.ones((sides, sides)))
-            y, x = np.nonzero(spread)
-            middle, widest = np.zeros(len(y)), np.zeros(len(y), np.int64)
-            in_threads(_split, len(y), depth_mm, index, y, x, sides // 2, middle, widest)
-            in_threads(_defocus, len(planes), planes, depth_mm, index, y, x, middle, widest, table)
+    largest = float(circle_px.max(initial=0.0)) if largest_px is None else largest_px
+    table, reach = _kernels(largest)
+    if reach.max():
+        index = np.rint(circle_px * _STEPS).astype(np.int16)
+        sides = table.shape[1]
+        spread = cv2.dilate((reach[index] > 0).astype(np.uint8), np.ones((sides, sides)))
+        y, x = np.nonzero(spread)
+        middle, widest = np.zeros(len(y)), np.zeros(len(y), np.int64)
+        in_threads(_split, len(y), depth_mm, index, y, x, sides // 2, middle, widest)
+        in_threads(_defocus, len(planes), planes, depth_mm, index, y, x, middle, widest, table)
     kernel = gaussian(sigma_px)
     for plane in planes:
         cv2.sepFilter2D(plane, -1, kernel, kernel, dst=plane, borderType=cv2.BORDER_REPLICATE)
+
+
+def blur_reach(largest_px: float, sigma_px: float) -> int:
+    """Return how many pixels `blur` reaches, with circles of up to ``largest_px`` pixels."""
+    return len(_kernels(largest_px)[0][0]) // 2 + len(gaussian(sigma_px)) // 2
 
 
 def gaussian(sigma_px: float) -> Array:
@@ -82,6 +86,23 @@ def gaussian(sigma_px: float) -> Array:
     kernel: Array = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
     kernel /= kernel.sum()
     return kernel
+
+
+@lru_cache(maxsize=4)
+def _kernels(largest_px: float) -> tuple[Values, npt.NDArray[np.int64]]:
+    """Return the kernels of all circles up to the largest one, and how far each one reaches."""
+    if largest_px > _MOST_PX:
+        raise DataError(
+            f"parts of the scene are out of focus by {largest_px:.0f} pixels, more than "
+            f"{_MOST_PX:.0f}: change focus_mm, f_number or the size of the image"
+        )
+    count = int(np.rint(np.float32(largest_px) * np.float32(_STEPS)))
+    table = np.stack([_disc(step / _STEPS, largest_px) for step in range(count + 1)])
+    reach = np.array([_reach(kernel) for kernel in table])
+    sides = 2 * int(reach.max()) + 1
+    inner = (table.shape[1] - sides) // 2
+    table = np.ascontiguousarray(table[:, inner : inner + sides, inner : inner + sides])
+    return table, reach
 
 
 def _disc(diameter_px: float, largest_px: float) -> Values:

@@ -108,7 +108,7 @@ def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> Mi
 
 
 def draw_mirrored_lights(
-    scene: Scene, mirrored: MirroredLights, planes: npt.NDArray[np.float32]
+    scene: Scene, mirrored: MirroredLights, planes: npt.NDArray[np.float32], *, top: int = 0
 ) -> None:
     """Add the mirrored lights to the images, in place.
 
@@ -120,6 +120,8 @@ def draw_mirrored_lights(
         Mirrored lights of this scene.
     planes
         ``(N, H, W)`` radiance under each light, before vignetting.
+    top
+        Row of the image in which ``planes`` begin.
     """
     gains = np.ones((len(planes), 2, 2))
     y, x = np.mgrid[:2, :2]
@@ -137,7 +139,7 @@ def draw_mirrored_lights(
             disc = circles[:, None, None, None] / 2 * _disc(rings)
             spots = (spots[:, :, None] + disc).reshape(len(spots), -1, 2)
             shares = np.repeat(shares / disc.shape[2], disc.shape[2], axis=1)
-        in_threads(_draw, len(planes), planes, spots, shares, gains, sigma)
+        in_threads(_draw, len(planes), planes, spots, shares, gains, sigma, top)
 
 
 def splat(
@@ -145,7 +147,7 @@ def splat(
 ) -> None:
     """Add a Gaussian spot, integrated over each pixel, whose pixels have the sum ``sum_``."""
     spot, share = np.array([[[x_px, y_px]]]), np.array([[sum_]])
-    _draw(0, 1, plane[None], spot, share, np.ones((1, 2, 2)), sigma)
+    _draw(0, 1, plane[None], spot, share, np.ones((1, 2, 2)), sigma, 0)
 
 
 def _mirrored(
@@ -266,6 +268,7 @@ def _draw(
     shares: Array,
     gains: Array,
     sigma: float,
+    top: int,
 ) -> None:
     """Add Gaussian spots (N, K, 2) with shares (N, K), integrated over each pixel, to planes."""
     reach = _REACH_SIGMAS * sigma + 1.0
@@ -274,12 +277,14 @@ def _draw(
     for n in range(first, last):
         for k in range(spots.shape[1]):
             x, y, share = spots[n, k, 0], spots[n, k, 1], shares[n, k]
-            if not (share > 0.0 and -reach < x < columns + reach and -reach < y < rows + reach):
+            if not (share > 0.0 and -reach < x < columns + reach):
+                continue
+            if not top - reach < y < top + rows + reach:
                 continue
             left, right = max(0, math.ceil(x - reach)), min(columns, int(x + reach) + 1)
-            for r in range(max(0, math.ceil(y - reach)), min(rows, int(y + reach) + 1)):
+            for r in range(max(top, math.ceil(y - reach)), min(top + rows, int(y + reach) + 1)):
                 upper, lower = math.erf((r - y + 0.5) / scale), math.erf((r - y - 0.5) / scale)
                 for c in range(left, right):
                     across = math.erf((c - x + 0.5) / scale) - math.erf((c - x - 0.5) / scale)
                     spot = across * (upper - lower) / 4.0
-                    planes[n, r, c] += share * spot * gains[n, r % 2, c % 2]
+                    planes[n, r - top, c] += share * spot * gains[n, r % 2, c % 2]

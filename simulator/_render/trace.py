@@ -138,14 +138,13 @@ def _meet_relief(
 ) -> None:
     """Move direct points of the board to its relief, and give all its points their normals."""
     ask = np.flatnonzero(on_board & direct)
-    x, y = points[ask, 0], points[ask, 1]
     for _ in range(_RELIEF_STEPS):
-        height, _ = scene.relief_at(x, y)
-        moved = origins_mm[ask] + (origins_mm[ask, 2] - height)[:, None] * rays[ask]
-        step = np.abs(moved[:, :2] - np.stack([x, y], axis=1)).max(initial=0.0)
-        x, y = moved[:, 0], moved[:, 1]
-        points[ask] = moved
-        if step < _RELIEF_MM:
+        before = points[ask, :2]
+        height, _ = scene.relief_at(before[:, 0], before[:, 1])
+        points[ask] = origins_mm[ask] + (origins_mm[ask, 2] - height)[:, None] * rays[ask]
+        # Each point stops on its own, so that it does not depend on the others.
+        ask = ask[np.abs(points[ask, :2] - before).max(axis=1) >= _RELIEF_MM]
+        if not ask.size:
             break
     normals[on_board] = scene.relief_at(points[on_board, 0], points[on_board, 1])[1]
 

@@ -41,6 +41,8 @@ class Truth:
     shadows
         ``(N, H, W)`` True where light n does not reach the point at the pixel's centre, because
         the surface faces away from it or the light is blocked; None if shadows were not rendered.
+    top
+        Row of the image in which the maps begin.
     """
 
     normals: npt.NDArray[np.float32]
@@ -56,6 +58,7 @@ class Truth:
     noise: NoiseModel
     electrons_per_us: float
     shadows: npt.NDArray[np.bool_] | None = None
+    top: int = 0
 
     def __repr__(self) -> str:
         lights, spheres = len(self.lights), len(self.sphere_radii_mm)
@@ -85,7 +88,7 @@ class Truth:
     def points_mm(self) -> Array:
         """``(H, W, 3)`` surface points at the pixels' centres, NaN outside the mask."""
         height, width = self.size
-        x, y = np.meshgrid(np.arange(width), np.arange(height))
+        x, y = np.meshgrid(np.arange(width), self.top + np.arange(height))
         origins, rays = self.lens.origins_and_rays(x, y)
         points: Array = origins + (self.lens.camera_z_mm - self.height_mm)[..., None] * rays
         return points

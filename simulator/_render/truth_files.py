@@ -13,7 +13,10 @@ import numpy.typing as npt
 
 from acquisition import (
     SOFTWARE,
+    ComputedRows,
+    MapRows,
     make_folder,
+    rows_in_bands,
     software_version,
     write_camera,
     write_durably,
@@ -22,14 +25,16 @@ from acquisition import (
     write_mask,
 )
 from simulator._render.cramer_rao import Measurement, cramer_rao_deg
-from simulator._render.render import Rendering
-from simulator._render.truth import Truth
+from simulator._render.rendering import Rendering
+from simulator._render.stored import StoredRendering
 from simulator._scene.scene_file import write_scene
+
+_BAND_BYTES = 2**26
 
 
 def save_truth(
     folder: Path | str,
-    rendering: Rendering,
+    rendering: Rendering | StoredRendering,
     *,
     exposures_us: Sequence[float],
     facts: Mapping[str, Any] | None = None,
@@ -75,15 +80,13 @@ def save_truth(
     >>> files["normals"].name, files["mask"].name
     ('normals.exr', 'mask.png')
     """
-    folder, truth = Path(folder), rendering.truth
+    folder, maps, truth = Path(folder), rendering.maps, rendering.truth_of(slice(0, 1))
     make_folder(folder)
-    paths = _save_maps(folder, truth) if truth.mask.any() else {}
-    if paths:
-        paths["cramer_rao"] = folder / "cramer_rao.exr"
-        write_exr(paths["cramer_rao"], _bound_deg(rendering, exposures_us))
-    for index in np.flatnonzero(truth.sphere_masks.any(axis=(1, 2))):
-        paths[f"sphere_{index}"] = folder / f"sphere_{index}.png"
-        write_mask(paths[f"sphere_{index}"], truth.sphere_masks[index])
+    paths = _save_maps(folder, rendering, exposures_us) if _any(maps["mask"]) else {}
+    for name, mask in maps.items():
+        if name.startswith("sphere_") and _any(mask):
+            paths[name] = folder / f"{name}.png"
+            write_mask(paths[name], mask)
     paths["lights"] = folder / "lights.json"
     write_lights(paths["lights"], truth.lights, {"method": "simulated"})
     if truth.camera is not None:
@@ -98,32 +101,54 @@ def save_truth(
     return paths
 
 
-def _save_maps(folder: Path, truth: Truth) -> dict[str, Path]:
-    maps: dict[str, npt.NDArray[Any] | None] = {
-        "normals": truth.normals,
-        "height": truth.height_mm,
-        "depth": truth.depth_mm,
-        "albedo": truth.albedo,
-    }
+def _any(mask: MapRows) -> bool:
+    height, width = mask.shape
+    return any(mask[rows].any() for rows in rows_in_bands(height, width, _BAND_BYTES))
+
+
+def _save_maps(
+    folder: Path, rendering: Rendering | StoredRendering, exposures_us: Sequence[float]
+) -> dict[str, Path]:
+    maps, lens = rendering.maps, rendering.truth_of(slice(0, 1)).lens
+    size = maps["mask"].shape
+
+    def depth(rows: slice) -> npt.NDArray[Any]:
+        return lens.camera_z_mm - maps["height"][rows]
+
+    def bound(rows: slice) -> npt.NDArray[np.float32]:
+        return _bound_deg(rendering, rows, exposures_us)
+
+    written: dict[str, MapRows] = {"normals": maps["normals"], "height": _single(maps["height"])}
+    if lens.camera is not None:
+        written["depth"] = _single(ComputedRows(size, np.dtype(np.float64), depth))
+    written["albedo"] = maps["albedo"]
+    written["cramer_rao"] = ComputedRows(size, np.dtype(np.float32), bound)
     paths = {}
-    for name, values in maps.items():
-        if values is not None:
-            paths[name] = folder / f"{name}.exr"
-            write_exr(paths[name], values.astype(np.float32))
+    for name, values in written.items():
+        paths[name] = folder / f"{name}.exr"
+        write_exr(paths[name], values)
     paths["mask"] = folder / "mask.png"
-    write_mask(paths["mask"], truth.mask)
-    if truth.shadows is not None:
+    write_mask(paths["mask"], maps["mask"])
+    shadows = {name: dark for name, dark in maps.items() if name.startswith("shadows/")}
+    if shadows:
         paths["shadows"] = folder / "shadows"
         make_folder(paths["shadows"])
-        for light, shadow in zip(truth.lights.ids, truth.shadows, strict=True):
-            write_mask(paths["shadows"] / f"{light}.png", shadow)
+    for name, dark in shadows.items():
+        write_mask(folder / f"{name}.png", dark)
     return paths
 
 
-def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArray[np.float32]:
-    truth, dead = rendering.truth, list(rendering.scene.lamps.dead)
+def _single(values: MapRows) -> ComputedRows:
+    single = np.dtype(np.float32)
+    return ComputedRows(values.shape, single, lambda rows: values[rows].astype(single))
+
+
+def _bound_deg(
+    rendering: Rendering | StoredRendering, rows: slice, exposures_us: Sequence[float]
+) -> npt.NDArray[np.float32]:
+    truth, dead = rendering.truth_of(rows), list(rendering.scene.lamps.dead)
     height, width = truth.size
-    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    x, y = np.meshgrid(np.arange(width), truth.top + np.arange(height))
     shadows = truth.shadows
     if dead:
         # An image of a dead LED is as dark as a shadow.
@@ -138,7 +163,7 @@ def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArr
             truth.noise,
             truth.electrons_per_us * truth.lens.vignette(x, y),
             exposures_us,
-            background_per_us=rendering.ambient,
+            background_per_us=rendering.plane(None)[rows],
             channel=truth.lens.channel(x, y),
         ),
         points_mm=truth.points_mm,
@@ -146,8 +171,8 @@ def _bound_deg(rendering: Rendering, exposures_us: Sequence[float]) -> npt.NDArr
     )
 
 
-def _values(rendering: Rendering) -> dict[str, Any]:
-    truth = rendering.truth
+def _values(rendering: Rendering | StoredRendering) -> dict[str, Any]:
+    truth = rendering.truth_of(slice(0, 1))
     spheres = zip(truth.sphere_centres_mm, truth.sphere_radii_mm, truth.highlights_px, strict=True)
     return {
         "format": "sgp-truth",

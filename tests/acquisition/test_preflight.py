@@ -35,7 +35,8 @@ from rig import BoardError, RigConfig
 from simulator import _simulated_rig
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._open_rig import BenchFlaws, open_rig_seeing
-from simulator._render.render import Rendering, render
+from simulator._render.render import render
+from simulator._render.rendering import Rendering
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import scene_named
 from simulator.gentl import CompilerError, build

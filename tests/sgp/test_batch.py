@@ -16,13 +16,14 @@ from acquisition import DataError, StorageError
 from sgp._batch.files import difference, stamps
 from sgp._batch.names import names_of
 from sgp._batch.perform import perform
-from sgp._batch.recipe import option_words, read_recipe
+from sgp._batch.recipe import Recipe, option_words, read_recipe
 from sgp._batch.state import States, reason_to_run
 from sgp._batch.tables import csv_table, html_table
 from sgp._batch.task import Stage, Task
 from sgp._exit import UsageError
 from sgp._output import sha256
 from sgp._result import Result
+from sgp.commands.batch import _task
 
 SOFTWARE = acquisition.software_version()
 
@@ -197,11 +198,20 @@ def test_a_recipe_becomes_words(tmp_path) -> None:
     assert option_words({"radius_mm": [12, 8.5]}, {}) == ["--radius-mm=12", "--radius-mm=8.5"]
 
 
+def test_a_report_of_a_recipe_follows_the_run() -> None:
+    recipe = Recipe(run={"method": "ls"}, report={"full": True})
+    task = _task("owl", Path("/r/owl"), recipe, Path("/out"), threads=1, attempts=1)
+    assert task.lines() == [
+        ["run", "/r/owl", "--out=/out/owl", "--force", "--method=ls"],
+        ["report", "/out/owl", "--out=/out/owl/report.html", "--force", "--full"],
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         pytest.param("[run", "recipe.toml: is not TOML", id="not TOML"),
-        pytest.param("[walk]\n", "'walk' is unknown: a recipe has .calibrate. and", id="table"),
+        pytest.param("[walk]\n", "'walk' is unknown: a recipe may have .calibrate.,", id="table"),
         pytest.param("run = 3\n", "'run' is unknown", id="no table"),
         pytest.param('[run]\nout = "x"\n', "out: the batch itself gives this", id="out"),
         pytest.param("[run]\na = {b = 1}\n", "a: give text, a number", id="nested"),

@@ -110,6 +110,8 @@ def test_wrong_commands_are_refused_before_any_work(here, sgp, two, recipe, tmp_
     assert "bst" in sgp(*asked, "--recipe", recipe).error_line(2)
     recipe.write_text("[run]\ncolour = true\n")
     assert "--colour" in sgp(*asked, "--recipe", recipe).error_line(2)
+    recipe.write_text("[report]\nful = true\n")
+    assert "--ful" in sgp(*asked, "--recipe", recipe).error_line(2)
     text = sgp(*asked, "--workers", "2", "--scheduler", "tcp://127.0.0.1:1").error_line(2)
     assert text.endswith("give one")
     assert not out.exists() or not any(path.is_file() for path in out.rglob("*"))
@@ -161,6 +163,7 @@ def wait_for(what, limit_s: float = 100.0):
 @pytest.mark.slow
 def test_real_workers_and_one_that_is_killed(two, recipe, tmp_path) -> None:
     out = tmp_path / "out"
+    recipe.write_text(f"{recipe.read_text()}[report]\nfull = true\n")
     run = started("batch", *two, "--out", out, "--recipe", recipe, "--workers", "1")
     (first,) = wait_for(lambda: children(run.pid))
     wait_for((out / "state" / "ball.log").exists)
@@ -169,6 +172,8 @@ def test_real_workers_and_one_that_is_killed(two, recipe, tmp_path) -> None:
     assert run.returncode == 0, errors
     assert "2 of 2 sources done" in printed
     assert {row["status"] for row in table(out).values()} == {"done"}
+    assert {row["pixels"] != "" for row in table(out).values()} == {True}
+    assert "ball/report.html" in (out / "index.html").read_text()
 
 
 @pytest.mark.slow

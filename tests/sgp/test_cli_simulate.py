@@ -254,3 +254,20 @@ def test_a_bracket_too_short_for_the_object_does_not_stop_a_recording(sgp, dista
     answer = sgp("simulate", distant, "--out", tmp_path / "s", *words)
     assert answer.code == 0, answer.err
     assert Session.open(tmp_path / "s").complete
+
+
+def test_with_little_memory_the_frames_and_the_truth_are_equal(sgp, tmp_path):
+    scene = ("simulate", "coin-with-spheres", "--size", "64x52", "--led-count", "3")
+    assert sgp(*scene, "--out", tmp_path / "whole").code == 0
+    # Not enough for the 68 bytes of each pixel, but for a dozen rows.
+    assert sgp(*scene, "--out", tmp_path / "bands", "--memory", "131230K").code == 0
+    frames = [
+        [frame.line.pixels_sha256 for frame in Session.open(tmp_path / name).frames]
+        for name in ("whole", "bands")
+    ]
+    assert frames[0] == frames[1]
+    whole, bands = (tmp_path / name / "derived" / "truth" for name in ("whole", "bands"))
+    for path in (path for path in whole.rglob("*") if path.is_file()):
+        assert (bands / path.relative_to(whole)).read_bytes() == path.read_bytes(), path
+    line = sgp(*scene, "--out", tmp_path / "none", "--memory", "128M").error_line(4)
+    assert "needs at least 135 MB of memory" in line

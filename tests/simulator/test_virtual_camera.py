@@ -9,6 +9,7 @@ from scipy import optimize
 from acquisition import NoiseModel
 from rig import CameraError
 from simulator._bench_state import BenchState, BenchWriter
+from simulator._camera import virtual_sensor
 from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import fixed_pattern
 from simulator._camera.virtual_camera import VirtualCamera
@@ -386,3 +387,17 @@ def test_shake_does_not_mix_the_colours_of_a_mosaic(room):
     )
     room.cameras.append(camera)
     np.testing.assert_allclose(shoot(camera, 1000).pixels, 20 + 1000 * filters, atol=1)
+
+
+def test_a_frame_does_not_depend_on_the_bands_in_which_it_is_computed(room, monkeypatch):
+    noise = NoiseModel(1.0, 2.0, 20.0, 16, prnu=0.1, dsnu_e=3.0)
+    for shake_px in (0.0, 0.4):
+        frames = []
+        for band, kept in ((2**22, 2**25), (SIZE[1], 2**25), (SIZE[1], 0)):
+            monkeypatch.setattr(virtual_sensor, "_BAND", band)
+            monkeypatch.setattr(virtual_sensor, "_KEPT", kept)
+            camera = room.camera(noise=noise, noisy=True, shake_px=shake_px, realtime=False)
+            frames.append(shoot(camera, 8000).pixels)
+        assert np.unique(frames[0]).size > 5
+        np.testing.assert_array_equal(frames[1], frames[0])
+        np.testing.assert_array_equal(frames[2], frames[0])
