@@ -1,3 +1,5 @@
+from ._blocks.block_surface import BlockSurface as BlockSurface
+from ._blocks.block_surface import integrate_in_blocks as integrate_in_blocks
 from ._curvature.curvature import Curvature as Curvature
 from ._curvature.curvature import curvature as curvature
 from ._detail.filter_kind import FilterKind as FilterKind

@@ -13,7 +13,7 @@ Mask = npt.NDArray[np.bool_]
 # Of normals whose deviations are not known, relative to a prior.
 ASSUMED_SIGMA_DEG = 1.0
 # Smaller deviations, relative to the median, count as this: the model has errors too.
-_LEAST_SIGMA = 0.1
+LEAST_SIGMA = 0.1
 
 
 def variances(sigma_deg: Float | None, mask: Mask) -> tuple[Float | None, float]:
@@ -49,7 +49,7 @@ def variances(sigma_deg: Float | None, mask: Mask) -> tuple[Float | None, float]
     middle = float(np.nanmedian(inside)) if np.isfinite(inside).any() else 0.0
     if middle == 0:
         return None, np.radians(ASSUMED_SIGMA_DEG) ** 2 / 2
-    filled = np.maximum(np.nan_to_num(inside, nan=float(np.nanmax(inside))), _LEAST_SIGMA * middle)
+    filled = np.maximum(np.nan_to_num(inside, nan=float(np.nanmax(inside))), LEAST_SIGMA * middle)
     relative = np.ones(mask.shape, np.float32)
     relative[mask] = np.square(filled / middle)
     return relative, np.radians(middle) ** 2 / 2

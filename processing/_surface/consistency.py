@@ -51,11 +51,16 @@ class SampledSteps:
             Slope of a step of 1.
         """
         flat = u.ravel()
-        angles = [
-            np.abs(np.arctan(scale * step) - np.arctan(scale * (flat[there] - flat[here])))
-            for here, there, step in self._edges
-        ]
-        return float(np.degrees(np.median(np.concatenate(angles))))
+        wanted = np.concatenate([step for _, _, step in self._edges])
+        found = np.concatenate([flat[there] - flat[here] for here, there, _ in self._edges])
+        return angle_between_deg(scale * wanted, scale * found)
+
+
+def angle_between_deg(slopes: Double, others: Double) -> float:
+    """Return the median angle between slopes and others at the same places; NaN without any."""
+    if not len(slopes):
+        return float("nan")
+    return float(np.degrees(np.median(np.abs(np.arctan(slopes) - np.arctan(others)))))
 
 
 _CAUSES: dict[Axes, str] = {

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import MapRows
 from rig import short_repr
 
 Double = npt.NDArray[np.float64]
@@ -69,7 +70,7 @@ class Integrability:
     __repr__ = short_repr
 
 
-def integrability(normals: npt.NDArray[np.float32], mask: Mask) -> Integrability:
+def integrability(normals: MapRows, mask: Mask) -> Integrability:
     """Compare the mixed second derivatives that normals imply, under four choices of their axes.
 
     The slopes p = dz/dx and q = dz/dy of a surface satisfy dp/dy = dq/dx. Mirroring the normals
@@ -80,7 +81,7 @@ def integrability(normals: npt.NDArray[np.float32], mask: Mask) -> Integrability
     Parameters
     ----------
     normals
-        ``(H, W, 3)`` unit normals.
+        ``(H, W, 3)`` unit normals, in memory or in a file.
     mask
         ``(H, W)`` bool, the pixels with a normal.
 
@@ -129,7 +130,7 @@ def _curl(jacobian: Double, least: float) -> tuple[float, float]:
     return difference, difference / float(np.mean(np.abs(a) + np.abs(b)))
 
 
-def _jacobians(normals: npt.NDArray[np.float32], mask: Mask) -> list[Double]:
+def _jacobians(normals: MapRows, mask: Mask) -> list[Double]:
     """Return the derivatives of the slopes at each scale that has enough of them.
 
     Each scale is the one before, smoothed by a Gaussian and reduced to half: means over squares
@@ -137,7 +138,7 @@ def _jacobians(normals: npt.NDArray[np.float32], mask: Mask) -> list[Double]:
     """
     scales: list[list[Double]] = []
     for tile in _tiles(mask):
-        vectors, share = normals[tile], mask[tile].astype(np.float32)
+        vectors, share = normals[tile[0]][:, tile[1]], mask[tile].astype(np.float32)
         for scale in range(max(vectors.shape).bit_length()):
             if scale == len(scales):
                 scales.append([])

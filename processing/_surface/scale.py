@@ -15,7 +15,7 @@ Double = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]
 
 # A depth that varies by more than this factor cannot be a surface in front of a camera.
-_DEPTH_RANGE = 1e6
+DEPTH_RANGE = 1e6
 
 
 class Scale(NamedTuple):
@@ -118,9 +118,9 @@ def placed(
         raised = 0 if near is None else -part_means(near, members)
         own = np.where(held, 0, raised - scale.pixel_size * mean)
         return np.asarray(scale.pixel_size * u + own[members], np.float64)
-    if np.abs(u - mean[members]).max() > math.log(_DEPTH_RANGE):
+    if np.abs(u - mean[members]).max() > math.log(DEPTH_RANGE):
         raise EstimateError(
-            f"the depth would vary by more than a factor of {_DEPTH_RANGE:g}: the camera matrix "
+            f"the depth would vary by more than a factor of {DEPTH_RANGE:g}: the camera matrix "
             "does not belong to this normal map, or the axes of the map are wrong"
         )
     depths = np.exp(u - np.where(held, 0, mean)[members])

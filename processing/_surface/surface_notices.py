@@ -29,9 +29,39 @@ def doubts_of_parts(
     known
         ``(H, W)`` bool, pixels whose heights are known from elsewhere.
     """
-    warnings = []
     count = int(parts.max()) + 1
     held = 0 if known is None else len(np.unique(parts[known & (parts >= 0)]))
+    warnings = parts_notices(count, isolated, held)
+    guessed, share = (0, 0.0) if jumps is None else _guessed(jumps.pieces, parts, known)
+    if guessed:
+        which = "1 piece hangs" if guessed == 1 else f"{guessed} pieces hang"
+        text = (
+            f"{which} together with the rest of the surface across jumps only ({share:.1%} of the "
+            "surface): the height relative to the rest is a guess"
+        )
+        warnings.append(Notice("height-guessed", text))
+    if jumps is not None and not jumps.settled:
+        text = (
+            f"the surface still moved in the last of {jumps.rounds} rounds, by "
+            f"{jumps.last_change:.2g} px on average: near jumps, its height may be inaccurate"
+        )
+        warnings.append(Notice("jumps-not-settled", text, "", "info"))
+    return warnings
+
+
+def parts_notices(count: int, isolated: int, held: int = 0) -> list[Notice]:
+    """Return notices about separate parts and pixels without a height.
+
+    Parameters
+    ----------
+    count
+        Number of parts.
+    isolated
+        Number of pixels of the mask without a height.
+    held
+        Number of parts whose heights are known from elsewhere.
+    """
+    warnings = []
     if count > 1 and held < count:
         which = "each part" if not held else f"{count - held} of them, without a prior,"
         text = (
@@ -47,20 +77,6 @@ def doubts_of_parts(
         )
         text = one if isolated == 1 else many
         warnings.append(Notice("pixels-without-height", text))
-    guessed, share = (0, 0.0) if jumps is None else _guessed(jumps.pieces, parts, known)
-    if guessed:
-        which = "1 piece hangs" if guessed == 1 else f"{guessed} pieces hang"
-        text = (
-            f"{which} together with the rest of the surface across jumps only ({share:.1%} of the "
-            "surface): the height relative to the rest is a guess"
-        )
-        warnings.append(Notice("height-guessed", text))
-    if jumps is not None and not jumps.settled:
-        text = (
-            f"the surface still moved in the last of {jumps.rounds} rounds, by "
-            f"{jumps.last_change:.2g} px on average: near jumps, its height may be inaccurate"
-        )
-        warnings.append(Notice("jumps-not-settled", text, "", "info"))
     return warnings
 
 

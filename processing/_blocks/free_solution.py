@@ -1,0 +1,131 @@
+"""The solution of one block alone, free at its cut edges."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import CameraModel, MapRows
+from processing._blocks.plan import Block
+from processing._surface.certainty import certainties
+from processing._surface.chord_rule import ChordRule
+from processing._surface.grid_graph import divergence, label_parts
+from processing._surface.multigrid import Solution, solve
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Labels = npt.NDArray[np.int32]
+
+
+class FreeSolution(NamedTuple):
+    """The solution of one block.
+
+    Parameters
+    ----------
+    u
+        ``(h, W)`` solution, up to a constant for each part.
+    right, down
+        ``(h, W)`` float32 weights of the edges to the right and down.
+    labels, part_count
+        ``(h, W)`` part of each pixel, -1 without edges, and the number of parts.
+    steps
+        Some steps that the normals demand.
+    solution
+        What the solver reports.
+    """
+
+    u: Double
+    right: Float
+    down: Float
+    labels: Labels
+    part_count: int
+    steps: SomeSteps
+    solution: Solution
+
+
+class SomeSteps(NamedTuple):
+    """Steps between pixels of the core of a block.
+
+    Parameters
+    ----------
+    here, there
+        Flat numbers of the pixels in the core.
+    steps
+        The steps that the normals demand.
+    """
+
+    here: npt.NDArray[np.int64]
+    there: npt.NDArray[np.int64]
+    steps: Double
+
+
+def solve_freely(
+    normals: MapRows,
+    relative: MapRows | None,
+    block: Block,
+    camera: CameraModel | None,
+    every: int,
+) -> FreeSolution:
+    """Solve one block.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32, 0 where a normal is not known.
+    relative
+        ``(H, W)`` variances of the normals; None if all are equal.
+    block
+        The block.
+    camera
+        A perspective camera; None for an orthographic view.
+    every
+        Which share of the steps is returned.
+    """
+    height, width = normals.shape[:2]
+    rows = block.rows
+    # A step depends on the normals before and after its edge, too.
+    wide = slice(max(rows.start - 1, 0), min(rows.stop + 1, height))
+    vectors = np.ascontiguousarray(normals[wide], np.float32)
+    inside = np.asarray(vectors.any(axis=2), np.bool_)
+    edges = ChordRule((wide, slice(0, width)), camera, smooth=True).edges(vectors, inside)
+    del vectors, inside
+    kept = slice(rows.start - wide.start, rows.stop - wide.start + 2)
+    right, down = np.ascontiguousarray(edges[0][kept]), np.ascontiguousarray(edges[1][kept])
+    step_right, step_down = edges[2][kept], edges[3][kept]
+    del edges
+    # Pixels of the margin become the border without edges.
+    right[[0, -1]] = down[[0, -1]] = 0
+    leaving = down[-2].copy()
+    if relative is not None:
+        factors = certainties(relative[slice(rows.start, min(rows.stop + 1, height))])
+        right *= factors[0][: len(right)]
+        down *= factors[1][: len(down)]
+        leaving *= factors[1][len(down) - 2]
+    down[-2] = 0
+    labels, count = label_parts(right, down)
+    steps = _some(right, down, step_right, step_down, block, every)
+    b = divergence(right, down, step_right, step_down)
+    del step_right, step_down
+    solution = solve(right, down, b)
+    inner = np.s_[1:-1, 1:-1]
+    down[-2] = leaving
+    return FreeSolution(
+        solution.u[inner], right[inner], down[inner], labels[inner], count, steps, solution
+    )
+
+
+def _some(
+    right: Float, down: Float, step_right: Double, step_down: Double, block: Block, every: int
+) -> SomeSteps:
+    """Return some steps between pixels of the core."""
+    first = block.core.start - block.rows.start + 1
+    height, width = block.core.stop - block.core.start, right.shape[1] - 2
+    core = np.s_[first : first + height, 1:-1]
+    found = []
+    for weights, steps, offset in ((right, step_right, 1), (down, step_down, width)):
+        here = np.flatnonzero(weights[core])[::every]
+        here = here[here + offset < height * width]
+        found.append((here, here + offset, steps[core].ravel()[here]))
+    return SomeSteps(*(np.concatenate(each) for each in zip(*found, strict=True)))

@@ -1,0 +1,46 @@
+"""Compiled loops over pixels of blocks."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Double = npt.NDArray[np.float64]
+Labels = npt.NDArray[np.int32]
+Counts = npt.NDArray[np.int64]
+
+
+@numba.njit(cache=True)
+def number_parts(
+    u: Double, labels: Labels, part_of: Labels, number: Labels, sums: Double, sizes: Counts
+) -> None:
+    """Replace parts of blocks by parts of the surface, and add up the values of each part.
+
+    Parameters
+    ----------
+    u
+        ``(h, W)`` values.
+    labels
+        ``(h, W)`` part of a block, -1 for none; replaced by the number of the part of the surface.
+    part_of
+        Part of the surface of each part of a block.
+    number
+        Number of each part in reading order; -1 for those that were not seen yet.
+    sums, sizes
+        Sum of the values and number of pixels of each part, by its number; added to.
+    """
+    count = 0
+    for part in range(len(number)):
+        count = max(count, number[part] + 1)
+    for r in range(labels.shape[0]):
+        for c in range(labels.shape[1]):
+            if labels[r, c] < 0:
+                continue
+            part = part_of[labels[r, c]]
+            if number[part] < 0:
+                number[part] = count
+                count += 1
+            labels[r, c] = number[part]
+            sums[number[part]] += u[r, c]
+            sizes[number[part]] += 1
