@@ -19,9 +19,7 @@ _LEVELS = 32
 _MEAN, _EVEN, _SUM = 3.0, 0.1, 100.0
 
 
-def class_shares(
-    angle: Float, classes: npt.NDArray[np.int32], mask: Mask, patch: int
-) -> Double:
+def class_shares(angle: Float, classes: npt.NDArray[np.int32], mask: Mask, patch: int) -> Double:
     """Return the share of the patches that each class should have.
 
     Together, the pixels of the patches have nearly the distribution of angles that the exemplar
@@ -64,8 +62,9 @@ def class_shares(
     ]
     mean = float(np.mean(known, dtype=np.float64))
     goal = [width * wanted, [_MEAN * mean / spread], _EVEN * np.sqrt(even), [_SUM]]
-    shares: Double = nnls(np.concatenate(rows), np.concatenate(goal))[0]
-    return shares / shares.sum()
+    found = nnls(np.concatenate(rows), np.concatenate(goal))[0]
+    shares: Double = found / found.sum()
+    return shares
 
 
 def _below(above: npt.NDArray[np.intp], use: Float) -> Double:

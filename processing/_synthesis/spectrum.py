@@ -11,6 +11,7 @@ from scipy.fft import rfft2
 from scipy.optimize import least_squares
 
 from processing._normal_map import NormalMap
+from processing._synthesis.strips import SheetRows
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -28,7 +29,7 @@ _REACH = 24
 _LEAST_GAIN, _MOST_GAIN = 0.1, 1.5
 _RIDGE = 0.003
 # The mean angle of a sheet is measured on every eighth row.
-_SAMPLED, _MOST_STEEPER = 8, 1.25
+_SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
 # Power below this share of the largest is not corrected further.
 _LEAST_POWER = 1e-4
 _ROWS = 512
@@ -111,12 +112,13 @@ def _banded(power: Double) -> Double:
     return means
 
 
-def match_spectrum(sheet: Float, exemplar: NormalMap, *, wrapped: bool) -> None:
+def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> None:
     """Filter a detail component so that its power in each band becomes that of an exemplar.
 
     The cuts between patches add power at low frequencies, because patches no longer end where
     their slopes add up to 0, and at the highest. The filter is isotropic and close to 1 elsewhere.
-    One factor on all slopes, at most 1.25, gives the sheet the mean angle of the exemplar.
+    One factor on all slopes, at most 1.25, gives the sheet the power of the exemplar, as far as its
+    mean angle differs from that of the exemplar by at most 4 %.
 
     Parameters
     ----------
@@ -128,14 +130,22 @@ def match_spectrum(sheet: Float, exemplar: NormalMap, *, wrapped: bool) -> None:
     wrapped
         Whether the last column and row continue at the first.
     """
-    everywhere = np.ones(sheet.shape[:2], np.bool_)
-    block = block_side(exemplar.mask, everywhere[_REACH:-_REACH, _REACH:-_REACH])
+    block = block_side(exemplar.mask, _inner(sheet))
     if not block:
         return
-    weights = _weights(_powers_of_copies(sheet, block), band_power(exemplar, block))
-    steeper = _mean_angle(exemplar.normals[exemplar.mask]) / _mean_angle(sheet[::_SAMPLED])
-    weights *= np.clip(steeper, 1 / _MOST_STEEPER, _MOST_STEEPER)
-    _filter(sheet, weights.astype(np.float32), wrapped=wrapped)
+    powers, wanted = _powers_of_copies(sheet, block), band_power(exemplar, block)
+    sampled = [_mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
+    steeper = _mean_angle(exemplar.normals[exemplar.mask]) / float(np.mean(sampled))
+    stronger = np.sqrt(_total(wanted, block) / _total(powers[:, 0, 0], block))
+    # The angle is that of the complete mask, the power only that of blocks inside.
+    factor = np.clip(stronger, (1 - _ANGLE_ERROR) * steeper, (1 + _ANGLE_ERROR) * steeper)
+    factor = np.clip(factor, 1 / _MOST_STEEPER, _MOST_STEEPER)
+    _filter(sheet, (factor * _weights(powers, wanted, block)).astype(np.float32), wrapped=wrapped)
+
+
+def _total(powers: Double, block: int) -> float:
+    """Return the power of all bands."""
+    return float(powers @ _band_counts(np.zeros((block, block // 2 + 1))))
 
 
 def _mean_angle(vectors: Float) -> float:
@@ -143,7 +153,13 @@ def _mean_angle(vectors: Float) -> float:
     return float(np.mean(np.arctan2(slopes, vectors[..., 2]), dtype=np.float64))
 
 
-def _powers_of_copies(sheet: Float, block: int) -> Double:
+def _inner(sheet: SheetRows) -> Mask:
+    """Return a mask of the sheet without its margins."""
+    height, width = sheet.shape[:2]
+    return np.ones((max(height - 2 * _REACH, 0), max(width - 2 * _REACH, 0)), np.bool_)
+
+
+def _powers_of_copies(sheet: SheetRows, block: int) -> Double:
     """Return how the power of a weighted sum of smoothed copies depends on their weights.
 
     Parameters
@@ -161,14 +177,12 @@ def _powers_of_copies(sheet: Float, block: int) -> Double:
         Gaussians. All are measured: the response of a Gaussian at the frequency of a band would
         not do, because the window of a block spreads power over neighbouring bands.
     """
-    height, width = sheet.shape[:2]
-    inside = np.ones((height - 2 * _REACH, width - 2 * _REACH), np.bool_)
-    places = _blocks(inside, block)
+    places = _blocks(_inner(sheet), block)
     places = places[:: -(-len(places) // _MOST_COPIED)]
     taper, whole = _taper(block), block + 2 * _REACH
     products = np.zeros((block * (block // 2 + 1), _COPIES, _COPIES))
     for y, x in places:
-        window = np.ascontiguousarray(sheet[y : y + whole, x : x + whole, :2])
+        window = np.ascontiguousarray(sheet[y : y + whole][:, x : x + whole, :2])
         copies = np.stack([one[_REACH:-_REACH, _REACH:-_REACH] for one in _copies(window)])
         copies = (copies - copies.mean(axis=(1, 2), keepdims=True)) * taper
         waves = rfft2(copies, axes=(1, 2)).reshape(_COPIES, -1, 2).transpose(1, 0, 2)
@@ -185,14 +199,13 @@ def _copies(window: Float) -> Iterator[Float]:
         yield np.asarray(cv2.GaussianBlur(window, (side, side), sigma), np.float32)
 
 
-def _weights(powers: Double, wanted: Double) -> Double:
+def _weights(powers: Double, wanted: Double, block: int) -> Double:
     """Return the weights of the copies that give a sheet an intended power in each band.
 
     The total power stays as it is.
     """
     has, first = powers[:, 0, 0], np.eye(_COPIES)[0]
-    counts = _band_counts(np.zeros((_BLOCKS[0], _BLOCKS[0] // 2 + 1)))
-    wanted = wanted * (has @ counts) / (wanted @ counts)
+    wanted = wanted * _total(has, block) / _total(wanted, block)
     # A filter this smooth cannot fit all bands of a narrow spectrum: those with power come first.
     important = 1 + wanted / wanted.max()
     wanted = np.maximum(wanted, _LEAST_POWER * wanted.max())
@@ -206,26 +219,29 @@ def _weights(powers: Double, wanted: Double) -> Double:
 
     weights = least_squares(misfit, first, method="lm").x
     power = np.einsum("bij,i,j->b", powers, weights, weights)
-    scaled: Double = weights * np.sqrt((has @ counts) / (power @ counts))
+    scaled: Double = weights * np.sqrt(_total(has, block) / _total(power, block))
     return scaled
 
 
-def _filter(sheet: Float, weights: Float, *, wrapped: bool) -> None:
+def _filter(sheet: SheetRows, weights: Float, *, wrapped: bool) -> None:
     """Replace n_x and n_y by a sum of smoothed copies, in bands of rows, and normalise."""
-    border = cv2.BORDER_WRAP if wrapped else cv2.BORDER_REFLECT_101
+    border, height = cv2.BORDER_WRAP if wrapped else cv2.BORDER_REFLECT_101, sheet.shape[0]
     # Copies of rows that are replaced before they are read.
-    upper, lower = sheet[: _REACH + 1, :, :2].copy(), sheet[-_REACH - 1 :, :, :2].copy()
+    upper = sheet[: _REACH + 1][..., :2].copy()
+    lower = sheet[height - _REACH - 1 : height][..., :2].copy()
     above = lower[1:] if wrapped else upper[:0:-1]
     beyond = upper[:-1] if wrapped else lower[-2::-1]
-    for first in range(0, len(sheet), _ROWS):
-        part = sheet[first : first + _ROWS]
-        below = sheet[first + len(part) :][:_REACH, :, :2]
+    for first in range(0, height, _ROWS):
+        last = min(first + _ROWS, height)
+        part = sheet[first:last].copy()
+        below = sheet[last : min(last + _REACH, height)][..., :2]
         below = np.concatenate([below, beyond])[:_REACH]
         band = np.concatenate([above, part[..., :2], below])
         above = band[-2 * _REACH : -_REACH]
-        band = cv2.copyMakeBorder(band, 0, 0, _REACH, _REACH, border)
+        band = np.asarray(cv2.copyMakeBorder(band, 0, 0, _REACH, _REACH, border), np.float32)
         total = np.zeros_like(band)
         for weight, copy in zip(weights, _copies(band), strict=True):
             total += weight * copy
         part[..., :2] = total[_REACH:-_REACH, _REACH:-_REACH]
         part /= np.sqrt(np.square(part).sum(axis=2, keepdims=True))
+        sheet[first:last] = part
