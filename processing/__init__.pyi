@@ -38,6 +38,7 @@ from ._metrics import ssim as ssim
 from ._normal_map import NormalMap as NormalMap
 from ._normal_map_files import NormalMapFile as NormalMapFile
 from ._normal_map_files import read_normals as read_normals
+from ._normal_map_files import write_normal_rows as write_normal_rows
 from ._normal_map_files import write_normals as write_normals
 from ._projection.mesh_read import Geometry as Geometry
 from ._projection.mesh_read import read_geometry as read_geometry
@@ -48,10 +49,15 @@ from ._projection.view import View as View
 from ._projection.view import view_rotation as view_rotation
 from ._reconstruction.albedo_picture import AlbedoPicture as AlbedoPicture
 from ._reconstruction.albedo_picture import albedo_picture as albedo_picture
+from ._reconstruction.albedo_picture import albedo_samples as albedo_samples
+from ._reconstruction.albedo_picture import albedo_white as albedo_white
 from ._reconstruction.light_strengths import LightStrengths as LightStrengths
 from ._reconstruction.light_strengths import light_strengths as light_strengths
+from ._reconstruction.memory import least_memory as least_memory
+from ._reconstruction.memory import memory_of_reconstruction as memory_of_reconstruction
 from ._reconstruction.near_height import HeightStep as HeightStep
 from ._reconstruction.near_height import NearHeight as NearHeight
+from ._reconstruction.on_disk import reconstruct_on_disk as reconstruct_on_disk
 from ._reconstruction.quality import ImageQuality as ImageQuality
 from ._reconstruction.quality import image_quality as image_quality
 from ._reconstruction.reconstruct import StereoChannel as StereoChannel
@@ -60,6 +66,7 @@ from ._reconstruction.reconstruction import Reconstruction as Reconstruction
 from ._reconstruction.scheme_check import Disagreement as Disagreement
 from ._reconstruction.scheme_check import SchemeCheck as SchemeCheck
 from ._reconstruction.specular import specular_residual as specular_residual
+from ._reconstruction.stored_reconstruction import StoredReconstruction as StoredReconstruction
 from ._relight.fit import RelightColours as RelightColours
 from ._relight.fit import RelightFit as RelightFit
 from ._relight.fit import RelightValues as RelightValues

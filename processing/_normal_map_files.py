@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import (
+    ComputedRows,
     DataError,
+    MapRows,
     make_folder,
     missing_path,
     read_image_with_alpha,
@@ -193,6 +195,39 @@ def write_normals(
     ['normals.exr', 'normals.png', 'mask.png']
     """
     check_normal_map("normal_map", normal_map)
+    return write_normal_rows(
+        folder, normal_map.normals, normal_map.mask, name, green=green, on_progress=on_progress
+    )
+
+
+def write_normal_rows(
+    folder: str | Path,
+    normals: MapRows,
+    mask: Mask,
+    name: str = "normals",
+    *,
+    green: Green = "up",
+    on_progress: Progress = no_progress,
+) -> dict[str, Path]:
+    """Write the files of `write_normals` from normals whose rows are read band by band.
+
+    Parameters
+    ----------
+    normals, mask
+        As in `NormalMap`, but not checked; the normals may be on disk.
+    folder, name, green, on_progress
+        As in `write_normals`, as is the result.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import ComputedRows
+    >>> from processing import write_normal_rows
+    >>> up = np.float32([0, 0, 1])
+    >>> flat = ComputedRows((4, 5, 3), up.dtype, lambda rows: np.tile(up, (4, 5, 1))[rows])
+    >>> [path.name for path in write_normal_rows("flat", flat, np.ones((4, 5), bool)).values()]
+    ['normals.exr', 'normals.png', 'mask.png']
+    """
     folder = Path(folder)
     make_folder(folder)
     outputs = {
@@ -203,21 +238,26 @@ def write_normals(
     on_progress(f"writing {name}", 0, 10)
     # At the same time, because encoding and checking each keep one core busy.
     with ThreadPoolExecutor(1) as pool:
-        exr = pool.submit(write_exr, outputs[name], normal_map.normals)
-        write_png(outputs[f"{name}_png"], _encoded(normal_map, green), alpha=normal_map.mask)
+        exr = pool.submit(write_exr, outputs[name], normals)
+        write_png(outputs[f"{name}_png"], _encoded(normals, mask, green), alpha=mask)
         on_progress(f"writing {name}", 8, 10)
         exr.result()
     on_progress(f"writing {name}", 9, 10)
-    write_mask(outputs["mask"], normal_map.mask)
+    write_mask(outputs["mask"], mask)
     on_progress(f"writing {name}", 10, 10)
     return outputs
 
 
-def _encoded(normal_map: NormalMap, green: Green) -> npt.NDArray[np.uint16]:
-    samples = np.zeros(normal_map.normals.shape, np.uint16)
+def _encoded(normals: MapRows, mask: Mask, green: Green) -> MapRows:
     turned = -1.0 if green == "down" else 1.0
-    in_threads(encode, len(samples), normal_map.normals, normal_map.mask, turned, samples)
-    return samples
+
+    def encoded(rows: slice) -> npt.NDArray[np.uint16]:
+        part = np.ascontiguousarray(normals[rows])
+        samples = np.zeros(part.shape, np.uint16)
+        in_threads(encode, len(samples), part, mask[rows], turned, samples)
+        return samples
+
+    return ComputedRows(normals.shape, np.dtype(np.uint16), encoded)
 
 
 def _find_image(path: Path) -> Path:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -185,6 +185,13 @@ def compute_normals(
             surface=False,
             on_progress=progress,
         )
+    return replace(stage, warnings=with_answers(stage.warnings, source))
+
+
+def with_answers(
+    warnings: Iterable[rig.Notice], source: acquisition.Source
+) -> tuple[rig.Notice, ...]:
+    """Return notices that name the options which answer them."""
     # `reconstruct` compares with sRGB if the images are linear, and with linear otherwise.
     other = "srgb" if source.transfer == acquisition.LINEAR else "linear"
     answers = {
@@ -192,13 +199,12 @@ def compute_normals(
         "height-doubtful": "--height-mm, --rests-on-plane",
         "height-not-determined": "--height-mm, --rests-on-plane",
     }
-    warnings = tuple(
+    return tuple(
         replace(notice, text=f"{notice.text} ({answers[notice.code]})")
         if notice.code in answers
         else notice
-        for notice in stage.warnings
+        for notice in warnings
     )
-    return replace(stage, warnings=warnings)
 
 
 def not_used(folder: Path, names: Sequence[str]) -> rig.Notice:

@@ -2,58 +2,67 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
+from typing import cast
 
+import numpy as np
+
+import acquisition
 import processing
 from sgp._metrics import NormalsMetrics, SampleShares
 
-Mask = npt.NDArray[np.bool_]
+Normals = processing.Reconstruction | processing.StoredReconstruction
 
 # Kinds with a smaller share are not on the terminal.
 _SHOWN = 0.005
+# Bytes that are read at once.
+_READ = 32_000_000
 
 
-def add_uncertainty(
-    metrics: NormalsMetrics, found: processing.NormalUncertainty, mask: Mask
-) -> None:
+def add_uncertainty(metrics: NormalsMetrics, stage: Normals) -> None:
     """Add the medians of the standard deviations, and the shares of the kinds of samples."""
-    metrics["normal_sigma_deg"] = _median(found.sigma_deg)
-    metrics["normal_sigma_common_deg"] = _median(found.common_sigma_deg)
-    metrics["noise_from"] = found.noise
-    metrics["neighbour_correlation"] = found.neighbour_correlation
-    shares = _shares(found, mask)
+    metrics["normal_sigma_deg"] = _median(stage.maps["normal_sigma_deg"])
+    metrics["normal_sigma_common_deg"] = _median(stage.maps["normal_sigma_common_deg"])
+    metrics["noise_from"] = stage.noise
+    metrics["neighbour_correlation"] = stage.neighbour_correlation
+    totals = [_total(stage.maps[f"samples_{kind.name.lower()}"]) for kind in processing.SampleKind]
+    shares = [count / sum(totals) for count in totals]
     metrics["samples"] = SampleShares(
-        lit=shares["lit"],
-        attached=shares["attached"],
-        cast=shares["cast"],
-        saturated=shares["saturated"],
-        outlier=shares["outlier"],
-        missing=shares["missing"],
+        lit=shares[processing.SampleKind.LIT],
+        attached=shares[processing.SampleKind.ATTACHED],
+        cast=shares[processing.SampleKind.CAST],
+        saturated=shares[processing.SampleKind.SATURATED],
+        outlier=shares[processing.SampleKind.OUTLIER],
+        missing=shares[processing.SampleKind.MISSING],
     )
 
 
-def sigma_lines(found: processing.NormalUncertainty, mask: Mask) -> list[str]:
+def sigma_lines(metrics: NormalsMetrics) -> list[str]:
     """Return lines for the terminal, of at most 78 columns."""
-    sigma, common = _median(found.sigma_deg), _median(found.common_sigma_deg)
+    sigma, common = metrics["normal_sigma_deg"], metrics["normal_sigma_common_deg"]
     lines = []
-    if np.isfinite(sigma):
-        of_lights = f", of which {common:.2g} deg by lights and height" if common > 0 else ""
+    if sigma is not None and np.isfinite(sigma):
+        of_lights = f", of which {common:.2g} deg by lights and height" if common else ""
         lines.append(f"standard deviation of normals {sigma:.2g} deg (median){of_lights}")
     named = {"attached": "attached shadow", "cast": "cast shadow"}
     parts = [
         f"{share:.0%} {named.get(kind, kind)}"
-        for kind, share in _shares(found, mask).items()
+        for kind, share in cast("dict[str, float]", metrics["samples"]).items()
         if share >= _SHOWN
     ]
     return [*lines, f"samples: {', '.join(parts)}"]
 
 
-def _shares(found: processing.NormalUncertainty, mask: Mask) -> dict[str, float]:
-    totals = found.samples[:, mask].sum(axis=1, dtype=np.int64)
-    return {kind.name.lower(): float(totals[kind] / totals.sum()) for kind in processing.SampleKind}
+def _total(values: acquisition.MapRows) -> int:
+    return sum(int(values[rows].sum(dtype=np.int64)) for rows in _bands(values))
 
 
-def _median(values: npt.NDArray[np.float32]) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if finite.size else float("nan")
+def _median(values: acquisition.MapRows) -> float:
+    """Return the median of the finite values, of which one copy is in memory."""
+    parts = (values[rows] for rows in _bands(values))
+    finite = np.concatenate([part[np.isfinite(part)] for part in parts])
+    return float(np.median(finite, overwrite_input=True)) if finite.size else float("nan")
+
+
+def _bands(values: acquisition.MapRows) -> list[slice]:
+    height, width = values.shape
+    return acquisition.rows_in_bands(height, values.dtype.itemsize * width, _READ)

@@ -17,18 +17,21 @@ from sgp._output import provenance
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SurfaceOptions
-from sgp._uncertainty import add_uncertainty, sigma_lines
+from sgp._uncertainty import Normals, add_uncertainty, sigma_lines
 from sgp._write_doubts import add_height_sigma, height_sigma_lines, write_curl
 from sgp._write_jumps import write_jumps
 from sgp._write_meshes import write_meshes
 
 _WRITERS = 2  # files that are encoded at the same time
+_FLOATS = ("albedo", "residual", "specular", "normal_sigma_deg")
+# Values that are read at once.
+_READ = 4_000_000
 _MAPS, _SURFACE = MapOptions(), SurfaceOptions()
 
 
 def write_normals_stage(
     folder: Path,
-    stage: processing.Reconstruction,
+    stage: Normals,
     maps: MapOptions = _MAPS,
     picture: processing.AlbedoPicture | None = None,
     *,
@@ -40,19 +43,12 @@ def write_normals_stage(
     ``picture`` is that of the albedo, if it is known. Estimated strengths of lights are written
     with their provenance: the command and its input files.
     """
-    solved = stage.stereo
-    result = Result(warnings=list(stage.warnings))
+    result, maps_of = Result(warnings=list(stage.warnings)), stage.maps
     with Stages() as progress:
-        result.outputs = processing.write_normals(
-            folder, solved.normal_map, green=maps.green_out, on_progress=progress
+        result.outputs = processing.write_normal_rows(
+            folder, maps_of["normals"], stage.valid, green=maps.green_out, on_progress=progress
         )
-    values = {
-        "albedo": stage.albedo,
-        "residual": solved.residual,
-        "specular": stage.specular,
-        "used": solved.used.astype(np.float32),
-        "normal_sigma_deg": stage.uncertainty.sigma_deg,
-    }
+    values = {name: maps_of[name] for name in _FLOATS} | {"used": _as_float(maps_of["used"])}
     result.outputs |= {name: folder / f"{name}.exr" for name in values}
     with ThreadPoolExecutor(_WRITERS) as pool:
         written = [
@@ -61,22 +57,12 @@ def write_normals_stage(
         ]
         for done in shown("writing maps", written):
             done.result()
-    for kind in processing.SampleKind:
-        name = f"samples_{kind.name.lower()}"
+    for name in (*(f"samples_{kind.name.lower()}" for kind in processing.SampleKind), "validity"):
         result.outputs[name] = folder / f"{name}.png"
-        acquisition.write_png(result.outputs[name], stage.uncertainty.samples[kind])
-    result.outputs["validity"] = folder / "validity.png"
-    acquisition.write_png(result.outputs["validity"], stage.uncertainty.reason)
-    if picture is None:
-        picture = processing.albedo_picture(stage.albedo, solved.normal_map.mask)
+        acquisition.write_png(result.outputs[name], maps_of[name])
+    white = _write_albedo(folder / "albedo.png", maps_of["albedo"], stage.valid, picture)
     result.outputs["albedo_png"] = folder / "albedo.png"
-    acquisition.write_png(
-        result.outputs["albedo_png"],
-        picture.pixels,
-        srgb=True,
-        description=f"albedo / {picture.white:.6g} as sRGB",
-    )
-    result.parameters = {"albedo_png": {"white": picture.white}}
+    result.parameters = {"albedo_png": {"white": white}}
     metrics = normals_metrics(stage)
     result.metrics = metrics
     if stage.strengths is not None:
@@ -87,12 +73,12 @@ def write_normals_stage(
             stage.strengths.lights,
             provenance=provenance(command, chosen, files),
         )
-    solved_share = solved.normal_map.mask.sum() / stage.mask.sum()
+    solved_share = stage.valid.sum() / stage.mask.sum()
     result.summary = [
         *quality_lines(stage.quality),
         *_height_line(metrics),
         *_strength_line(stage.strengths),
-        *sigma_lines(stage.uncertainty, stage.mask),
+        *sigma_lines(metrics),
         f"{len(stage.lights)} images, {metrics['lights']} lights, "
         f"{solved_share:.1%} of {metrics['pixels']} pixels solved",
     ]
@@ -102,6 +88,41 @@ def write_normals_stage(
             f"median {stage.error.median_deg:.2f} deg"
         )
     return result
+
+
+def _as_float(values: acquisition.MapRows) -> acquisition.MapRows:
+    kind = np.dtype(np.float32)
+    return acquisition.ComputedRows(values.shape, kind, lambda rows: values[rows].astype(kind))
+
+
+def _write_albedo(
+    path: Path,
+    albedo: acquisition.MapRows,
+    mask: npt.NDArray[np.bool_],
+    picture: processing.AlbedoPicture | None,
+) -> float:
+    """Write the albedo as a picture, and return the albedo at white."""
+    if picture is None:
+        white = processing.albedo_white(albedo, mask)
+        pixels: acquisition.MapRows = acquisition.ComputedRows(
+            albedo.shape,
+            np.dtype(np.uint8),
+            lambda rows: processing.albedo_samples(albedo[rows], mask[rows], white),
+        )
+    else:
+        pixels, white = picture
+    description = f"albedo / {white:.6g} as sRGB"
+    acquisition.write_png(path, pixels, srgb=True, description=description)
+    return white
+
+
+def _residual_rms(stage: Normals) -> float:
+    residual = stage.maps["residual"]
+    height, width = residual.shape
+    bands = acquisition.rows_in_bands(height, width, _READ)
+    # Sums of rows do not depend on the bands; the residual is 0 where there is no normal.
+    of_rows = [np.square(residual[rows], dtype=np.float64).sum(axis=1) for rows in bands]
+    return float(np.sqrt(np.concatenate(of_rows).sum() / np.count_nonzero(stage.valid)))
 
 
 def _height_line(metrics: NormalsMetrics) -> list[str]:
@@ -126,21 +147,17 @@ def _strength_line(strengths: processing.LightStrengths | None) -> list[str]:
     ]
 
 
-def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
+def normals_metrics(stage: Normals) -> NormalsMetrics:
     """Return the figures of an estimation of normals."""
-    solved = stage.stereo
-    inside = solved.normal_map.mask
     metrics: NormalsMetrics = {
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",
         "pixels": int(stage.mask.sum()),
-        "coverage": float(inside.sum() / stage.mask.sum()),
-        "residual_rms": float(
-            np.sqrt(np.mean(np.square(solved.residual[inside], dtype=np.float64)))
-        ),
+        "coverage": float(stage.valid.sum() / stage.mask.sum()),
+        "residual_rms": _residual_rms(stage),
     }
     add_quality(metrics, stage.quality)
-    add_uncertainty(metrics, stage.uncertainty, stage.mask)
+    add_uncertainty(metrics, stage)
     near = stage.near_height
     if near is not None and near.steps:
         metrics["mean_height_mm"] = near.mean_height_mm

@@ -26,6 +26,8 @@ from rig import Notice, Progress, check_type, no_progress
 _THREADS = 4
 # Bytes of the values of a band, if the caller does not choose its rows.
 _BAND = 64_000_000
+# Rows of an image that are made at once. An even number keeps the colours of a mosaic in place.
+_ROWS_AT_ONCE = 512
 
 
 class BandedStack:
@@ -53,9 +55,10 @@ class BandedStack:
         *,
         channel: Channel = "gray",
         on_progress: Progress = no_progress,
+        reader: RowReader | None = None,
     ) -> None:
         self._source = source
-        self._reader = RowReader()
+        self._reader = RowReader() if reader is None else reader
         try:
             lit = lit_frames(source)
             self._develop = Developer(source, lit, channel, self._reader)
@@ -124,15 +127,31 @@ class BandedStack:
         noise = None if part.noise is None else replace(part.noise, used=used)
         return replace(part, values=values, noise=noise, warnings=self.warnings)
 
-    def image(self, index: int) -> FloatImage:
+    def in_channel(self, channel: Channel) -> BandedStack:
+        """Return the same images in another channel, without reading or keeping frames again.
+
+        It is closed with this one.
+        """
+        return BandedStack(self._source, channel=channel, reader=self._reader)
+
+    def image(self, index: int, rows: slice | None = None) -> FloatImage:
         """Return the image of one light, ``(H, W)`` or ``(H, W, 3)``, as in `linear_stack`.
+
+        ``rows``, with start and stop, limits it to these rows.
 
         Raises
         ------
         DataError
             As `rows`.
         """
-        return self._develop(*self._tasks[index])
+        wanted = slice(0, self.shape[1]) if rows is None else rows
+        image = np.zeros((wanted.stop - wanted.start, *self.shape[2:]), np.float32)
+        # In parts, because the frames and what is computed of them need far more memory.
+        for first in range(wanted.start, wanted.stop, _ROWS_AT_ONCE):
+            part = slice(first, min(first + _ROWS_AT_ONCE, wanted.stop))
+            inside = slice(part.start - wanted.start, part.stop - wanted.start)
+            self._develop(*self._tasks[index], rows=part, out=image[inside])
+        return image
 
     def bands(self, rows: int | None = None) -> Iterator[tuple[slice, Stack]]:
         """Yield all rows in bands, from the top, with their stacks.

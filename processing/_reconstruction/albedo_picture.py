@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import SRGB, DataError
+from acquisition import SRGB, DataError, MapRows
 from rig import short_repr
 
 # Highlights and wrong pixels may be far brighter than the rest; at most this share is clipped.
 _CLIPPED = 0.001
 _LEVELS = 4096
+# Pixels that are encoded, and read, at once.
 _BLOCK = 65536
+_READ = 2_000_000
 
 
 class AlbedoPicture(NamedTuple):
@@ -59,22 +62,69 @@ def albedo_picture(albedo: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_])
     >>> picture.pixels.dtype, round(picture.white, 2)
     (dtype('uint8'), 0.5)
     """
-    if mask.shape != albedo.shape[:2] or albedo.ndim not in (2, 3):
+    white = albedo_white(albedo, mask)
+    pixels = np.zeros(albedo.shape, np.uint8)
+    step = max(1, _BLOCK // mask.shape[1])
+    for first in range(0, len(mask), step):
+        rows = slice(first, first + step)
+        pixels[rows] = albedo_samples(albedo[rows], mask[rows], white)
+    return AlbedoPicture(pixels, white)
+
+
+def albedo_white(albedo: MapRows, mask: npt.NDArray[np.bool_]) -> float:
+    """Return the albedo at white of `albedo_picture`; the rows of a map are read band by band.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import albedo_white
+    >>> round(albedo_white(np.linspace(0, 0.5, 1000).reshape(20, 50), np.ones((20, 50), bool)), 2)
+    0.5
+    """
+    if mask.shape != albedo.shape[:2] or len(albedo.shape) not in (2, 3):
         raise DataError(
             f"an albedo of shape {albedo.shape} does not fit a mask of shape {mask.shape}"
         )
-    inside = albedo[mask]
-    brightest = inside if inside.ndim == 1 else inside.max(axis=1, initial=0)
-    brightest = brightest[np.isfinite(brightest) & (brightest > 0)]
-    some = bool(brightest.size)
-    white = float(np.quantile(brightest, 1 - _CLIPPED, method="lower")) if some else 1.0
-    # By table, because a power of each value would take long.
-    table = np.rint(SRGB.samples((np.arange(_LEVELS + 1) / _LEVELS) ** 2) * 255).astype(np.uint8)
-    samples = np.zeros(inside.shape, np.uint8)
-    for first in range(0, len(inside), _BLOCK):
-        part = np.nan_to_num(inside[first : first + _BLOCK], nan=0.0, posinf=white)
-        shares = np.clip(part, 0, white) / white
-        samples[first : first + _BLOCK] = table[np.rint(np.sqrt(shares) * _LEVELS).astype(np.intp)]
+    parts = []
+    step = max(1, _READ // mask.shape[1])
+    for first in range(0, len(mask), step):
+        inside = albedo[first : first + step][mask[first : first + step]]
+        brightest = inside if inside.ndim == 1 else inside.max(axis=1, initial=0)
+        parts.append(brightest[np.isfinite(brightest) & (brightest > 0)])
+    found = np.concatenate(parts)
+    if not found.size:
+        return 1.0
+    return float(np.quantile(found, 1 - _CLIPPED, method="lower", overwrite_input=True))
+
+
+def albedo_samples(
+    albedo: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_], white: float
+) -> npt.NDArray[np.uint8]:
+    """Return rows of the pixels of `albedo_picture`.
+
+    Parameters
+    ----------
+    albedo, mask
+        Rows of those of the picture.
+    white
+        What `albedo_white` returns for all rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import albedo_samples
+    >>> albedo_samples(np.array([[0.0, 0.1, 0.5]], np.float32), np.ones((1, 3), bool), 0.5)
+    array([[  0, 124, 255]], dtype=uint8)
+    """
+    table = _table()
+    part = np.nan_to_num(albedo[mask], nan=0.0, posinf=white)
+    shares = np.clip(part, 0, white) / white
     pixels = np.zeros(albedo.shape, np.uint8)
-    pixels[mask] = samples
-    return AlbedoPicture(pixels, white)
+    pixels[mask] = table[np.rint(np.sqrt(shares) * _LEVELS).astype(np.intp)]
+    return pixels
+
+
+@functools.cache
+def _table() -> npt.NDArray[np.uint8]:
+    """Return sRGB samples by the square root of light: a power of each value would take long."""
+    return np.rint(SRGB.samples((np.arange(_LEVELS + 1) / _LEVELS) ** 2) * 255).astype(np.uint8)

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
-from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation, judged
+from processing._reconstruction.error_bars import (
+    ErrorBarMaps,
+    Form,
+    depth_deviation,
+    error_bar_forms,
+    judged,
+)
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.recorded_images import Band, RowSample
 from processing._reconstruction.solved_images import SolvedImages
@@ -18,7 +27,6 @@ from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import stereo_of
 from processing._stereo.solve import solve_maps, toward_camera, write_solutions
 from processing._stereo.stereo_maps import StereoMaps
-from processing._uncertainty.normal_uncertainty import NormalUncertainty
 from processing._uncertainty.pixel_variances import (
     Origin,
     VarianceMaps,
@@ -35,9 +43,19 @@ Float = npt.NDArray[np.float32]
 AROUND = 2
 
 
-def normals_in_bands(
-    examined: Examination, method: Method, on_progress: Progress, rows: int | None = None
-) -> SolvedImages:
+def map_forms(shape: tuple[int, ...], lights: int) -> dict[str, Form]:
+    """Return the maps that the solver fills, rows first."""
+    of_pixels: dict[str, Form] = {
+        "normals": ((*shape, 3), np.float32),
+        "albedo": (shape, np.float32),
+        "residual": (shape, np.float32),
+        "used": (shape, np.uint16),
+        "specular": (shape, np.float32),
+    }
+    return of_pixels | error_bar_forms(shape, lights)
+
+
+def normals_in_bands(examined: Examination, method: Method, on_progress: Progress) -> SolvedImages:
     """Solve gray images band by band; the result does not depend on the bands.
 
     The samples of a block of pixels are read once, for its normals, error bars and gloss.
@@ -50,27 +68,70 @@ def normals_in_bands(
         Method of `photometric_stereo`.
     on_progress
         Receives the stage ``normals``, one step per pixel.
-    rows
-        Rows of a band; default: as many as need 128 MB.
 
     Raises
     ------
     EstimateError
         As `photometric_stereo`, or if no pixel is valid.
     """
-    lights, mask, points_mm = examined.lights, examined.mask, examined.points_mm
-    LightModel(lights, points_mm, mask).check(mask)
-    solver = _Solver(examined, method)
-    total, done = int(np.count_nonzero(mask)), 0
-    for band in examined.images.bands(mask, AROUND, rows):
-        solver.solve(band)
-        done += int(np.count_nonzero(mask[band.rows]))
-        on_progress("normals", done, total)
-    stereo = stereo_of(solver.maps, mask, examined.images)
-    stereo, uncertainty, doubts = judged(stereo, solver.error_bars(), mask)
-    specular = solver.specular
+    mask = examined.mask
+    forms = map_forms(mask.shape, len(examined.lights))
+    arrays: dict[str, Any] = {name: np.zeros(*form) for name, form in forms.items()}
+    shown = solve_bands(examined, method, on_progress, arrays)
+    maps = StereoMaps(*(arrays[name] for name in ("normals", "albedo", "residual", "used")))
+    stereo = stereo_of(maps, mask, examined.images)
+    error_bars = ErrorBarMaps(arrays).finished(shown.origin, shown.correlation)
+    stereo, uncertainty, doubts = judged(stereo, error_bars, mask)
+    specular = arrays["specular"]
     specular[~stereo.normal_map.mask] = 0
     return SolvedImages(stereo, uncertainty, specular, (*stereo.warnings, *doubts))
+
+
+def solve_bands(
+    examined: Examination,
+    method: Method,
+    on_progress: Progress,
+    maps: Mapping[str, Any],
+    missing: Sequence[slice] = (slice(0, None),),
+    rows: int | None = None,
+    on_band: Callable[[slice], object] = lambda rows: None,
+) -> ShownBySample:
+    """Fill maps of the forms of `map_forms`, arrays or files, band by band.
+
+    Parameters
+    ----------
+    examined, method, on_progress
+        As in `normals_in_bands`.
+    maps
+        What is filled. The first two maps of error bars hold variances.
+    missing
+        Rows to fill; default: all.
+    rows
+        Rows of a band; default: as many as need 128 MB.
+    on_band
+        Receives the rows of each band when they are filled.
+    """
+    mask = examined.mask
+    LightModel(examined.lights, examined.points_mm, mask).check(mask)
+    solver = _Solver(examined, method, maps)
+    total = int(np.count_nonzero(mask))
+    left = sum(int(np.count_nonzero(mask[part])) for part in missing)
+    done = total - left
+    on_progress("normals", done, total)
+    for part in missing:
+        for band in examined.images.bands(mask, AROUND, rows, part):
+            solver.solve(band)
+            on_band(band.rows)
+            done += int(np.count_nonzero(mask[band.rows]))
+            on_progress("normals", done, total)
+    return solver.shown
+
+
+class ShownBySample(NamedTuple):
+    """Where the law of the noise is from, and the correlation of the residuals."""
+
+    origin: Origin
+    correlation: float
 
 
 class _Solver:
@@ -79,21 +140,17 @@ class _Solver:
     Some rows show the law of the noise, if it is not known, and whether the residuals are noise.
     """
 
-    def __init__(self, examined: Examination, method: Method) -> None:
+    def __init__(self, examined: Examination, method: Method, maps: Mapping[str, Any]) -> None:
         self._lights, self._mask = examined.lights, examined.mask
         self._points_mm, self._camera = examined.points_mm, examined.source.camera
         self._method = method
         self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
         self._law: Float | None = None
         self._law_of_errors: Float | None = None
-        count, shape = len(examined.lights), examined.mask.shape
-        self.maps = StereoMaps.empty(shape)
-        self.specular = np.zeros(shape, np.float32)
-        self._error_bars = ErrorBarMaps(shape, count)
-        self._origin, self._correlation = self._examine(examined.sample())
+        self._maps, self._error_bars = maps, ErrorBarMaps(maps)
+        self.shown = self._examine(examined.sample())
 
-    def _examine(self, sample: RowSample) -> tuple[Origin, float]:
-        """Return where the law of the noise is from, and the correlation of the residuals."""
+    def _examine(self, sample: RowSample) -> ShownBySample:
         mask, points = sample.mask, sample.of(self._points_mm)
         frames, model = Frames(sample.values), LightModel(self._lights, points, mask)
         pixels = np.flatnonzero(mask)
@@ -108,7 +165,7 @@ class _Solver:
         )
         samples, vectors, known = self._estimated(frames, model, some, law, maps, sample.rows)
         correlation = solver.correlation(some, samples, vectors, known)
-        return origin_of(sample.noise, self._law_of_errors), correlation
+        return ShownBySample(origin_of(sample.noise, self._law_of_errors), correlation)
 
     def _estimated(
         self,
@@ -149,7 +206,7 @@ class _Solver:
             solve_maps(frames, model, mask, None, "ls", maps, None, no_progress)
         scaled = (maps.normals, maps.albedo)
         solver = ReferenceSolver(self._lights, scaled, points, *self._depth_error)
-        variances = VarianceMaps(solver, maps.albedo, len(self._lights), self._origin)
+        variances = VarianceMaps(solver, maps.albedo, len(self._lights), self.shown.origin)
         rows = np.arange(band.around.start, band.around.stop)
         for block in row_blocks(np.flatnonzero(mask), mask.shape[1]):
             samples, vectors, known = self._estimated(
@@ -162,10 +219,6 @@ class _Solver:
             above = mean_excess(samples, vectors, of_noise, of_block)
             specular.reshape(-1)[block] = np.where(albedo[:, 0] > 0, above, np.float32(0))
         for name in ("normals", "albedo", "residual", "used"):
-            getattr(self.maps, name)[band.rows] = getattr(maps, name)[inner]
-        self.specular[band.rows] = specular[inner]
-        self._error_bars.write(band.rows, variances.variances(self._correlation), inner)
-
-    def error_bars(self) -> NormalUncertainty:
-        """Return the error bars after all bands."""
-        return self._error_bars.finished(self._origin, self._correlation)
+            self._maps[name][band.rows] = getattr(maps, name)[inner]
+        self._maps["specular"][band.rows] = specular[inner]
+        self._error_bars.write(band.rows, variances.variances(self.shown.correlation), inner)

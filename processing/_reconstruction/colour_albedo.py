@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from acquisition import Lights, Source
 from calibration import linear_images, luma
+from processing._normal_map import NormalMap
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.photometric_stereo import PhotometricStereoResult
@@ -57,46 +58,86 @@ def colour_albedo(
     Float
         ``(H, W, 3)`` float32 RGB in the unit of `stereo.albedo`, or ``(H, W)``; 0 outside its mask.
     """
-    if source.cfa is None and len(source.frames[0].shape) == 2:
+    if not may_have_colour(source):
         return stereo.albedo
-    mask = stereo.normal_map.mask
-    pixels = np.flatnonzero(mask)
-    normals = stereo.normal_map.normals.reshape(-1, 3)
-    albedo = stereo.albedo.reshape(-1)
-    rms = stereo.residual.reshape(-1)
-    sums = np.zeros((len(pixels), 3), np.float32)
-    total = np.zeros(len(pixels), np.float32)
+    sums = ColourSums(stereo.normal_map, stereo.albedo, stereo.residual, points_mm)
     for i, image in enumerate(linear_images(source, ids, channel="rgb")):
-        if i == 0 and (image == image[..., :1]).all(where=np.isfinite(image)):
+        if i == 0 and not coloured(image):
             return stereo.albedo
+        sums.add(image, lights.take([i]), len(ids))
+        on_progress("colour", i + 1, len(ids))
+    return sums.albedo()
+
+
+def may_have_colour(source: Source) -> bool:
+    """Return whether the frames of a source have colours, which may all be equal."""
+    return source.cfa is not None or len(source.frames[0].shape) == 3
+
+
+def coloured(image: Float) -> bool:
+    """Return whether the channels of an image, or of rows of it, differ."""
+    return not (image == image[..., :1]).all(where=np.isfinite(image))
+
+
+class ColourSums:
+    """Sums over images from which the albedo of each colour follows, of all rows or some.
+
+    Parameters
+    ----------
+    normal_map
+        Normals of the rows.
+    albedo, residual
+        Gray albedo, and root mean square of the residuals, ``(H, W)``.
+    points_mm
+        Surface points ``(H, W, 3)`` for lights with positions.
+    """
+
+    def __init__(
+        self,
+        normal_map: NormalMap,
+        albedo: Float,
+        residual: Float,
+        points_mm: npt.NDArray[np.float64] | None,
+    ) -> None:
+        self._mask, self._points_mm = normal_map.mask, points_mm
+        self._pixels = np.flatnonzero(normal_map.mask)
+        self._normals = normal_map.normals.reshape(-1, 3)
+        self._albedo, self._rms = albedo.reshape(-1), residual.reshape(-1)
+        self._sums = np.zeros((len(self._pixels), 3), np.float32)
+        self._total = np.zeros(len(self._pixels), np.float32)
+
+    def add(self, image: Float, light: Lights, count: int) -> None:
+        """Add an image ``(H, W, 3)``, with its light, of ``count`` in all."""
         gray = Frames(luma(image)[None])
-        model = LightModel(lights.take([i]), points_mm, mask)
-        for first in range(0, len(pixels), _BLOCK):
+        model = LightModel(light, self._points_mm, self._mask)
+        for first in range(0, len(self._pixels), _BLOCK):
             part = slice(first, first + _BLOCK)
-            block = pixels[part]
+            block = self._pixels[part]
             values, vectors = model.samples(gray, block)
-            lit = np.maximum(np.einsum("pc,pc->p", normals[block], vectors[..., 0]), 0)
+            lit = np.maximum(np.einsum("pc,pc->p", self._normals[block], vectors[..., 0]), 0)
             seen = values[:, 0]
-            spread = np.maximum(rms[block], albedo[block] * _ROUNDING)
+            spread = np.maximum(self._rms[block], self._albedo[block] * _ROUNDING)
             # Radiance may be as large as a float can be; such pixels stay gray.
             with np.errstate(over="ignore", invalid="ignore"):
-                residual = (seen - albedo[block] * lit) / spread
-                weight = lit / (1 + residual * residual) / np.float32(len(ids))
+                residual = (seen - self._albedo[block] * lit) / spread
+                weight = lit / (1 + residual * residual) / np.float32(count)
             known = np.isfinite(weight)
             weight[~known] = 0
             colour = image.reshape(-1, 3)[block]
             colour[~known] = 0
-            sums[part] += weight[:, None] * colour
-            total[part] += weight * np.where(known, seen, 0)
-        on_progress("colour", i + 1, len(ids))
-    # A pixel without a usable sample stays gray.
-    usable = total > 0
-    gray_albedo = albedo[pixels]
-    with np.errstate(over="ignore", invalid="ignore"):
-        ratio = np.divide(gray_albedo, total, out=np.zeros_like(total), where=usable)
-        np.maximum(sums, 0, out=sums)
-        sums *= ratio[:, None]
-    sums[~usable] = gray_albedo[~usable, None]
-    result = np.zeros((*mask.shape, 3), np.float32)
-    result[mask] = sums
-    return result
+            self._sums[part] += weight[:, None] * colour
+            self._total[part] += weight * np.where(known, seen, 0)
+
+    def albedo(self) -> Float:
+        """Return the albedo ``(H, W, 3)`` after all images; a pixel without samples stays gray."""
+        sums, total = self._sums, self._total
+        usable = total > 0
+        gray_albedo = self._albedo[self._pixels]
+        with np.errstate(over="ignore", invalid="ignore"):
+            ratio = np.divide(gray_albedo, total, out=np.zeros_like(total), where=usable)
+            np.maximum(sums, 0, out=sums)
+            sums *= ratio[:, None]
+        sums[~usable] = gray_albedo[~usable, None]
+        result = np.zeros((*self._mask.shape, 3), np.float32)
+        result[self._mask] = sums
+        return result

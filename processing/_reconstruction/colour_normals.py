@@ -67,7 +67,7 @@ class _Solver:
         shape = examined.mask.shape
         self.maps = ColourMaps.empty(shape, 1 if joint else 3)
         self.specular = np.zeros(shape, np.float32)
-        self.error_bars = ErrorBarMaps(shape, len(examined.lights))
+        self.error_bars = ErrorBarMaps.in_memory(shape, len(examined.lights))
         sample = examined.images.sample(examined.mask, colour=True)
         points = sample.of(examined.points_mm)
         images = self._images(sample.values, sample.noise, sample.mask, points, sample.rows)

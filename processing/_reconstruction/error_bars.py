@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -20,13 +22,16 @@ from processing._uncertainty.normal_uncertainty import (
     NormalUncertainty,
     in_degrees,
     sums_of,
-    valid_errors,
+    valid_reasons,
 )
 from processing._uncertainty.pixel_variances import Origin, PixelVariances
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Notice
 
 Mask = npt.NDArray[np.bool_]
+Reasons = npt.NDArray[np.uint8]
+# Shape and type of a map.
+Form = tuple[tuple[int, ...], type[np.generic]]
 
 _WHY = {
     Reason.SATURATED: "saturated",
@@ -36,43 +41,65 @@ _WHY = {
 }
 
 
+def error_bar_forms(shape: tuple[int, ...], lights: int) -> dict[str, Form]:
+    """Return the maps that `ErrorBarMaps` fills, rows first."""
+    height, width = shape
+    return {
+        "sigma": (shape, np.float32),
+        "common_sigma": (shape, np.float32),
+        "samples": ((height, len(SampleKind), width), np.uint8 if lights < 256 else np.uint16),
+        "reason": (shape, np.uint8),
+        "deviations": ((height,), np.float64),
+        "deviating": ((height,), np.int64),
+    }
+
+
 class ErrorBarMaps:
     """Error bars of an image that are computed band by band.
 
     Parameters
     ----------
-    shape
-        ``(H, W)``.
-    lights
-        Number of lights.
+    maps
+        Arrays or files of the forms of `error_bar_forms`. The first two hold variances.
     """
 
-    def __init__(self, shape: tuple[int, ...], lights: int) -> None:
-        self._total, self._common = (np.full(shape, np.nan, np.float32) for _ in range(2))
-        self._samples: npt.NDArray[np.unsignedinteger] = np.zeros(
-            (len(SampleKind), *shape), np.uint8 if lights < 256 else np.uint16
-        )
-        self._reason = np.zeros(shape, np.uint8)
-        self._valid = np.zeros(shape, np.bool_)
-        self._deviations, self._solved = np.zeros(shape[0]), np.zeros(shape[0], np.intp)
+    def __init__(self, maps: Mapping[str, Any]) -> None:
+        self._maps = maps
+
+    @classmethod
+    def in_memory(cls, shape: tuple[int, ...], lights: int) -> Self:
+        """Return maps of an image for `finished`."""
+        return cls({name: np.zeros(*form) for name, form in error_bar_forms(shape, lights).items()})
 
     def write(self, rows: slice, found: PixelVariances, inside: slice) -> None:
         """Copy rows of the variances of a band."""
         common, total = sums_of(found)
-        self._common[rows], self._total[rows] = common[inside], total[inside]
-        self._samples[:, rows] = found.samples[:, inside]
-        self._reason[rows] = found.reason[inside]
-        self._valid[rows] = valid_errors(found)[inside]
         sums, solved = deviations(found.model[inside], (found.noise + found.lights)[inside])
-        self._deviations[rows], self._solved[rows] = sums, solved
+        for name, values in (
+            ("sigma", total[inside]),
+            ("common_sigma", common[inside]),
+            ("samples", found.samples[:, inside].swapaxes(0, 1)),
+            ("reason", found.reason[inside]),
+            ("deviations", sums),
+            ("deviating", solved),
+        ):
+            self._maps[name][rows] = values
+
+    def common_variance(self) -> np.float32:
+        """Return the variance that all pixels have besides their own, after all bands."""
+        maps = self._maps
+        return np.float32(common_error(maps["deviations"][:], maps["deviating"][:]))
 
     def finished(self, origin: Origin, correlation: float) -> NormalUncertainty:
         """Return the error bars after all bands; the maps are theirs then."""
-        self._total += np.float32(common_error(self._deviations, self._solved))
-        in_degrees(self._total, self._valid)
-        in_degrees(self._common, self._valid)
+        maps = self._maps
+        known = valid_reasons(maps["reason"], origin)
+        maps["sigma"][...] += self.common_variance()
+        in_degrees(maps["sigma"], known)
+        in_degrees(maps["common_sigma"], known)
+        samples = np.ascontiguousarray(maps["samples"].swapaxes(0, 1))
         return NormalUncertainty(
-            self._total, self._common, self._samples, self._reason, origin, correlation
+            maps["sigma"], maps["common_sigma"], samples, maps["reason"], origin, correlation
         )
 
 
@@ -80,7 +107,8 @@ def judged(
     stereo: PhotometricStereoResult, found: NormalUncertainty, mask: Mask
 ) -> tuple[PhotometricStereoResult, NormalUncertainty, list[Notice]]:
     """Return normals at the valid pixels, their error bars, and notices."""
-    return _valid_part(stereo, found), found, _notices(found, mask)
+    notices = validity_notices(found.reason, mask, found.noise, found.neighbour_correlation)
+    return _valid_part(stereo, found), found, notices
 
 
 def depth_deviation(
@@ -99,19 +127,24 @@ def _valid_part(
     kept = solved & found.valid
     if kept.all(where=solved):
         return stereo
-    if not kept.any():
-        raise EstimateError(
-            "no pixel of the mask is lit by 3 lights that are not in one plane: most are "
-            f"{_list_of(found, solved)}; check the exposure, the lights and the mask"
-        )
+    check_any_valid(kept, found.reason, solved)
     normals, maps = stereo.normal_map.normals.copy(), (stereo.albedo, stereo.residual)
     normals[~kept] = 0
     albedo, residual = (np.where(kept, values, np.float32(0)) for values in maps)
     return replace(stereo, normal_map=NormalMap(normals, kept), albedo=albedo, residual=residual)
 
 
-def _list_of(found: NormalUncertainty, inside: Mask) -> str:
-    numbers = {reason: np.count_nonzero(found.reason[inside] == reason) for reason in _WHY}
+def check_any_valid(kept: Mask, reason: Reasons, solved: Mask) -> None:
+    """Raise `EstimateError` with the reasons if no solved pixel is kept."""
+    if not kept.any():
+        raise EstimateError(
+            "no pixel of the mask is lit by 3 lights that are not in one plane: most are "
+            f"{_list_of(reason, solved)}; check the exposure, the lights and the mask"
+        )
+
+
+def _list_of(reasons: Reasons, inside: Mask) -> str:
+    numbers = {reason: np.count_nonzero(inside & (reasons == reason)) for reason in _WHY}
     return ", ".join(
         f"{_WHY[reason]} ({number})"
         for reason, number in sorted(numbers.items(), key=lambda item: -item[1])
@@ -119,23 +152,26 @@ def _list_of(found: NormalUncertainty, inside: Mask) -> str:
     )
 
 
-def _notices(found: NormalUncertainty, mask: Mask) -> list[Notice]:
+def validity_notices(
+    reasons: Reasons, mask: Mask, origin: Origin, correlation: float
+) -> list[Notice]:
+    """Return notices about pixels without a normal, and about the error bars."""
     notices = []
-    why = _list_of(found, mask & ~found.valid)
+    why = _list_of(reasons, mask & (reasons != Reason.VALID))
     if why:
-        lost = int(np.count_nonzero(np.isin(found.reason, list(_WHY))))
+        lost = sum(int(np.count_nonzero(reasons == reason)) for reason in _WHY)
         text = (
             f"{lost} of {np.count_nonzero(mask)} pixels of the mask are not lit by 3 lights that "
             f"determine a normal, and have none: {why}"
         )
         notices.append(Notice("pixels-invalid", text))
-    if found.noise == "unknown":
+    if origin == "unknown":
         text = "too few samples of each pixel to estimate how sure the normals are"
         notices.append(Notice("normal-sigma-unknown", text, severity="info"))
-    elif found.neighbour_correlation > STRUCTURED:
+    elif correlation > STRUCTURED:
         text = (
             "neighbouring lights have similar residuals (correlation "
-            f"{found.neighbour_correlation:.2f}; noise has less than {STRUCTURED:g}): the surface "
+            f"{correlation:.2f}; noise has less than {STRUCTURED:g}): the surface "
             "is not matte, or light comes from elsewhere; the standard deviations of the normals "
             "contain an estimate of these errors, to about a factor of 2"
         )

@@ -9,21 +9,21 @@ from typing import Literal
 
 import numpy as np
 
-from acquisition import DataError, Lights, Source, setup_notices
-from calibration import BandedStack, Channel, EstimateError, Stack, linear_stack, luma, open_stack
+from acquisition import Source, setup_notices
+from calibration import BandedStack, Channel, Stack, linear_stack, luma, open_stack
 from processing._metrics import angular_error
 from processing._reconstruction.banded_normals import normals_in_bands
 from processing._reconstruction.colour_albedo import colour_albedo
 from processing._reconstruction.colour_normals import colours_in_bands
-from processing._reconstruction.examination import Examination
-from processing._reconstruction.heights import Heights
+from processing._reconstruction.examined import (
+    check_facing,
+    examination_of,
+    geometry_of,
+)
 from processing._reconstruction.mosaic import albedo_of_sites, gray_picture
-from processing._reconstruction.object_of_images import object_of
 from processing._reconstruction.reconstruction import Reconstruction
-from processing._reconstruction.recorded_images import RecordedImages
-from processing._reconstruction.views import Perspective, View, view_of
+from processing._reconstruction.views import Perspective
 from processing._stereo.method import Method
-from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._surface.integration import integrate
 from rig import Progress, check_type, no_progress
 
@@ -118,26 +118,14 @@ def reconstruct(
     Reconstruction(., NormalMap(float32[40, 40, 3], 572 normals), height in px)
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    lights, view = _light_geometry(source, pixel_mm, distant=distant)
-    points_mm = None if view is None else view.points_at(view.distance_mm)
-    if points_mm is None and (height_mm is not None or rests_on_plane):
-        raise DataError(
-            f"{source.path}: a height matters only under lights with positions: leave it out"
-        )
+    geometry = geometry_of(
+        source, pixel_mm, height_mm, rests_on_plane=rests_on_plane, distant=distant
+    )
     with ExitStack() as opened:
         stack = _opened(source, channel, opened, on_progress, whole=semi_calibrated)
-        pattern, images = stack.pattern, RecordedImages(stack)
-        on_progress("normals", 0, 1)  # the images are examined first
-        mask, of_mask = object_of(images, stack.mask, source.not_object, pattern)
-        examined = Examination(
-            source,
-            images,
-            lights,
-            mask,
-            Heights(view, mask, height_mm, rests_on_plane, method, on_progress),
-            points_mm,
-        )
-        del stack, images  # the examination may replace them
+        pattern = stack.pattern
+        examined, of_mask = examination_of(source, stack, geometry, method, on_progress)
+        del stack  # the examination may replace it
         examined.leave_out_unlit()
         examined.find_surface(semi_calibrated=semi_calibrated)
         quality = examined.check(exclude_disagreeing=exclude_disagreeing)
@@ -160,12 +148,13 @@ def reconstruct(
             *solved.warnings,
         ]
         source, lights, near = examined.source, examined.lights, examined.near
+        mask, view = examined.mask, geometry.view
         points_mm, used = examined.points_mm, examined.images.ids
         strengths, excluded = examined.strengths, examined.excluded
         del examined  # by far the largest arrays; the height does not need them
     stereo = solved.stereo
-    _check_facing(source, stereo)
     normal_map = stereo.normal_map
+    check_facing(source, float(np.mean(normal_map.normals[..., 2][normal_map.mask])))
     if pattern is not None:
         albedo = albedo_of_sites(stereo.albedo, normal_map.mask, pattern)
         stereo = replace(stereo, albedo=luma(albedo))
@@ -210,24 +199,3 @@ def _opened(
     if whole or 4 * values <= _IN_MEMORY:
         return linear_stack(source, channel=of_stack, on_progress=on_progress)
     return opened.enter_context(open_stack(source, channel=of_stack, on_progress=on_progress))
-
-
-def _check_facing(source: Source, stereo: PhotometricStereoResult) -> None:
-    normal_map = stereo.normal_map
-    if float(np.mean(normal_map.normals[normal_map.mask, 2])) < 0:
-        raise EstimateError(
-            f"{source.path}: the normals face away from the camera: check that the light "
-            "directions point from the object toward the lights, with z toward the camera"
-        )
-
-
-def _light_geometry(
-    source: Source, pixel_mm: float | None, *, distant: bool
-) -> tuple[Lights, View | None]:
-    """Return the lights to use, and for near lights how the pixels see points in mm."""
-    if source.lights is None:
-        raise DataError(f"{source.path}: these images have no lights: add a lights file")
-    lights = source.lights.distant() if distant else source.lights
-    if not lights.near:
-        return lights, None
-    return lights, view_of(source, pixel_mm)

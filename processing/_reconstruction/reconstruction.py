@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights, Source
+from acquisition import Lights, MapRows, Source
 from processing._metrics import AngularError
 from processing._reconstruction.light_strengths import LightStrengths
 from processing._reconstruction.near_height import NearHeight
@@ -15,6 +15,8 @@ from processing._reconstruction.quality import ImageQuality
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._surface.height_map import HeightMap
 from processing._uncertainty.normal_uncertainty import NormalUncertainty
+from processing._uncertainty.pixel_variances import Origin
+from processing._uncertainty.sample_kind import SampleKind
 from rig import Notice
 
 
@@ -72,6 +74,37 @@ class Reconstruction:
     previews: tuple[npt.NDArray[np.float32], ...]
     near_height: NearHeight | None
     warnings: tuple[Notice, ...]
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """``(H, W)`` bool, the pixels with a normal."""
+        return self.stereo.normal_map.mask
+
+    @property
+    def noise(self) -> Origin:
+        """Where the law of the noise is from, see `NormalUncertainty`."""
+        return self.uncertainty.noise
+
+    @property
+    def neighbour_correlation(self) -> float:
+        """Whether the residuals are noise, see `NormalUncertainty`."""
+        return self.uncertainty.neighbour_correlation
+
+    @property
+    def maps(self) -> dict[str, MapRows]:
+        """The maps of a result by the names of their files."""
+        samples = self.uncertainty.samples
+        return {
+            "normals": self.stereo.normal_map.normals,
+            "albedo": self.albedo,
+            "residual": self.stereo.residual,
+            "specular": self.specular,
+            "used": self.stereo.used,
+            "normal_sigma_deg": self.uncertainty.sigma_deg,
+            "normal_sigma_common_deg": self.uncertainty.common_sigma_deg,
+            "validity": self.uncertainty.reason,
+            **{f"samples_{kind.name.lower()}": samples[kind] for kind in SampleKind},
+        }
 
     def __repr__(self) -> str:
         parts = [str(self.source.path), repr(self.stereo.normal_map)]

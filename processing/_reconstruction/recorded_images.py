@@ -124,24 +124,31 @@ class RecordedImages:
         return replace(part, values=luma(part.values)) if self.in_colour and not colour else part
 
     def bands(
-        self, mask: Mask, around: int, rows: int | None = None, *, colour: bool = False
+        self,
+        mask: Mask,
+        around: int,
+        rows: int | None = None,
+        part: slice = slice(None),
+        *,
+        colour: bool = False,
     ) -> Iterator[Band]:
         """Yield the rows with pixels of the mask, in bands of at most ``rows``, 128 MB by default.
 
-        ``around`` is the number of further rows above and below, as far as there are any. The bands
-        are gray, or in ``colour``.
+        ``around`` is the number of further rows above and below, as far as there are any. Only
+        rows of ``part`` are in bands, which are gray, or in ``colour``.
         """
         height, width = self.size
         of_row = 4 * len(self) * width * (3 if self.in_colour else 1)
         step = rows or max(1, _BAND // of_row)
-        inside = np.flatnonzero(mask.any(axis=1))
-        for first in range(int(inside[0]), int(inside[-1]) + 1, step):
-            last = min(first + step, int(inside[-1]) + 1)
+        inside = np.arange(height)[part][mask[part].any(axis=1)]
+        end = int(inside[-1]) + 1 if len(inside) else 0
+        for first in range(int(inside[0]) if len(inside) else 0, end, step):
+            last = min(first + step, end)
             if mask[first:last].any():
                 above, below = max(first - around, 0), min(last + around, height)
-                part = slice(first - above, last - above)
+                inner = slice(first - above, last - above)
                 stack = self._rows(above, below, colour=colour)
-                yield Band(slice(first, last), slice(above, below), part, stack)
+                yield Band(slice(first, last), slice(above, below), inner, stack)
 
     def sample(self, mask: Mask, *, colour: bool = False) -> RowSample:
         """Return rows with pixels of the mask: all of a small object, else groups of 8 rows.

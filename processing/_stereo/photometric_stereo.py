@@ -161,21 +161,37 @@ def stereo_of(maps: StereoMaps, mask: Mask, images: Iterable[Float]) -> Photomet
         If no pixel has a normal.
     """
     has_normal = maps.albedo > 0
+    most_used = int(maps.used[mask].max(initial=0))
+    return PhotometricStereoResult(
+        normal_map=NormalMap.of_unit_vectors(maps.normals, has_normal),
+        albedo=maps.albedo,
+        residual=maps.residual,
+        used=maps.used,
+        warnings=check_solved(has_normal, mask, most_used, images),
+    )
+
+
+def check_solved(
+    has_normal: Mask, mask: Mask, most_used: int, images: Iterable[Float]
+) -> tuple[Notice, ...]:
+    """Return a notice if pixels of a mask have no normal.
+
+    ``most_used`` is the largest number of samples that a pixel has.
+
+    Raises
+    ------
+    EstimateError
+        If no pixel has a normal; ``images`` show why.
+    """
     if not has_normal.any():
-        raise EstimateError(_why_nothing(maps, mask, images))
+        raise EstimateError(_why_nothing(most_used, mask, images))
     total = int(np.count_nonzero(mask))
     lost = total - int(np.count_nonzero(has_normal))
     text = (
         f"{lost} of {total} pixels of the mask {'has' if lost == 1 else 'have'} no normal: black, "
         "or too few usable samples"
     )
-    return PhotometricStereoResult(
-        normal_map=NormalMap.of_unit_vectors(maps.normals, has_normal),
-        albedo=maps.albedo,
-        residual=maps.residual,
-        used=maps.used,
-        warnings=(Notice("pixels-without-normal", text),) if lost else (),
-    )
+    return (Notice("pixels-without-normal", text),) if lost else ()
 
 
 def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
@@ -197,8 +213,8 @@ def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
         raise DataError("the mask is empty: there is no pixel to compute")
 
 
-def _why_nothing(maps: StereoMaps, mask: Mask, images: Iterable[Float]) -> str:
-    if not (maps.used[mask] >= 3).any():
+def _why_nothing(most_used: int, mask: Mask, images: Iterable[Float]) -> str:
+    if most_used < 3:
         return "no pixel of the mask has 3 samples that are not saturated: record shorter exposures"
     if not any(np.nan_to_num(image[mask], posinf=0.0, neginf=0.0).any() for image in images):
         return "all images are black inside the mask: check the exposure and the mask"

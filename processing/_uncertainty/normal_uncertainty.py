@@ -164,7 +164,12 @@ def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
 
 def valid_errors(found: PixelVariances) -> Mask:
     """Return which pixels have error bars."""
-    return np.asarray((found.reason == Reason.VALID) & (found.origin != "unknown"))
+    return valid_reasons(found.reason, found.origin)
+
+
+def valid_reasons(reason: npt.NDArray[np.uint8], origin: Origin) -> Mask:
+    """Return which pixels have error bars, by their `Reason`."""
+    return np.asarray((reason == Reason.VALID) & (origin != "unknown"))
 
 
 def sums_of(found: PixelVariances) -> tuple[Float, Float]:

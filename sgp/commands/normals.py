@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sgp._options import Input, Positive, SourceOptions
+from sgp._options import Input, Memory, Positive, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._spheres import add_sphere_lights
 from sgp._stage_options import MapOptions
-from sgp._stages import compute_normals, open_recording, with_scale
+from sgp._stages import open_recording, with_scale
+from sgp._stored_normals import normals_within
 from sgp._write import write_normals_stage
 
 _DEFAULTS = SourceOptions()
@@ -24,6 +25,7 @@ def normals(
     options: SourceOptions = _DEFAULTS,
     maps: MapOptions = _MAPS,
     pixel_mm: Positive | None = None,
+    memory: Memory | None = None,
     force: bool = False,
 ) -> Result:
     """Estimate a normal map from images under known lights.
@@ -49,14 +51,20 @@ def normals(
         Size of a pixel on the object in mm, for lights with positions if there is no camera with a
         working distance. Without a camera, the view is that of a telecentric lens whose axis is in
         the middle of the image.
+    memory
+        Memory to use, such as 3G or 500M; default: half of what is free. Maps that do not fit are
+        computed in bands of rows, in files in the output folder; the same command continues them
+        if it was interrupted.
     force
         Write into an output folder that already contains files.
     """
     opened = open_recording(source, options)
     seen, pixel = with_scale(opened.source, pixel_mm)
-    stage = compute_normals(seen, options, pixel)
-    folder = claim_folder(out, "normals.json")
-    result = write_normals_stage(folder, stage, maps, command="sgp normals", files=opened.files)
+    with normals_within(
+        memory, seen, options, pixel, files=opened.files, out=out, force=force
+    ) as stage:
+        folder = claim_folder(out, "normals.json")
+        result = write_normals_stage(folder, stage, maps, command="sgp normals", files=opened.files)
     result.inputs = opened.files
     result.parameters |= {"transfer": opened.source.transfer.record()}
     add_sphere_lights(result, out, opened.lit_by, "sgp normals")
