@@ -141,7 +141,8 @@ def _middle(part: NormalMap) -> NormalMap:
 
 def _angles_deg(part: NormalMap) -> npt.NDArray[np.float32]:
     x, y, z = np.moveaxis(part.normals, 2, 0)
-    return np.degrees(np.arctan2(np.hypot(x, y), z))[part.mask]
+    angles: npt.NDArray[np.float32] = np.degrees(np.arctan2(np.hypot(x, y), z))
+    return angles[part.mask]
 
 
 def _mean_angle_deg(part: NormalMap) -> float:
@@ -183,20 +184,20 @@ def _repeat_score(part: NormalMap, least: int) -> float:
     for first in range(0, lags[0].shape[1], _AT_ONCE):
         part_of = slice(first, first + _AT_ONCE)
         mask, x, y, power = (fft(one[:, part_of], rows, axis=0) for one in lags)
-        # Pixel pairs at a lag, their product, and the energies of both.
+        # At each lag: pairs of pixels, the sum of their products, and the energies of both.
         products = (mask * mask.conj(), x * x.conj() + y * y.conj(), power * mask.conj())
-        for one, product in zip(lags, (*products, power.conj() * mask), strict=True):
-            one[:, part_of] = ifft(product, axis=0)[:height]
+        for values, product in zip(lags, (*products, power.conj() * mask), strict=True):
+            values[:, part_of] = ifft(product, axis=0)[:height]
     across = np.minimum(np.arange(columns), columns - np.arange(columns))
     highest = math.nan
     for first in range(0, height, _AT_ONCE):
         band = slice(first, first + _AT_ONCE)
-        pairs, product, one, other = (irfft(values[band], columns) for values in lags)
+        pairs, both, one, other = (irfft(values[band], columns) for values in lags)
         far = np.maximum(np.arange(height)[band, None], across) >= least
         # Numbers of pairs are whole; those of the transforms nearly.
         judged = far & (pairs > _LEAST_PAIRS * np.count_nonzero(part.mask) + 0.5)
         if not judged.any():
             continue
-        both = np.sqrt(np.maximum(one[judged], 1e-12) * np.maximum(other[judged], 1e-12))
-        highest = float(np.fmax(highest, np.max(product[judged] / both)))
+        energy = np.sqrt(np.maximum(one[judged], 1e-12) * np.maximum(other[judged], 1e-12))
+        highest = float(np.fmax(highest, np.max(both[judged] / energy)))
     return highest
