@@ -1,4 +1,4 @@
-"""How often patches of each class are to be used, so that a sheet is as steep as its exemplar."""
+"""Shares of the classes of patches in a sheet that is as steep as its exemplar."""
 
 from __future__ import annotations
 
