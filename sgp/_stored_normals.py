@@ -62,21 +62,27 @@ def normals_within(
         "inputs": [sha256(file) for file in files],
         "software version": acquisition.software_version(),
     }
-    with Stages() as progress:
-        stage = processing.reconstruct_on_disk(
-            source,
-            out / "normals",
-            memory=max(rig.memory_budget(memory), processing.least_memory(source)),
-            identity=identity,
-            replace=force,
-            method=options.method,
-            distant=options.distant,
-            height_mm=options.height_mm,
-            rests_on_plane=options.rests_on_plane,
-            pixel_mm=pixel_mm,
-            exclude_disagreeing=options.exclude_disagreeing,
-            on_progress=progress,
-        )
+    try:
+        with Stages() as progress:
+            stage = processing.reconstruct_on_disk(
+                source,
+                out / "normals",
+                memory=max(rig.memory_budget(memory), processing.least_memory(source)),
+                identity=identity,
+                replace=force,
+                method=options.method,
+                distant=options.distant,
+                height_mm=options.height_mm,
+                rests_on_plane=options.rests_on_plane,
+                pixel_mm=pixel_mm,
+                exclude_disagreeing=options.exclude_disagreeing,
+                on_progress=progress,
+            )
+    except acquisition.OtherMapsError as error:
+        raise UsageError(
+            f"{error.folder} contains unfinished maps of a command with another {error.other}: "
+            "repeat that command, choose another folder, or add --force to begin again"
+        ) from error
     with stage.store:
         yield replace(stage, warnings=with_answers(stage.warnings, source))
         stage.store.remove()

@@ -1,1 +1,1 @@
-"""Maps larger than memory: files of rows, and what is done of them."""
+"""Maps larger than memory: files of rows that fill band by band."""

@@ -35,6 +35,39 @@ _DOING: Final = "computing these maps"
 Form = tuple[tuple[int, ...], type[np.generic]]
 
 
+class OtherMapsError(DataError):
+    """Unfinished maps of another identity.
+
+    Parameters
+    ----------
+    folder
+        Folder that contains them.
+    other
+        What differs.
+    """
+
+    def __init__(self, folder: Path, other: Sequence[str]) -> None:
+        self.folder, self.other = folder, ", ".join(other)
+        super().__init__(
+            f"{folder}: contains unfinished maps of a computation with another {self.other}: "
+            "repeat that one, replace its maps, or choose another folder"
+        )
+
+
+def check_unfinished(path: Path, identity: Mapping[str, object]) -> None:
+    """Refuse unfinished maps of another identity before any work, by `OtherMapsError`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import check_unfinished
+    >>> check_unfinished(Path("normals"), {"method": "ls"})
+    """
+    found, wanted = _identity(part_path(path) / _IDENTITY), _as_json(identity)
+    if found is not None and {**found, "maps": None} != {**wanted, "maps": None}:
+        raise OtherMapsError(path.parent, _differences(found, wanted))
+
+
 class BandStore(Mapping[str, BandFile]):
     """File-backed maps of a long computation, with a journal of the rows that are complete.
 
@@ -54,7 +87,7 @@ class BandStore(Mapping[str, BandFile]):
 
     Raises
     ------
-    DataError
+    OtherMapsError
         If there are maps of another identity.
     SessionInUseError
         If another process writes the same maps.
@@ -84,9 +117,8 @@ class BandStore(Mapping[str, BandFile]):
     ) -> None:
         self.folder = part_path(path)
         self._height = next(iter(maps.values()))[0][0]
-        # As it is read back: tuples become lists.
         forms = {name: [list(shape), np.dtype(kind).name] for name, (shape, kind) in maps.items()}
-        wanted = json.loads(json.dumps({**identity, "maps": forms}))
+        wanted = _as_json({**identity, "maps": forms})
         with disk(self.folder, "write"), suppress(FileNotFoundError):
             if not stat.S_ISDIR(self.folder.lstat().st_mode):  # a link is not followed
                 self.folder.unlink()
@@ -150,12 +182,7 @@ class BandStore(Mapping[str, BandFile]):
         if found == wanted:
             return
         if found is not None and not replace:
-            other = ", ".join(_differences(found, wanted))
-            raise DataError(
-                f"{self.folder.parent}: contains unfinished maps of a computation with another "
-                f"{other}: repeat that one, begin again with the option to replace files, or "
-                "choose another folder"
-            )
+            raise OtherMapsError(self.folder.parent, _differences(found, wanted))
         with disk(self.folder, "write"):
             for old in self.folder.iterdir():
                 old.unlink()
@@ -200,7 +227,7 @@ class BandStore(Mapping[str, BandFile]):
 
 
 def _identity(file: Path) -> dict[str, Any] | None:
-    """Return the identity of maps; None if there are none."""
+    """Return the identity of maps, or None without any."""
     try:
         found = parse_json(read_bounded(file))
     except FileNotFoundError:
@@ -208,6 +235,12 @@ def _identity(file: Path) -> dict[str, Any] | None:
     except UnreadableError:
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def _as_json(identity: Mapping[str, object]) -> dict[str, Any]:
+    """Return an identity as it is read back: tuples become lists."""
+    found: dict[str, Any] = json.loads(json.dumps(identity))
+    return found
 
 
 def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Sequence[str]:

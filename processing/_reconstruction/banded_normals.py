@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import Lights
 from processing._reconstruction.error_bars import (
     ErrorBarMaps,
     Form,
@@ -19,6 +20,7 @@ from processing._reconstruction.examination import Examination
 from processing._reconstruction.recorded_images import Band, RowSample
 from processing._reconstruction.solved_images import SolvedImages
 from processing._reconstruction.specular import mean_excess
+from processing._reconstruction.surface_points import SurfacePoints
 from processing._stereo.frames import Frames
 from processing._stereo.image_noise import law_of_images
 from processing._stereo.light_model import LightModel
@@ -38,9 +40,12 @@ from processing._uncertainty.reference_solver import ReferenceSolver, row_blocks
 from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
 
 # Rows around a pixel on which its error bars depend.
 AROUND = 2
+# Pixels whose light vectors show whether the lights are in one plane.
+_CHECKED = 200
 
 
 def map_forms(shape: tuple[int, ...], lights: int) -> dict[str, Form]:
@@ -112,7 +117,7 @@ def solve_bands(
         Receives the rows of each band when they are filled.
     """
     mask = examined.mask
-    LightModel(examined.lights, examined.points_mm, mask).check(mask)
+    check_lights(examined.lights, examined.points, mask)
     solver = _Solver(examined, method, maps)
     total = int(np.count_nonzero(mask))
     left = sum(int(np.count_nonzero(mask[part])) for part in missing)
@@ -125,6 +130,14 @@ def solve_bands(
             done += int(np.count_nonzero(mask[band.rows]))
             on_progress("normals", done, total)
     return solver.shown
+
+
+def check_lights(lights: Lights, points: SurfacePoints | None, mask: Mask) -> None:
+    """Refuse lights that leave a direction of the normal undetermined, by `EstimateError`."""
+    pixels = np.flatnonzero(mask)
+    pixels = pixels[:: 1 + len(pixels) // _CHECKED]
+    some = np.ones((1, len(pixels)), np.bool_)
+    LightModel(lights, None if points is None else points.at(pixels)[None], some).check(some)
 
 
 class ShownBySample(NamedTuple):
@@ -142,7 +155,7 @@ class _Solver:
 
     def __init__(self, examined: Examination, method: Method, maps: Mapping[str, Any]) -> None:
         self._lights, self._mask = examined.lights, examined.mask
-        self._points_mm, self._camera = examined.points_mm, examined.source.camera
+        self._points, self._camera = examined.points, examined.source.camera
         self._method = method
         self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
         self._law: Float | None = None
@@ -151,7 +164,7 @@ class _Solver:
         self.shown = self._examine(examined.sample())
 
     def _examine(self, sample: RowSample) -> ShownBySample:
-        mask, points = sample.mask, sample.of(self._points_mm)
+        mask, points = sample.mask, sample.of(self._points)
         frames, model = Frames(sample.values), LightModel(self._lights, points, mask)
         pixels = np.flatnonzero(mask)
         if sample.noise is None:
@@ -197,7 +210,7 @@ class _Solver:
     def solve(self, band: Band) -> None:
         """Write the maps of the rows of a band."""
         stack, inner, mask = band.stack, band.inside, self._mask[band.around]
-        points = None if self._points_mm is None else self._points_mm[band.around]
+        points = None if self._points is None else self._points.of(band.around)
         model, frames = LightModel(self._lights, points, mask), Frames(stack.values)
         law = None if stack.noise is None else NoiseLaw(stack.noise, stack.values.shape)
         maps, specular = StereoMaps.empty(mask.shape), np.zeros(mask.shape, np.float32)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from processing._reconstruction.recorded_images import Images
+from processing._reconstruction.surface_points import SurfacePoints
 from rig import short_repr
 
 Float = npt.NDArray[np.float32]
@@ -48,7 +49,9 @@ class Cells:
     __repr__ = short_repr
 
 
-def cells_of(values: Images, mask: Mask, points_mm: npt.NDArray[np.float64] | None) -> Cells:
+def cells_of(
+    values: Images, mask: Mask, points_mm: npt.NDArray[np.float64] | SurfacePoints | None
+) -> Cells:
     """Average a stack over cells, so that about `CELLS` of them cover the object.
 
     A mean over a cell that no shadow edge crosses is linear in the lights as its pixels are, and
@@ -71,7 +74,9 @@ def cells_of(values: Images, mask: Mask, points_mm: npt.NDArray[np.float64] | No
         size = max(size // 2, smallest)
     middle = None
     if points_mm is not None:
-        middle = np.ascontiguousarray(points_mm[window][size // 2 :: size, size // 2 :: size])
+        rows = np.arange(mask.shape[0])[window[0]][size // 2 :: size]
+        of_rows = points_mm.of(rows) if isinstance(points_mm, SurfacePoints) else points_mm[rows]
+        middle = np.ascontiguousarray(of_rows[:, window[1]][:, size // 2 :: size])
     reduced = np.stack([_mean(image[window], size) for image in values])
     return Cells(reduced, inside, middle, size, (top, left))
 

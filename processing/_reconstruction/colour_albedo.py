@@ -10,6 +10,7 @@ import numpy.typing as npt
 from acquisition import Lights, Source
 from calibration import linear_images, luma
 from processing._normal_map import NormalMap
+from processing._reconstruction.surface_points import SurfacePoints
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.photometric_stereo import PhotometricStereoResult
@@ -27,7 +28,7 @@ def colour_albedo(
     ids: Sequence[str],
     lights: Lights,
     stereo: PhotometricStereoResult,
-    points_mm: npt.NDArray[np.float64] | None,
+    points: SurfacePoints | None,
     on_progress: Progress,
 ) -> Float:
     """Return the albedo of each colour, or the gray albedo of a source without colour.
@@ -48,8 +49,8 @@ def colour_albedo(
         Their lights.
     stereo
         Result of photometric stereo on the gray images.
-    points_mm
-        ``(H, W, 3)`` surface points for lights with positions, else None.
+    points
+        Surface points for lights with positions, else None.
     on_progress
         Receives the stage ``colour``, one step per image.
 
@@ -60,6 +61,7 @@ def colour_albedo(
     """
     if not may_have_colour(source):
         return stereo.albedo
+    points_mm = None if points is None else points.of()
     sums = ColourSums(stereo.normal_map, stereo.albedo, stereo.residual, points_mm)
     for i, image in enumerate(linear_images(source, ids, channel="rgb")):
         if i == 0 and not coloured(image):

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration import StackNoise, luma
-from processing._reconstruction.banded_normals import AROUND
+from processing._reconstruction.banded_normals import AROUND, check_lights
 from processing._reconstruction.colour_maps import ColourImages, ColourMaps
 from processing._reconstruction.colours import laws_of_colours, solve_colours
 from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation, judged
@@ -17,7 +17,6 @@ from processing._reconstruction.joint_colours import law_of_joint_samples, solve
 from processing._reconstruction.recorded_images import Band
 from processing._reconstruction.solved_images import SolvedImages
 from processing._reconstruction.specular import excess
-from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
 from processing._stereo.noise_law import NoiseLaw
 from processing._uncertainty.colours import shown_by_colours, variances_of_colours
@@ -42,7 +41,7 @@ def colours_in_bands(
         As `photometric_stereo`, or if no pixel is valid.
     """
     mask = examined.mask
-    LightModel(examined.lights, examined.points_mm, mask).check(mask)
+    check_lights(examined.lights, examined.points, mask)
     solver = _Solver(examined, method, joint=joint)
     total, done = int(np.count_nonzero(mask)), 0
     for band in examined.images.bands(mask, AROUND, colour=True):
@@ -69,7 +68,7 @@ class _Solver:
         self.specular = np.zeros(shape, np.float32)
         self.error_bars = ErrorBarMaps.in_memory(shape, len(examined.lights))
         sample = examined.images.sample(examined.mask, colour=True)
-        points = sample.of(examined.points_mm)
+        points = sample.of(examined.points)
         images = self._images(sample.values, sample.noise, sample.mask, points, sample.rows)
         self._law = law_of_joint_samples(images, method) if joint else None
         self._laws = [] if joint else laws_of_colours(images, method)
@@ -110,8 +109,8 @@ class _Solver:
     def solve(self, band: Band) -> None:
         """Write the maps of the rows of a band."""
         values, noise, mask = band.stack.values, band.stack.noise, self._examined.mask[band.around]
-        points = self._examined.points_mm
-        points = None if points is None else points[band.around]
+        surface = self._examined.points
+        points = None if surface is None else surface.of(band.around)
         rows = np.arange(band.around.start, band.around.stop)
         images = self._images(values, noise, mask, points, rows)
         maps = self._solved(images)

@@ -22,9 +22,10 @@ from processing._reconstruction.light_strengths import (
 )
 from processing._reconstruction.lit_images import lit_images, unlit_notices
 from processing._reconstruction.near_height import NearHeight, height_limits
-from processing._reconstruction.quality import ImageQuality, image_quality
+from processing._reconstruction.quality import ImageQuality, quality_of
 from processing._reconstruction.recorded_images import RecordedImages, RowSample
 from processing._reconstruction.scheme_check import exclusion
+from processing._reconstruction.surface_points import SurfacePoints
 from processing._reconstruction.views import View
 from rig import Notice
 
@@ -57,7 +58,7 @@ class Examination:
         ``(H, W)`` bool, the object.
     heights
         Finds the points of the surface.
-    points_mm
+    points
         Points in the working plane; None under distant lights.
     """
 
@@ -68,12 +69,12 @@ class Examination:
         lights: Lights,
         mask: Mask,
         heights: Heights,
-        points_mm: npt.NDArray[np.float64] | None,
+        points: SurfacePoints | None,
     ) -> None:
         self.source = source
         self.images = images
         self.lights = lights
-        self.points_mm = points_mm
+        self.points = points
         self.near: NearHeight | None = None
         self.strengths: LightStrengths | None = None
         self.excluded: tuple[str, ...] = ()
@@ -95,7 +96,7 @@ class Examination:
         # Before the height, which a wrong curve would bend.
         sample = self.sample()
         self.warnings += curve_warnings(
-            self.source, sample.values, self.lights, sample.mask, sample.of(self.points_mm)
+            self.source, sample.values, self.lights, sample.mask, sample.of(self.points)
         )
         del sample
         if strengths is None or self.view is None:
@@ -136,7 +137,8 @@ class Examination:
     def _divided(self) -> LightStrengths:
         """Divide the images by the strengths that they show."""
         gray = self.images.stack()
-        found = light_strengths(gray.values, self.lights, self.mask, points_mm=self.points_mm)
+        points_mm = None if self.points is None else self.points.of()
+        found = light_strengths(gray.values, self.lights, self.mask, points_mm=points_mm)
         del gray
         self.images = RecordedImages(found.divided(self.images.stack(colour=True)))
         return found
@@ -159,7 +161,7 @@ class Examination:
                 shape, mean = depth.astype(np.float64), float(depth[self.mask].mean())
                 depth = view.moved(shape, mean, view.distance_mm - found).astype(np.float32)
                 self._heights = replace(heights, height_mm=found)
-            self.points_mm = view.points_at(depth)
+            self.points = SurfacePoints(view, depth, self.mask.shape)
             strengths = strengths.refined(self._divided())
             self._find_height()
             change = math.inf if before is None or found is None else abs(found - before)
@@ -176,7 +178,7 @@ class Examination:
         return strengths if search is None else strengths.less_certain(_BY_HEIGHT)
 
     def _find_height(self) -> None:
-        self.near, self.points_mm = self._heights.of(self.images, self.lights)
+        self.near, self.points = self._heights.of(self.images, self.lights)
 
     def _quality(self) -> ImageQuality:
-        return image_quality(self.images, self.lights, self.mask, points_mm=self.points_mm)
+        return quality_of(self.images, self.lights, self.mask, self.points)

@@ -10,6 +10,7 @@ from processing._reconstruction.examination import Examination
 from processing._reconstruction.heights import Heights
 from processing._reconstruction.object_of_images import object_of
 from processing._reconstruction.recorded_images import RecordedImages
+from processing._reconstruction.surface_points import SurfacePoints
 from processing._reconstruction.views import View, view_of
 from processing._stereo.method import Method
 from rig import Notice, Progress
@@ -39,12 +40,12 @@ def examination_of(
         If no object stands out.
     """
     lights, view, height_mm, rests_on_plane = geometry
-    points_mm = None if view is None else view.points_at(view.distance_mm)
     images = RecordedImages(stack)
     on_progress("normals", 0, 1)  # the images are examined first
     mask, of_mask = object_of(images, stack.mask, source.not_object, stack.pattern)
     heights = Heights(view, mask, height_mm, rests_on_plane, method, on_progress)
-    return Examination(source, images, lights, mask, heights, points_mm), of_mask
+    points = None if view is None else SurfacePoints(view, view.distance_mm, mask.shape)
+    return Examination(source, images, lights, mask, heights, points), of_mask
 
 
 def geometry_of(

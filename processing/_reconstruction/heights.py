@@ -10,6 +10,7 @@ import numpy.typing as npt
 from acquisition import Lights
 from processing._reconstruction.near_height import NearHeight, near_height
 from processing._reconstruction.recorded_images import Images
+from processing._reconstruction.surface_points import SurfacePoints
 from processing._reconstruction.views import View
 from processing._stereo.method import Method
 from rig import Progress
@@ -31,9 +32,7 @@ class Heights:
         """Whether the height does not have to be found."""
         return self.height_mm is not None or self.rests_on_plane
 
-    def of(
-        self, values: Images, lights: Lights
-    ) -> tuple[NearHeight | None, npt.NDArray[np.float64] | None]:
+    def of(self, values: Images, lights: Lights) -> tuple[NearHeight | None, SurfacePoints | None]:
         """Return the height under near lights and the points; None under distant lights."""
         if self.view is None:
             return None, None
@@ -47,4 +46,4 @@ class Heights:
             rests_on_plane=self.rests_on_plane,
             on_step=lambda done, total: self.on_progress("height", done, total),
         )
-        return near, self.view.points_at(near.depth)
+        return near, SurfacePoints(self.view, near.depth, self.mask.shape)

@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import BandStore, MapRows, Source, rows_in_bands, setup_notices
+from acquisition import (
+    BandStore,
+    MapRows,
+    Source,
+    check_unfinished,
+    rows_in_bands,
+    setup_notices,
+)
 from calibration import BandedStack, open_stack
 from processing._metrics import AngularError, angular_error
 from processing._normal_map import NormalMap
@@ -77,19 +84,23 @@ def reconstruct_on_disk(
 
     Examples
     --------
-    >>> import numpy as np
     >>> from pathlib import Path
+    >>> import numpy as np
     >>> from acquisition import Lights, read_source, write_png
     >>> from processing import reconstruct_on_disk
-    >>> for i in range(4):
-    ...     write_png(f"card.{i}.png", np.full((40, 60), 9000 + 50 * i, np.uint16))
     >>> lights = Lights(directions=[[1, 0, 2], [0, 1, 2], [-1, 0, 2], [0, -1, 2]])
-    >>> with open_mask() as source: ...
+    >>> for i in range(4):
+    ...     write_png(f"card.{i}.png", np.pad(np.full((40, 60), 9000, np.uint16), 9))
+    >>> source = read_source(".", lights=lights)
+    >>> reconstruct_on_disk(source, Path("a"), memory=10**9, identity={})
+    StoredReconstruction(., 78 x 58 px)
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     geometry = geometry_of(
         source, pixel_mm, height_mm, rests_on_plane=rests_on_plane, distant=distant
     )
+    if not replace:
+        check_unfinished(path, identity)
     with open_stack(source, on_progress=on_progress) as stack:
         examined, of_mask = examination_of(source, stack, geometry, method, on_progress)
         examined.leave_out_unlit()
@@ -167,7 +178,7 @@ def _albedo_in_colour(
     """Return rows of the albedo in colour, from the rows of the other maps."""
     normals, albedo, residual = (store[name][rows] for name in ("normals", "albedo", "residual"))
     valid = (albedo > 0) & (store["reason"][rows] == Reason.VALID)
-    points = None if examined.points_mm is None else examined.points_mm[rows]
+    points = None if examined.points is None else examined.points.of(rows)
     sums = ColourSums(NormalMap.of_unit_vectors(normals, valid), albedo, residual, points)
     ids, lights = examined.images.ids, examined.lights
     for i, name in enumerate(ids):

@@ -14,6 +14,7 @@ from processing._reconstruction.light_check import LightCheck, check_lights
 from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.samples import Samples, samples_of
 from processing._reconstruction.scheme_check import SchemeCheck, check_scheme, scheme_notices
+from processing._reconstruction.surface_points import SurfacePoints
 from processing._reconstruction.under_lights import Fit, Remedy, fit, remedy
 from processing._stereo.photometric_stereo import photometric_stereo
 from processing._surface.integrability import Integrability, integrability
@@ -118,6 +119,16 @@ def image_quality(
     """
     if not mask.any():
         raise DataError("the mask is empty: there is no pixel to compute")
+    return quality_of(values, lights, mask, points_mm)
+
+
+def quality_of(
+    values: Images,
+    lights: Lights,
+    mask: Mask,
+    points_mm: npt.NDArray[np.float64] | SurfacePoints | None,
+) -> ImageQuality:
+    """Return `image_quality` with surface points of any form."""
     cells = cells_of(values, mask, points_mm)
     if not cells.mask.any():
         unknown = np.full(len(lights), np.nan)

@@ -149,7 +149,7 @@ def reconstruct(
         ]
         source, lights, near = examined.source, examined.lights, examined.near
         mask, view = examined.mask, geometry.view
-        points_mm, used = examined.points_mm, examined.images.ids
+        points, used = examined.points, examined.images.ids
         strengths, excluded = examined.strengths, examined.excluded
         del examined  # by far the largest arrays; the height does not need them
     stereo = solved.stereo
@@ -161,7 +161,7 @@ def reconstruct(
     elif albedo is not None:
         albedo[~normal_map.mask] = 0
     else:
-        albedo = colour_albedo(source, used, lights, stereo, points_mm, on_progress)
+        albedo = colour_albedo(source, used, lights, stereo, points, on_progress)
     height = None
     if surface:
         depth = None if near is None else near.depth

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration import BandedStack, Stack, StackNoise, luma
+from processing._reconstruction.surface_points import SurfacePoints
 from rig import Notice
 
 Float = npt.NDArray[np.float32]
@@ -43,9 +44,9 @@ class RowSample:
     mask: Mask
     noise: StackNoise | None
 
-    def of(self, points_mm: npt.NDArray[np.float64] | None) -> npt.NDArray[np.float64] | None:
-        """Return these rows of the points of all pixels."""
-        return None if points_mm is None else points_mm[self.rows]
+    def of(self, points: SurfacePoints | None) -> npt.NDArray[np.float64] | None:
+        """Return the points of these rows in mm."""
+        return None if points is None else points.of(self.rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,7 +46,16 @@ class Perspective:
         return np.broadcast_to(self.camera.centre_mm, rays.shape), rays
 
     def points_at(self, depth_mm: npt.ArrayLike) -> Double:
-        return self.camera.points_at(depth_mm)
+        """Return the points ``(H, W, 3)`` of all pixels."""
+        return self.points_of(np.arange(self.camera.height), depth_mm)
+
+    def points_of(self, rows: npt.NDArray[np.intp], depth_mm: npt.ArrayLike) -> Double:
+        """Return the points ``(R, W, 3)`` of rows with depths ``(R, W)``."""
+        x, y = np.meshgrid(np.arange(self.camera.width), rows)
+        points = self.camera.rays(np.stack([x, y], axis=-1))
+        points *= np.asarray(depth_mm)[..., None]
+        points += self.camera.centre_mm
+        return points
 
     def downscaled(self, factor: int) -> Perspective:
         return replace(self, camera=self.camera.downscaled(factor))
@@ -90,13 +99,18 @@ class Parallel:
 
     def rays(self) -> tuple[Double, Double]:
         """Return origins and directions ``(H, W, 3)``: a point is ``origin + depth * ray``."""
-        rows, columns = np.indices(self.size)
-        x, y = (columns - self.axis_px[0]), (self.axis_px[1] - rows)
-        origins = np.stack([x * self.pixel_mm, y * self.pixel_mm, np.zeros(self.size)], axis=-1)
+        origins = self.points_at(0.0)
         return origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
 
     def points_at(self, depth_mm: npt.ArrayLike) -> Double:
-        points, _ = self.rays()
+        """Return the points ``(H, W, 3)`` of all pixels."""
+        return self.points_of(np.arange(self.size[0]), depth_mm)
+
+    def points_of(self, rows: npt.NDArray[np.intp], depth_mm: npt.ArrayLike) -> Double:
+        """Return the points ``(R, W, 3)`` of rows with depths ``(R, W)``."""
+        across, down = np.meshgrid(np.arange(self.size[1]), rows)
+        x, y = (across - self.axis_px[0]), (self.axis_px[1] - down)
+        points = np.stack([x * self.pixel_mm, y * self.pixel_mm, np.zeros(x.shape)], axis=-1)
         points[..., 2] -= np.asarray(depth_mm)
         return points
 

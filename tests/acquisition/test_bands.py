@@ -16,8 +16,10 @@ from acquisition import (
     ComputedRows,
     DataError,
     ImageRows,
+    OtherMapsError,
     SessionInUseError,
     StorageError,
+    check_unfinished,
     read_image,
     rows_in_bands,
     write_exr,
@@ -77,8 +79,11 @@ def test_maps_of_another_identity_are_refused(
 ) -> None:
     with open_store(tmp_path) as store:
         store.complete(slice(0, 7))
-    with pytest.raises(DataError, match=f"with another {named}: repeat"):
+    with pytest.raises(OtherMapsError, match=f"with another {named}: repeat"):
         open_store(tmp_path, **changes)
+    with pytest.raises(OtherMapsError, match=named):
+        check_unfinished(tmp_path / "normals", {**IDENTITY, **changes})
+    check_unfinished(tmp_path / "normals", IDENTITY)
     with open_store(tmp_path) as store:
         assert store.missing() == []
     with open_store(tmp_path, replace=True) as store:

@@ -1,0 +1,140 @@
+"""``--memory``: maps that are computed in bands of rows are those of the whole."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import BandStore, read_image, software_version, write_png
+from processing._reconstruction import memory
+from sgp import _stored_normals
+
+# For 40 x 48 pixels and 8 lights: bands of 10 rows.
+LITTLE = "200K"
+
+
+@pytest.fixture(autouse=True)
+def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interpreter and libraries count as nothing, so that tiny maps do not fit."""
+    monkeypatch.setattr(memory, "_FIXED", 0)
+
+
+@pytest.fixture
+def given(recording: Path, tmp_path: Path) -> list[object]:
+    return [recording, "--lights", tmp_path / "lights.json", "--method", "cauchy"]
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.suffix in (".exr", ".png")
+    }
+
+
+def check_equal(found: Path, expected: Path) -> None:
+    left, right = files(found), files(expected)
+    assert sorted(left) == sorted(right)
+    assert [name for name in left if left[name] != right[name]] == []
+    assert not [path.name for path in found.rglob(".part-*")]
+
+
+@pytest.fixture
+def bands(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[slice]]:
+    """The rows that are completed."""
+    seen, complete = [], BandStore.complete
+
+    def noted(store: BandStore, rows: slice) -> None:
+        complete(store, rows)
+        seen.append(rows)
+
+    monkeypatch.setattr(BandStore, "complete", noted)
+    return seen
+
+
+def test_bands_give_the_files_and_figures_of_the_whole(sgp, given, tmp_path, bands) -> None:
+    """Also of images in colour, with a saturated part."""
+    whole = sgp("normals", *given, "--out", tmp_path / "whole", "--json")
+    assert not bands
+    banded = sgp("normals", *given, "--out", tmp_path / "bands", "--memory", LITTLE, "--json")
+    assert len(bands) >= 3
+    check_equal(tmp_path / "bands", tmp_path / "whole")
+    assert banded.out == whole.out.replace("/whole/", "/bands/")
+    for path in sorted(Path(given[0]).iterdir()):
+        gray = read_image(path).astype(float)
+        colour = np.clip(gray[..., None] * [1.2, 0.8, 0.5] + 90, 0, 65535)
+        write_png(path, colour.astype(np.uint16))
+    for name, options in (("c-whole", []), ("c-bands", ["--memory", LITTLE])):
+        answer = sgp("normals", *given, "--out", tmp_path / name, *options)
+        assert answer.code == 0, answer.err
+    assert read_image(tmp_path / "c-bands" / "albedo.exr").ndim == 3
+    check_equal(tmp_path / "c-bands", tmp_path / "c-whole")
+
+
+def stop(error: BaseException, after: int) -> Callable[..., None]:
+    """Return a replacement of `BandStore.complete` that fails after some bands."""
+    complete, count = BandStore.complete, iter(range(100))
+
+    def stopped(store: BandStore, rows: slice) -> None:
+        if next(count) >= after:
+            raise error
+        complete(store, rows)
+
+    return stopped
+
+
+def test_what_is_complete_is_not_computed_again(sgp, given, tmp_path, monkeypatch, bands) -> None:
+    """After Ctrl-C, and after a full disk."""
+    assert sgp("normals", *given, "--out", tmp_path / "whole").code == 0
+    command = ["normals", *given, "--out", tmp_path / "bands", "--memory", LITTLE]
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    for error, code in ((KeyboardInterrupt(), 130), (full, 3)):
+        with monkeypatch.context() as patched:
+            patched.setattr(BandStore, "complete", stop(error, 1))
+            answer = sgp(*command)
+        assert answer.code == code
+        assert "free space" in answer.err or code == 130
+        assert [path.name for path in (tmp_path / "bands").iterdir()] == [".part-normals"]
+    assert len(bands) == 2
+    other = sgp(*command[:-1], "199K").code  # the budget is no part of the result
+    assert other == 0
+    rows = [row for band in bands for row in range(band.start, band.stop)]
+    assert len(rows) == len(set(rows))
+    check_equal(tmp_path / "bands", tmp_path / "whole")
+
+
+def test_unfinished_maps_of_others_are_refused(sgp, given, tmp_path, monkeypatch) -> None:
+    command = ["normals", *given, "--out", tmp_path / "out", "--memory", LITTLE]
+    with monkeypatch.context() as patched:
+        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
+        assert sgp(*command).code == 130
+    with monkeypatch.context() as patched:
+        patched.setattr(_stored_normals.acquisition, "software_version", lambda: "0.0.1")
+        line = sgp(*command).error_line(2)
+    assert "another software version: " in line
+    assert "--force" in line
+    other = ["normals", *given[:-1], "ls", "--out", tmp_path / "out", "--memory", LITTLE]
+    line = sgp(*other).error_line(2)
+    assert "another method: " in line
+    assert software_version() != "0.0.1"
+    assert sgp(*other, "--force").code == 0
+    assert sgp("normals", *given[:-1], "ls", "--out", tmp_path / "whole").code == 0
+    check_equal(tmp_path / "out", tmp_path / "whole")
+
+
+def test_a_memory_that_is_too_small_is_refused_at_once(sgp, given, tmp_path, monkeypatch) -> None:
+    monkeypatch.undo()
+    command = ["normals", *given, "--out", tmp_path / "out"]
+    line = sgp(*command, "--memory", "100M").error_line(2)
+    assert "--memory 100M is too small for 8 images of 48 x 40 pixels: give at least" in line
+    least = line.rsplit(" ", 1)[1]
+    assert sgp(*command, "--memory", least, "--channel", "gray").code == 0
+    line = sgp(*command, "--memory", "100M", "--semi-calibrated", "--force").error_line(2)
+    assert "with --semi-calibrated, which needs the complete maps" in line
+    for wrong in ("3", "-1G", "x", "nan"):
+        assert "is not a size of memory" in sgp(*command, f"--memory={wrong}").error_line(2)
