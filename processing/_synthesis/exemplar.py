@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap
+from processing._synthesis.class_shares import class_shares, patch_means
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -19,9 +19,6 @@ Mask = npt.NDArray[np.bool_]
 _FLAT_DEG = 0.01
 # Classes of steepness of patches.
 _CLASSES = 24
-_EVEN_ROUNDS = 20
-# Rounding errors of the use of a pixel that is in no patch are smaller.
-_UNUSED = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +37,7 @@ class Exemplar:
     starts
         Flat indices of the places where a patch fits.
     shares
-        Share of the patches that should be of each class, so that every pixel is used equally.
+        Share of the patches that should be of each class.
     mean_energy
         Mean of n_x^2 + n_y^2 over the mask.
     """
@@ -82,7 +79,7 @@ def prepare_exemplar(detail: NormalMap, patch: int, *, rotate: bool, mirror: boo
             "exemplar without holes or smaller patches"
         )
     classes = _steepness(angle, places, patch)
-    shares = np.bincount(classes[places], _even_use(places, detail.mask, patch)[places])
+    shares = class_shares(angle, classes, detail.mask, patch)
     copies = [
         _turned(detail.normals, classes, quarter, flip, patch)
         for quarter in range(4 if rotate else 1)
@@ -97,7 +94,7 @@ def prepare_exemplar(detail: NormalMap, patch: int, *, rotate: bool, mirror: boo
     starts = np.flatnonzero(every >= 0).astype(np.int32)
     slopes = np.ascontiguousarray(vectors[..., :2]).reshape(*every.shape[:2], -1)
     energy = float(np.mean(steep[detail.mask] ** 2, dtype=np.float64))
-    return Exemplar(vectors, slopes, every, starts, shares / shares.sum(), energy)
+    return Exemplar(vectors, slopes, every, starts, shares, energy)
 
 
 def _places(mask: Mask, patch: int) -> Mask:
@@ -117,35 +114,12 @@ def _steepness(angle: Float, places: Mask, patch: int) -> npt.NDArray[np.int32]:
 
     The classes have equal numbers of places.
     """
-    means = _patch_means(angle, patch)[places]
+    means = patch_means(angle, patch)[places]
     order = np.argsort(np.argsort(means, kind="stable"), kind="stable")
     classes = np.full(places.shape, -1, np.int32)
     # With fewer places than classes, some numbers have no place.
     classes[places] = np.unique(order * _CLASSES // len(means), return_inverse=True)[1]
     return classes
-
-
-def _even_use(places: Mask, mask: Mask, patch: int) -> Float:
-    """Return how often to start a patch at each place, so that pixels are used equally often.
-
-    A pixel at a border of the mask is in fewer patches than one inside. The frequencies that make
-    up for it are found by the multiplicative iteration of Richardson and Lucy.
-    """
-    often = places.astype(np.float32)
-    for _ in range(_EVEN_ROUNDS):
-        corner = (patch - 1, patch - 1)
-        use = cv2.boxFilter(
-            often, -1, (patch, patch), anchor=corner, borderType=cv2.BORDER_CONSTANT
-        )
-        missing = np.where(mask & (use > _UNUSED), 1 / np.maximum(use, _UNUSED), 0)
-        often *= _patch_means(missing.astype(np.float32), patch)
-    return often
-
-
-def _patch_means(values: Float, patch: int) -> Float:
-    """Return the mean of the patch that starts at each pixel; pixels outside count as 0."""
-    means = cv2.boxFilter(values, -1, (patch, patch), anchor=(0, 0), borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(means, np.float32)
 
 
 def _turned(

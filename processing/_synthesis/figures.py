@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.fft import fft, ifft, irfft, next_fast_len, rfft
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
@@ -19,6 +19,7 @@ _MOST = 2048
 # Lags at which fewer pixel pairs of the mask overlap than this share are not judged.
 _LEAST_PAIRS = 0.25
 _QUANTILES = 4096
+_AT_ONCE = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,8 +140,9 @@ def _middle(part: NormalMap) -> NormalMap:
 
 
 def _angles_deg(part: NormalMap) -> npt.NDArray[np.float32]:
-    known = part.normals[part.mask]
-    return np.degrees(np.arctan2(np.hypot(known[:, 0], known[:, 1]), known[:, 2]))
+    x, y, z = np.moveaxis(part.normals, 2, 0)
+    angles: npt.NDArray[np.float32] = np.degrees(np.arctan2(np.hypot(x, y), z))
+    return angles[part.mask]
 
 
 def _mean_angle_deg(part: NormalMap) -> float:
@@ -170,23 +172,32 @@ def _spectrum_distance(a: NormalMap, b: NormalMap) -> float:
 def _repeat_score(part: NormalMap, least: int) -> float:
     """Return the largest correlation of a detail with itself, shifted by at least a patch."""
     height, width = part.size
-    shape = [next_fast_len(2 * side, real=True) for side in (height, width)]
     inside = part.mask.astype(np.float32)
-    slopes = part.normals[..., :2] - part.normals[part.mask][:, :2].mean(axis=0)
-    slopes *= inside[..., None]
-    spectra = [rfft2(values, shape) for values in (inside, *np.moveaxis(slopes, 2, 0))]
-    energy = rfft2(np.square(slopes).sum(axis=2), shape)
-    power = np.square(np.abs(spectra[1])) + np.square(np.abs(spectra[2]))
-    product = irfft2(power, shape)
-    pairs = irfft2(np.square(np.abs(spectra[0])), shape)
-    # The energy of the pixels that overlap at a lag, of the map and of its shifted copy.
-    first = irfft2(energy * np.conj(spectra[0]), shape)
-    second = irfft2(np.conj(energy) * spectra[0], shape)
-    down = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
-    across = np.minimum(np.arange(shape[1]), shape[1] - np.arange(shape[1]))
-    far = np.maximum(down[:, None], across[None, :]) >= least
-    judged = far & (pairs > _LEAST_PAIRS * inside.sum())
-    if not judged.any():
-        return math.nan
-    both = np.sqrt(np.maximum(first[judged], 1e-12) * np.maximum(second[judged], 1e-12))
-    return float(np.max(product[judged] / both))
+    slopes = [part.normals[..., k] * inside for k in range(2)]
+    for values in slopes:
+        values -= float(values.sum(dtype=np.float64) / inside.sum()) * inside
+    rows, columns = (next_fast_len(2 * side, real=True) for side in (height, width))
+    energy = np.square(slopes[0]) + np.square(slopes[1])
+    # One axis after the other, in place: the transforms of complete maps would take much memory.
+    lags = [rfft(values, columns) for values in (inside, *slopes, energy)]
+    del slopes, energy
+    for first in range(0, lags[0].shape[1], _AT_ONCE):
+        part_of = slice(first, first + _AT_ONCE)
+        mask, x, y, power = (fft(one[:, part_of], rows, axis=0) for one in lags)
+        # At each lag: pairs of pixels, the sum of their products, and the energies of both.
+        products = (mask * mask.conj(), x * x.conj() + y * y.conj(), power * mask.conj())
+        for values, product in zip(lags, (*products, power.conj() * mask), strict=True):
+            values[:, part_of] = ifft(product, axis=0)[:height]
+    across = np.minimum(np.arange(columns), columns - np.arange(columns))
+    highest = math.nan
+    for first in range(0, height, _AT_ONCE):
+        band = slice(first, first + _AT_ONCE)
+        pairs, both, one, other = (irfft(values[band], columns) for values in lags)
+        far = np.maximum(np.arange(height)[band, None], across) >= least
+        # Numbers of pairs are whole; those of the transforms nearly.
+        judged = far & (pairs > _LEAST_PAIRS * np.count_nonzero(part.mask) + 0.5)
+        if not judged.any():
+            continue
+        energy = np.sqrt(np.maximum(one[judged], 1e-12) * np.maximum(other[judged], 1e-12))
+        highest = float(np.fmax(highest, np.max(both[judged] / energy)))
+    return highest

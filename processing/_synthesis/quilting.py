@@ -9,12 +9,13 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import BandFile, DataError
 from processing._normal_map import NormalMap, check_normal_map
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
 from processing._synthesis.quilt_kernels import place_patches
 from processing._synthesis.seam_steps import CutSteps, cut_steps
 from processing._synthesis.spectrum import match_spectrum
+from processing._synthesis.strips import SheetRows, strips
 from rig import Progress, in_threads, no_progress
 
 Whole = npt.NDArray[np.int32]
@@ -69,6 +70,7 @@ def synthesize(
     rotate: bool = False,
     mirror: bool = False,
     tileable: bool = False,
+    on_disk: BandFile | None = None,
     on_progress: Progress = no_progress,
 ) -> Synthesis:
     """Continue a detail component over a sheet of any size by image quilting.
@@ -98,6 +100,9 @@ def synthesize(
         with their normals.
     tileable
         The last column and row continue at the first ones, so that the sheet can be repeated.
+    on_disk
+        File of the sheet, ``(H, W, 3)`` float32, if it is large. The result is read from it. By
+        default, the sheet is in memory.
     on_progress
         Receives the stages ``preparing`` and ``synthesising``, the latter with numbers of patches.
 
@@ -130,16 +135,19 @@ def synthesize(
     made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
     grid = tuple(positions(length, patch, overlap, tileable) for length in size)
     try:
-        sheet = np.zeros((*size, 3), np.float32)
-        labels = np.zeros(size, np.uint8)
+        sheet = np.zeros((*size, 3), np.float32) if on_disk is None else on_disk
+        labels, mask = np.zeros(size, np.uint8), np.ones(size, np.bool_)
     except MemoryError as error:
         raise DataError(
             f"a sheet of {size[1]} x {size[0]} pixels does not fit into the memory: it needs "
-            f"{13 * size[0] * size[1] / 1e9:.1f} GB"
+            f"{14 * size[0] * size[1] / 1e9:.1f} GB"
         ) from error
     _fill(sheet, labels, made, grid[0], grid[1], patch, seed, tileable, on_progress)
     match_spectrum(sheet, exemplar, wrapped=tileable)
-    detail = NormalMap.of_unit_vectors(sheet, np.ones(size, np.bool_))
+    if isinstance(sheet, BandFile):
+        # Writable, but never written: kernels are compiled once for arrays and files.
+        sheet = np.asarray(np.memmap(sheet.path, np.float32, "c", shape=sheet.shape))
+    detail = NormalMap.of_unit_vectors(sheet, mask)
     return Synthesis(detail, labels, patch, overlap, tileable)
 
 
@@ -171,7 +179,7 @@ def positions(length: int, patch: int, overlap: int, tileable: bool) -> Whole:
 
 
 def _fill(
-    sheet: npt.NDArray[np.float32],
+    sheet: SheetRows,
     labels: npt.NDArray[np.uint8],
     exemplar: Exemplar,
     rows: Whole,
@@ -181,30 +189,32 @@ def _fill(
     tileable: bool,
     on_progress: Progress,
 ) -> None:
-    """Place all patches, diagonal by diagonal, and count how often each class is used."""
+    """Place all patches, strip by strip and diagonal by diagonal, and count the uses of classes."""
     uses, placed, total = np.zeros(len(exemplar.shares)), 0, len(rows) * len(columns)
-    for patch_of in diagonals(len(rows), len(columns), tileable):
-        r, c = patch_of.T
-        patches = np.stack([r, c, rows[r], columns[c]], axis=1).astype(np.int32)
-        bands = np.zeros_like(patches)
-        bands[:, 0] = np.where(c > 0, columns[c - 1] + patch - columns[c], 0)
-        bands[:, 1] = np.where(r > 0, rows[r - 1] + patch - rows[r], 0)
-        if tileable:
-            bands[:, 2] = np.where(c == len(columns) - 1, columns[c] + patch - labels.shape[1], 0)
-            bands[:, 3] = np.where(r == len(rows) - 1, rows[r] + patch - labels.shape[0], 0)
-        used = np.zeros(len(patches), np.int32)
-        penalty = ((uses + 1) / (placed * exemplar.shares + 1)) ** BALANCE
-        in_threads(
-            place_patches, len(r), sheet, labels, patches, bands, patch, exemplar.vectors,
-            exemplar.slopes, exemplar.starts, exemplar.classes, penalty, exemplar.mean_energy,
-            CANDIDATES, seed, used,
-        )  # fmt: skip
-        if not placed:  # the first patch waits for the compiler
-            on_progress("preparing", 1, 1)
-            on_progress("synthesising", 0, total)
-        uses += np.bincount(used, minlength=len(uses))
-        placed += len(used)
-        on_progress("synthesising", placed, total)
+    height, width = labels.shape
+    for strip in strips(sheet, labels, rows, patch, wrapped=tileable):
+        for patch_of in diagonals(strip.last - strip.first, len(columns), tileable):
+            r, c = strip.first + patch_of[:, 0], patch_of[:, 1]
+            patches = np.stack([r, c, rows[r] - strip.top, columns[c]], axis=1).astype(np.int32)
+            bands = np.zeros_like(patches)
+            bands[:, 0] = np.where(c > 0, columns[c - 1] + patch - columns[c], 0)
+            bands[:, 1] = np.where(r > 0, rows[r - 1] + patch - rows[r], 0)
+            if tileable:
+                bands[:, 2] = np.where(c == len(columns) - 1, columns[c] + patch - width, 0)
+                bands[:, 3] = np.where(r == len(rows) - 1, rows[r] + patch - height, 0)
+            used = np.zeros(len(patches), np.int32)
+            penalty = ((uses + 1) / (placed * exemplar.shares + 1)) ** BALANCE
+            in_threads(
+                place_patches, len(r), strip.sheet, strip.labels, patches, bands, patch,
+                exemplar.vectors, exemplar.slopes, exemplar.starts, exemplar.classes, penalty,
+                exemplar.mean_energy, CANDIDATES, seed, used,
+            )  # fmt: skip
+            if not placed:  # the first patch waits for the compiler
+                on_progress("preparing", 1, 1)
+                on_progress("synthesising", 0, total)
+            uses += np.bincount(used, minlength=len(uses))
+            placed += len(used)
+            on_progress("synthesising", placed, total)
 
 
 def diagonals(rows: int, columns: int, tileable: bool) -> Iterator[Whole]:

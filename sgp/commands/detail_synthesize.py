@@ -17,6 +17,7 @@ from sgp._map_doubts import read_map
 from sgp._options import Count, Input, OptionalInput, Pixels, Region, Seed, image_size
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._sheet_file import sheet_file
 from sgp._stage_options import MapOptions, SeparationOptions
 from sgp._write_synthesis import (
     measure_texture,
@@ -143,7 +144,8 @@ def synthesize(
         result.warnings += second.warnings
         result.inputs += second.files
         target = second.normal_map
-    with Stages() as progress:
+    # The sheet remains readable after its file is deleted.
+    with Stages() as progress, sheet_file(out, (height, width)) as on_disk:
         detail = read.normal_map
         if not is_detail:
             parts = processing.separate(detail, shape_filter=shape_filter, on_progress=progress)
@@ -165,7 +167,9 @@ def synthesize(
             sides = {} if patch is None else {"patch": patch}
             made = synthesizer(detail, (height, width), seed=seed, on_progress=progress, **sides)
         elif target is None:
-            made = processing.synthesize(detail, (height, width), tileable=tileable, **placing)
+            made = processing.synthesize(
+                detail, (height, width), tileable=tileable, on_disk=on_disk, **placing
+            )
         else:
             shape = shape_filter.shape(target)
             made = processing.synthesize_onto(

@@ -4,7 +4,7 @@ import numba
 import numpy as np
 import pytest
 
-from acquisition import DataError
+from acquisition import BandFile, DataError
 from processing import NormalMap, angle_deg, separate, synthesize, texture_figures
 from simulator import BandNoise, LizardScales
 
@@ -191,3 +191,31 @@ def test_scales_with_turned_copies_are_refused_by_their_own_figure():
         for rotate in (False, True)
     )
     assert plain < turned
+
+
+def test_a_sheet_on_disk_is_the_same(noise, tmp_path):
+    """Higher than two strips of rows, so that rows are read again from the file."""
+    options = {"patch": 8, "overlap": 2, "seed": 4}
+    size = (16 * 6 * 2 + 20, 60)
+    whole = synthesize(noise, size, **options)
+    file = BandFile(tmp_path / "sheet", (*size, 3), np.dtype(np.float32))
+    made = synthesize(noise, size, on_disk=file, **options)
+    file.close()
+    (tmp_path / "sheet").unlink()
+    np.testing.assert_array_equal(made.detail.normals, whole.detail.normals)
+    np.testing.assert_array_equal(made.labels, whole.labels)
+    # Patches of neighbouring strips are joined like all others.
+    steps = angle_deg(whole.detail.normals[1:], whole.detail.normals[:-1]).mean(axis=1)
+    borders = [96 - 1, 96, 192 - 1, 192]
+    assert steps[borders].mean() < 1.15 * steps.mean()
+
+
+def test_an_object_with_flat_parts_away_from_its_rim(noise):
+    """No patch fits at the steep rim, but the sheet is as steep as the complete exemplar."""
+    away = np.hypot(*np.mgrid[-48:48, -48:48])
+    slopes = noise.normals[..., :2] / noise.normals[..., 2:] * np.clip(away / 30, 0.3, 2)[..., None]
+    mask = away < 44
+    vectors = np.dstack([slopes, np.ones((96, 96))]) * mask[..., None]
+    disc = NormalMap.from_vectors(vectors, mask)
+    figures = texture_figures(synthesize(disc, (256, 256), patch=PATCH).detail, disc, patch=PATCH)
+    assert figures.detail_angle_deg == pytest.approx(figures.exemplar_angle_deg, rel=0.07)
