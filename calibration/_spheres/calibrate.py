@@ -72,7 +72,9 @@ def calibrate_spheres(
     Returns
     -------
     SphereCalibration
-        Lights and quality of the fit.
+        Lights and quality of the fit. Where the lights have directions, a light that no highlight
+        determines to 10 degrees is left out, with a notice that names it; at least three lights,
+        and half of all, are left.
 
     Raises
     ------
