@@ -178,16 +178,27 @@ def edges_agree(values: Images, outline: Ellipse) -> bool:
 
     Parameters are those of `joint_near`, which takes several times as long.
     """
+    support, change = _at(values, outline)
+    return support > _WITHOUT_DOUBT and bool(np.abs(change).max() < _SAME_PX)
+
+
+def edges_support(values: Images, outline: Ellipse) -> bool:
+    """Return whether the edges of all images support an outline, to a pixel, more than noise."""
+    return _at(values, outline)[0] >= _LEAST_SUPPORT
+
+
+def _at(values: Images, outline: Ellipse) -> tuple[float, Array]:
+    """Return the support of an outline by the edges next to it, and the change to theirs."""
     part = _cut(values, outline)
     if part is None:
-        return False
+        return 0.0, np.zeros(3)
     crop, low = part
+    guess = _shifted(outline, -low)
     try:
-        joint = joint_outline(crop, _shifted(outline, -low), 1, _QUICK_ANGLES)
+        joint = joint_outline(crop, guess, 1, _QUICK_ANGLES)
     except EstimateError:
-        return False
-    change = change_of(_shifted(outline, -low), joint.outline)
-    return joint.support > _WITHOUT_DOUBT and bool(np.abs(change).max() < _SAME_PX)
+        return 0.0, np.zeros(3)
+    return joint.support, change_of(guess, joint.outline)
 
 
 def _cut(values: Images, around: Ellipse) -> tuple[Images, npt.NDArray[np.int_]] | None:

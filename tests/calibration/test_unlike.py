@@ -11,7 +11,7 @@ from calibration._spheres.average_directions import orthographic_lights
 from calibration._spheres.confirmed import confirmed
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.joint_search import JointNear, best_of
+from calibration._spheres.joint_search import JointNear, best_of, edges_support
 from calibration._spheres.seen_together import SeenTogether
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.unlike import usual_size
@@ -178,3 +178,5 @@ def test_a_lone_ball_states_how_far_mirror_image_and_edges_differ():
     assert confirmed(values, [lone, lone]) == [lone, lone]
     sure = replace(lone, on_plane=True)
     assert confirmed(values, [sure]) == [sure]
+    assert edges_support(values, Ellipse((60.0, 60.0), (40.5, 40.5)))
+    assert not edges_support(values, Ellipse((60.0, 60.0), (46.0, 46.0)))
