@@ -5,8 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 PYTEST_ARGS ?=
-# Many tests wait for a board or a camera: three workers keep two cores busy.
-WORKERS ?= 3
+# Many tests wait for a board or a camera: four workers keep two cores busy.
+WORKERS ?= 4
 # The long tests load the processor more, but a third of their time they wait for boards, too.
 SLOW_WORKERS ?= 3
 

@@ -138,16 +138,22 @@ def _app(name: str, text: str) -> App:
 
 def _add(app: App, module: str, functions: tuple[str, ...]) -> None:
     """Register commands, with help texts from their docstrings, without importing the module."""
-    source = (_COMMANDS / f"{module}.py").read_text(encoding="utf-8")
-    nodes = ast.parse(source).body
-    commands = {node.name: node for node in nodes if isinstance(node, ast.FunctionDef)}
     for function in functions:
+        text, optional = _texts(module)[function]
         app.command(
             f"sgp.commands.{module}:{function}",
             name=function.rstrip("_"),
-            help=_text(commands[function]),
-            help_formatter=HelpPage(_optional(commands[function].args)),
+            help=text,
+            help_formatter=HelpPage(optional),
         )
+
+
+@functools.cache
+def _texts(module: str) -> dict[str, tuple[str, str]]:
+    """Return the help text and the optional positional arguments of each function."""
+    nodes = ast.parse((_COMMANDS / f"{module}.py").read_text(encoding="utf-8")).body
+    functions = [node for node in nodes if isinstance(node, ast.FunctionDef)]
+    return {node.name: (_text(node), _optional(node.args)) for node in functions}
 
 
 def _add_completion(app: App) -> None:

@@ -16,6 +16,7 @@ from calibration import (
 )
 from calibration._spheres.recordings_agree import light_difference
 from tests.calibration.moved import RADII_MM, masks, planes, rendered
+from tests.quick_sample import quick
 
 
 @pytest.fixture(scope="module")
@@ -107,13 +108,16 @@ def test_notices_and_errors_name_the_recording(camera):
 
 @pytest.mark.parametrize(
     ("stacks", "options", "says"),
-    [
-        pytest.param(([],), {}, "need two or more recordings", id="one"),
-        pytest.param(([], 5), {}, r"recording 2 shows 5 lights, recording 1 6", id="lights"),
-        pytest.param(([], (0, 8)), {}, "recording 2 has images of 312 x 256 pixels", id="size"),
-        pytest.param(([], []), {"names": ["a"] * 3}, "at most one name", id="names"),
-        pytest.param(([], []), {"masks": [[]] * 3}, "one list of", id="masks"),
-    ],
+    quick(
+        [
+            pytest.param(([],), {}, "need two or more recordings", id="one"),
+            pytest.param(([], 5), {}, r"recording 2 shows 5 lights, recording 1 6", id="lights"),
+            pytest.param(([], (0, 8)), {}, "recording 2 has images of 312 x 256 pixels", id="size"),
+            pytest.param(([], []), {"names": ["a"] * 3}, "at most one name", id="names"),
+            pytest.param(([], []), {"masks": [[]] * 3}, "one list of", id="masks"),
+        ],
+        every=2,
+    ),
 )
 def test_recordings_that_do_not_fit(stacks, options, says):
     def images(change):

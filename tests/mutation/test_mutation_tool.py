@@ -13,6 +13,7 @@ from tests.mutation.planted import PLANTED, Planted
 from tests.mutation.survivors import Survivors
 from tests.mutation.targets import TARGETS
 from tests.mutation.trial import ROOT, Trial
+from tests.quick_sample import quick
 
 
 def text_of(module: str) -> str:
@@ -35,7 +36,7 @@ def test_core_modules_and_their_tests_exist(module: str) -> None:
     assert [name for name in TARGETS[module] if not (ROOT / "tests" / name).is_file()] == []
 
 
-@pytest.mark.parametrize("module", TARGETS)
+@pytest.mark.parametrize("module", quick(TARGETS, every=5))
 def test_faults_are_python_and_change_one_place(module: str) -> None:
     text = text_of(module)
     every = mutants_of(text)

@@ -8,6 +8,7 @@ import pytest
 from acquisition import Lights, read_lights, write_lights, write_png
 from processing import angle_deg
 from sgp.app import build, run
+from tests.quick_sample import quick
 
 SIZE = (150, 190)
 CENTRE, RADIUS = (81.3, 70.6), 48.0
@@ -134,7 +135,7 @@ LAYOUTS = [
 ]
 
 
-@pytest.mark.parametrize("made", LAYOUTS)
+@pytest.mark.parametrize("made", quick(LAYOUTS, every=3))
 def test_the_mask_of_an_object_is_not_used_for_a_sphere(sgp, chrome, tmp_path, made):
     source, mask = made(sgp, chrome)
     assert mask.exists()

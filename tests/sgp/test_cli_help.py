@@ -50,7 +50,7 @@ def test_every_page_has_examples_that_fit_and_are_understood(page, words):
         tokens = shlex.split(command)
         tokens = tokens[1:] if tokens[0] == "sgp" else tokens
         assert tuple(tokens[: len(words)]) == words
-        build().parse_args(tokens, print_error=False, exit_on_error=False)
+        build(tokens).parse_args(tokens, print_error=False, exit_on_error=False)
 
 
 def _entries(text):

@@ -18,6 +18,7 @@ from tests.quick_sample import quick
 NOT_FINITE = ("nan", "inf", "-inf", "1e400")
 NO_NUMBERS = ("x", "1,5", "9" * 5000)
 ODD = ("1e308", "-1e308", "1.5", "-1", "0")
+TREE = build()
 
 
 def leaves(app: App, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], App]]:
@@ -33,7 +34,7 @@ def numeric(hint: Any) -> bool:
 
 
 def options() -> Iterator[Any]:
-    for path, leaf in leaves(build()):
+    for path, leaf in leaves(TREE):
         for argument in leaf.assemble_argument_collection():
             if numeric(argument.hint):
                 yield pytest.param(path, argument, id=f"{'-'.join(path)}{argument.name}")
@@ -94,10 +95,10 @@ def test_text_options_of_numbers_are_known() -> None:
     }
 
 
-@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=3))
+@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=5))
 def test_values_that_are_not_finite_are_named(sgp, tmp_path, monkeypatch, path, argument) -> None:
     monkeypatch.chdir(tmp_path)
-    rest = complete(build(), path, argument)
+    rest = complete(TREE, path, argument)
     for value in NOT_FINITE:
         line = sgp(*path, *rest, f"{argument.name}={value}").error_line(2)
         assert value in line
@@ -106,11 +107,11 @@ def test_values_that_are_not_finite_are_named(sgp, tmp_path, monkeypatch, path, 
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=3))
+@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=5))
 def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, argument) -> None:
     """The value is refused in one short line, or accepted; then the missing file is reported."""
     monkeypatch.chdir(tmp_path)
-    rest = complete(build(), path, argument)
+    rest = complete(TREE, path, argument)
     for value in NO_NUMBERS:
         line = sgp(*path, *rest, f"{argument.name}={value}").error_line(2)
         assert re.search(r"is not a (finite |whole )?number", line), line

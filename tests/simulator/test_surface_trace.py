@@ -10,6 +10,7 @@ from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
 from simulator._shapes.carved import CrackedLeather, StepGauge
 from simulator._shapes.field_trace import FieldBounds, meet_field
 from simulator._shapes.surface import Surface
+from tests.quick_sample import quick
 
 ABOVE = np.array([0.0, 0.0, 600.0])
 
@@ -75,7 +76,7 @@ STEEP = [
 ]
 
 
-@pytest.mark.parametrize("surface", STEEP)
+@pytest.mark.parametrize("surface", quick(STEEP, every=2))
 @pytest.mark.parametrize("slanting", [False, True], ids=["camera", "slanting"])
 def test_first_hit_equals_that_of_brute_force(surface, slanting):
     origins, directions = (
@@ -91,7 +92,7 @@ def test_first_hit_equals_that_of_brute_force(surface, slanting):
     assert np.linalg.norm(hits.points_mm - points, axis=1)[seen].max() < 0.02
 
 
-@pytest.mark.parametrize("surface", STEEP)
+@pytest.mark.parametrize("surface", quick(STEEP, every=2))
 @pytest.mark.parametrize("slanting", [False, True], ids=["camera", "slanting"])
 def test_hits_are_on_the_ray_and_on_the_surface(surface, slanting):
     origins, directions = _slanting(3000) if slanting else (ABOVE, _fan(3000))
