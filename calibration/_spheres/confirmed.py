@@ -50,8 +50,9 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
     there, and all spheres are returned as they are. So they are if the edges do not determine an
     outline well enough to contradict that of one of several spheres, which confirm each other. A
     single sphere may have either outline then, unless the plane itself is without doubt and edges
-    support the outline on it: its covariance contains the difference. Otherwise, each sphere gets the outline of the edges. Where
-    less than half of its length is supported, its covariance contains the difference.
+    support the outline on it: its covariance contains the difference. Otherwise, each sphere gets
+    the outline of the edges. Where less than half of its length is supported, its covariance
+    contains the difference.
 
     Parameters
     ----------
