@@ -73,8 +73,7 @@ def calibrate_spheres(
     -------
     SphereCalibration
         Lights and quality of the fit. Where the lights have directions, a light that no highlight
-        determines to 10 degrees is left out, with a notice that names it; at least three lights,
-        and half of all, are left.
+        determines to 10 degrees is left out, with a notice that names it, if 85 % of all are left.
 
     Raises
     ------

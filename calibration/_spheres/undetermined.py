@@ -17,8 +17,8 @@ Lights = npt.NDArray[np.intp]
 
 # Directions with larger standard deviations are no calibration.
 _LARGEST_SIGMA_DEG = 10.0
-# The other lights are a calibration if they are at least so many, and this share of all.
-_FEWEST, _LEAST_SHARE = 3, 0.5
+# If more lights are not known, reflections hide so much that other highlights may be wrong, too.
+_LEAST_SHARE = 0.85
 _NAMED = 4
 _REMEDY = "cover what shines, or add a short exposure"
 
@@ -67,7 +67,7 @@ def left_out(
     Raises
     ------
     EstimateError
-        If fewer than three lights or fewer than half of all would be left.
+        If less than 85 % of all lights would be left.
     """
     reasons = []
     if len(several):
@@ -82,7 +82,7 @@ def left_out(
             "may hide it"
         )
     left = len(names) - len(several) - len(poor)
-    if reasons and (left < _FEWEST or left < _LEAST_SHARE * len(names)):
+    if reasons and left < _LEAST_SHARE * len(names):
         raise EstimateError(f"{'; '.join(reasons)}: {_REMEDY}, or leave out their images")
     unused = "their images cannot be used with this calibration"
     return [
