@@ -81,6 +81,7 @@ from ._superres.deviations import Deviations as Deviations
 from ._superres.low_resolution import low_resolution as low_resolution
 from ._superres.model import SuperResolutionModel as SuperResolutionModel
 from ._superres.model import read_superres_model as read_superres_model
+from ._superres.super_resolution import PixelSampling as PixelSampling
 from ._superres.super_resolution import SuperResolution as SuperResolution
 from ._superres.super_resolution import SuperResolutionMethod as SuperResolutionMethod
 from ._superres.super_resolve import super_resolve as super_resolve

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -115,6 +115,17 @@ def read_record(path: str | Path) -> ResultRecord:
     except ValidationError as error:
         raise acquisition.DataError(f"{path}: {rig.validation_message(error)}") from error
     return record
+
+
+def records_of(path: Path) -> Iterator[tuple[Path, ResultRecord]]:
+    """Yield the records next to a file that name it as their output; other files are ignored."""
+    for file in sorted(path.parent.glob("*.json")):
+        try:
+            record = read_record(file)
+        except (acquisition.DataError, acquisition.MissingPathError):
+            continue
+        if path.name in (Path(output).name for output in record.outputs.values()):
+            yield file, record
 
 
 def check_metrics(

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
-from sgp._record import read_record
+from sgp._record import records_of
 
 _NAME = "normal_sigma_deg"
 _LARGEST_DEG = 90.0
@@ -72,20 +72,16 @@ def _common_deg(path: Path) -> float:
         If the record says that the file is another map.
     """
     common_deg = 0.0
-    for record in sorted(path.parent.glob("*.json")):
-        try:
-            read = read_record(record)
-        except (acquisition.DataError, acquisition.MissingPathError):
-            continue  # not a record
+    for record, read in records_of(path):
         outputs = read.outputs.items()
         names = [name for name, file in outputs if Path(file).name == path.name]
-        if names and _NAME not in names:
+        if _NAME not in names:
             raise acquisition.DataError(
                 f"{path}: {record.name} says that this is {names[0]}, not the standard deviations "
                 f"of normals: give {_NAME}.exr"
             )
         stated = read.metrics.get("normal_sigma_common_deg")
-        if names and isinstance(stated, (int, float)):
+        if isinstance(stated, (int, float)):
             common_deg = float(stated)
     return common_deg
 

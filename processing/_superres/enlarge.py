@@ -23,6 +23,7 @@ from processing._superres.interpolation import (
 )
 from processing._superres.model import Domain
 from processing._superres.network import Network
+from processing._superres.pixel_means import with_means
 from processing._superres.tiles import Tile, enlarged_window
 
 Float = npt.NDArray[np.float32]
@@ -132,6 +133,7 @@ def enlarge(
     around, core = tile.around, enlarged_window(tile.core, scale)
     inside = enlarged_window(tile.inside, scale)
     shape = units(bicubic(low.shape[around], scale)[inside])
+    high.mask[core] = mask = _mask(low, tile, scale, wanted)
     plain = normals = units(bicubic(low.normals[around], scale)[inside])
     if network is not None:
         plain = units(smoothly(low.central[around], scale)[inside])
@@ -143,10 +145,9 @@ def enlarge(
         square = ((sharp - normals) ** 2).sum(axis=2)
         gate = np.clip(bicubic(low.gate[around], scale)[inside], 0, 1)
         normals, variance = blend(plain, sharp, square, np.exp(answer[..., 3:]), gate)
+        normals = with_means(normals, low.normals[tile.core], mask)
         known = network.deviations
         high.variance[core] = variance if known is None else known.corrected(variance)
-    mask = _mask(low, tile, scale, wanted)
-    high.mask[core] = mask
     high.normals[core] = np.where(mask[..., None], normals, 0)
     high.added_deg[core] = np.where(mask, angle_map_deg(normals, plain, mask), 0)
     high.detail_deg[core] = np.where(mask, angle_map_deg(plain, shape, mask), 0)

@@ -55,6 +55,22 @@ def without_averaging(values: Float, scale: int) -> Float:
     return np.asarray(values - np.float32((1 - scale**-2) / 24) * curved, np.float32)
 
 
+def averaged(values: Float, scale: int) -> Float:
+    """Return the means over pixels of values at their centres, interpolated as `smoothly` does.
+
+    Parameters
+    ----------
+    values
+        ``(h, w, 3)`` float32; the border is replicated.
+    scale
+        How many pixels of the higher resolution are in a pixel, in each direction.
+    """
+    kernel = np.mean(_kernels(scale), axis=0)
+    return np.asarray(
+        cv2.sepFilter2D(values, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE), np.float32
+    )
+
+
 def smoothly(values: Float, scale: int) -> Float:
     """Interpolate an image by cubic convolution with a = -0.5, which is exact for parabolas.
 
@@ -75,7 +91,7 @@ def smoothly(values: Float, scale: int) -> Float:
     """
     height, width, channels = values.shape
     out = np.zeros((scale * height, scale * width, channels), np.float32)
-    kernels = [_weights((k + 0.5) / scale - 0.5) for k in range(scale)]
+    kernels = _kernels(scale)
     for row, column in product(range(scale), repeat=2):
         out[row::scale, column::scale] = cv2.sepFilter2D(
             values, -1, kernels[column], kernels[row], borderType=cv2.BORDER_REPLICATE
@@ -95,6 +111,11 @@ def units(vectors: Float) -> Float:
     length = np.linalg.norm(vectors, axis=2, keepdims=True)
     scaled = vectors / np.maximum(length, _LEAST_LENGTH)
     return np.asarray(np.where(length > _LEAST_LENGTH, scaled, _FACING), np.float32)
+
+
+def _kernels(scale: int) -> list[Float]:
+    """Return the weights of cubic convolution at the pixels of the higher resolution."""
+    return [_weights((k + 0.5) / scale - 0.5) for k in range(scale)]
 
 
 def _weights(offset: float) -> Float:

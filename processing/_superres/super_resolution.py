@@ -14,6 +14,8 @@ from processing._superres.model import SuperResolutionModel
 
 Float = npt.NDArray[np.float32]
 SuperResolutionMethod = Literal["bicubic", "normals", "detail"]
+# What a normal is: the mean over the area of its pixel, or the normal at its centre.
+PixelSampling = Literal["area", "points"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,12 @@ from processing._superres.enlarge import HighMap, LowMap, enlarge
 from processing._superres.interpolation import REACH_PX
 from processing._superres.model import SCALES, SuperResolutionModel, read_superres_model
 from processing._superres.network import Network
-from processing._superres.super_resolution import SuperResolution, SuperResolutionMethod
+from processing._superres.pixel_means import means_of_points
+from processing._superres.super_resolution import (
+    PixelSampling,
+    SuperResolution,
+    SuperResolutionMethod,
+)
 from processing._superres.tiles import tiles
 from rig import MAX_PIXELS, Progress, no_progress
 
@@ -31,6 +36,7 @@ def super_resolve(
     method: SuperResolutionMethod | None = None,
     model: str | Path | SuperResolutionModel | None = None,
     self_ensemble: bool = False,
+    sampling: PixelSampling = "area",
     mask: Mask | None = None,
     max_pixels: int = MAX_PIXELS,
     on_progress: Progress = no_progress,
@@ -43,7 +49,7 @@ def super_resolve(
     mean-square error and that of bicubic interpolation; its result counts less where it expects to
     be worse, and where the map is smooth. The rest is interpolated, more accurately than by bicubic
     interpolation: by cubic convolution with a = -0.5 of the normals at the centres of the pixels,
-    of which the given ones are means.
+    of which the given ones are means. The means of the result are the given normals.
 
     Parameters
     ----------
@@ -61,6 +67,10 @@ def super_resolve(
     self_ensemble
         Average the results of the 8 mirrored and turned copies of the map: more accurate, and eight
         times the computing time.
+    sampling
+        What the normals are: ``area`` for the mean over each pixel, as a camera records it, or
+        ``points`` for the normal at its centre, as a projection or a rendering draws it. Points
+        are averaged over their pixels first; bicubic interpolation uses both as they are.
     mask
         ``(scale H, scale W)`` bool, a mask of the higher resolution. It counts up to one low pixel
         beyond the mask of the map. Default: the mask of the map, with a smooth outline.
@@ -110,6 +120,8 @@ def super_resolve(
         else:
             used = read_superres_model(model, scale, method)
         network, halo = Network(used), max(used.halo_px, REACH_PX)
+        if sampling == "points":
+            normal_map = means_of_points(normal_map, scale)
     low = LowMap.of(normal_map, scale, halo)
     domain = "normals" if used is None else used.domain
     parts = list(tiles(low.reach, max(TILE_PX, _HALOS * halo), halo))

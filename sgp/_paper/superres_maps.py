@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -120,11 +121,11 @@ def _ratio(p: Array, y: Array, square: Array) -> tuple[Array, Array]:
     return p / height, -y / height
 
 
-def head(sources: Sources, scale: int) -> tuple[processing.NormalMap, processing.NormalMap] | None:
-    """Return the head of Max Planck, projected at low and at high resolution; None without data."""
-    if sources.data is None:
-        return None
-    file = sources.data / "meshes" / _HEAD
+def head(
+    sources: Sources, data: Path, scale: int
+) -> tuple[processing.NormalMap, processing.NormalMap]:
+    """Return the head of Max Planck, projected at low and at high resolution."""
+    file = data / "meshes" / _HEAD
     mesh = processing.read_geometry(file)
     sources.files.add(file)
     # The face looks along -Z of the file.

@@ -24,26 +24,34 @@ def add_head(
     advance: Progress,
 ) -> None:
     """Project a head at two resolutions, enlarge the lower one, and compare the results."""
-    advance("head of Max Planck", 0, 1)
-    pair = head(sources, model.scale)
-    if pair is None:
+    if sources.data is None:
         return
-    points, high = pair
+    advance("head of Max Planck", 0, 1)
+    points, high = head(sources, sources.data, model.scale)
     low = processing.low_resolution(high, model.scale)
     maps: dict[str, processing.NormalMap] = {}
     surfaces = {"low": processing.integrate(low), "high": processing.integrate(high)}
     rows: dict[str, list[Number]] = {}
-    for kind, given in {"means": low, "points": points}.items():
-        for method in ("bicubic", model.domain):
-            used = None if method == "bicubic" else model
-            name = f"{kind}, {method}"
-            maps[name] = one = processing.super_resolve(
-                given, model.scale, method=method, model=used, mask=high.mask
-            ).normal_map
-            surfaces[name] = processing.integrate(one)
-            profile = processing.height_profile(surfaces["high"], surfaces[name])
-            error = processing.angular_error(one, high)
-            rows[name] = [error.mae_deg, processing.ssim(one, high, high.mask), profile.rms]
+    tried: dict[str, tuple[processing.NormalMap, processing.PixelSampling, bool]] = {
+        "means, bicubic": (low, "area", False),
+        f"means, {model.domain}": (low, "area", True),
+        "points, bicubic": (points, "points", False),
+        f"points, {model.domain}": (points, "points", True),
+        f"points taken as means, {model.domain}": (points, "area", True),
+    }
+    for name, (given, sampling, by_network) in tried.items():
+        maps[name] = made = processing.super_resolve(
+            given,
+            model.scale,
+            method=model.domain if by_network else "bicubic",
+            model=model if by_network else None,
+            sampling=sampling,
+            mask=high.mask,
+        ).normal_map
+        surfaces[name] = processing.integrate(made)
+        profile = processing.height_profile(surfaces["high"], surfaces[name])
+        error = processing.angular_error(made, high)
+        rows[name] = [error.mae_deg, processing.ssim(made, high, high.mask), profile.rms]
     comparison.tables.append(
         Table(
             "head",
@@ -56,16 +64,16 @@ def add_head(
             f"{high.size[0]}, and its projection at that resolution as the reference. Means: each "
             "pixel is the mean of its area, as a camera records it, and as the networks learned. "
             "Points: the normal at the centre of each pixel, as a projection draws it, which is "
-            "sharper than a mean; a network sharpens it once more. The paper shows such "
-            "experiments on other models.",
+            "sharper than a mean. It is averaged over the pixel first; taken as a mean, it is "
+            "sharpened once more. The paper shows such experiments on other models.",
         )
     )
-    plain, made = "means, bicubic", f"means, {model.domain}"
+    plain, ours = "means, bicubic", f"means, {model.domain}"
     crops = {1: Crop.around(high.mask), model.scale: Crop.around(low.mask)}
     panels: list[Panel] = [
         lit_panel("low resolution", low, crops[model.scale]),
         lit_panel("bicubic interpolation", maps[plain], crops[1]),
-        lit_panel("super-resolution", maps[made], crops[1]),
+        lit_panel("super-resolution", maps[ours], crops[1]),
         lit_panel("high resolution", high, crops[1]),
     ]
     panels += [
@@ -73,7 +81,7 @@ def add_head(
         for name, key in (
             ("low resolution", "low"),
             ("bicubic interpolation", plain),
-            ("super-resolution", made),
+            ("super-resolution", ours),
             ("high resolution", "high"),
         )
     ]

@@ -14,6 +14,7 @@ from sgp._exit import UsageError
 from sgp._map_doubts import read_map
 from sgp._options import Input, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
+from sgp._point_samples import points_notices
 from sgp._result import Result
 from sgp._stage_options import MapOptions
 from sgp._write_superres import measure_superres, write_superres_maps, write_superres_picture
@@ -30,6 +31,7 @@ def superres(
     method: processing.SuperResolutionMethod | None = None,
     model: str | None = None,
     self_ensemble: bool = False,
+    sampling: processing.PixelSampling | None = None,
     pixel_mm: Positive | None = None,
     camera: OptionalInput = None,
     green: Literal["up", "down"] = "up",
@@ -65,6 +67,10 @@ def superres(
         (.json) next to it; default: the one that comes with the program.
     self_ensemble
         Average the results of 8 mirrored and turned copies: more accurate, eight times the time.
+    sampling
+        area (each normal is the mean over its pixel, as a camera records it) or points (the normal
+        at the centre of the pixel, as a projection or a rendering draws it); default: points if the
+        record next to the map says that sgp project wrote it, otherwise area.
     pixel_mm
         Size of a pixel of the given map on the object in mm; superres.json states that of the
         result.
@@ -88,6 +94,8 @@ def superres(
     if method != "bicubic":
         network = processing.read_superres_model(model, scale, method)
     read = read_map(normals, green=green, max_pixels=max_pixels)
+    doubts = [] if sampling or network is None else points_notices(read)
+    used = sampling or ("points" if doubts else "area")
     view = None if camera is None else acquisition.read_camera(camera, read.normal_map.size)
     with Stages() as progress:
         made = processing.super_resolve(
@@ -96,11 +104,12 @@ def superres(
             method=method,
             model=network,
             self_ensemble=self_ensemble,
+            sampling=used,
             max_pixels=max(max_pixels, rig.MAX_PIXELS),
             on_progress=progress,
         )
     claim_folder(out, "superres.json")
-    result = Result(warnings=list(read.warnings), inputs=[*read.files])
+    result = Result(warnings=[*read.warnings, *doubts], inputs=[*read.files])
     with Stages() as progress:
         result.outputs = processing.write_normals(
             out, made.normal_map, green=maps.green_out, on_progress=progress
@@ -120,7 +129,7 @@ def superres(
         result.summary.append(f"pixel          {size / scale:.4g} mm")
     if network is not None:
         result.inputs += [network.path, network.path.with_suffix(".json")]
-        result.parameters = {"model": network.name, "method": network.domain}
+        result.parameters = {"model": network.name, "method": network.domain, "sampling": used}
     result.outputs["picture"] = out / "superres.png"
     write_superres_picture(result.outputs["picture"], normals.name, read.normal_map, made)
     return result

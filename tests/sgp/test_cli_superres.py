@@ -94,6 +94,31 @@ def test_bicubic_interpolation_and_a_camera(sgp, low: Path, tmp_path: Path) -> N
     np.testing.assert_allclose(after.downscaled(2).K, before.K, atol=1e-9)
 
 
+def test_the_map_of_a_projection_has_points(sgp, tmp_path: Path) -> None:
+    y, x = np.mgrid[:7, :9].astype(float)
+    corners = np.stack([x, y, 0.4 * np.sin(x + y)], axis=-1).reshape(-1, 3)
+    quads = [(r * 9 + c, r * 9 + c + 1, r * 9 + c + 10, r * 9 + c + 9) for r, c in np.ndindex(6, 8)]
+    lines = [f"v {a:g} {b:g} {c:g}" for a, b, c in corners]
+    lines += ["f " + " ".join(str(one + 1) for one in quad) for quad in quads]
+    (tmp_path / "wave.obj").write_text("\n".join(lines), encoding="utf-8")
+    out = tmp_path / "map"
+    assert sgp("project", tmp_path / "wave.obj", "--size", "36x28", "--out", out).code == 0
+    given = read_normals(out).normal_map
+    for sampling, words in {"points": [], "area": ["--sampling", "area"]}.items():
+        folder = tmp_path / sampling
+        answer = sgp(
+            "detail", "superres", out / "normals.exr", "--scale", 2, "--out", folder, *words
+        )
+        assert answer.code == 0, answer.err
+        record = json.loads((folder / "superres.json").read_text(encoding="utf-8"))
+        assert record["parameters"]["sampling"] == sampling
+        made = processing.super_resolve(given, 2, sampling=sampling)
+        high = read_normals(folder / "normals.exr").normal_map
+        np.testing.assert_allclose(high.normals, made.normal_map.normals, atol=1e-6)
+        notices = [notice["code"] for notice in record["notices"]]
+        assert notices == (["superres-points"] if sampling == "points" else [])
+
+
 BAD = {
     "scale 3": (["waves", "--scale", "3"], 2, "3"),
     "no scale": (["waves"], 2, "--scale"),
