@@ -16,7 +16,7 @@ import numpy as np
 from drawn_lone_balls import LoneBall, lone_ball
 from harness import command_line
 
-from acquisition import Lights, angle_deg
+from acquisition import Lights, angle_deg, led_of
 from calibration import EstimateError, calibrate_spheres
 
 
@@ -35,11 +35,13 @@ def judged(ball: LoneBall) -> tuple[float, float, str]:
         result = calibrate_spheres(ball.values)
     except EstimateError as refusal:
         return np.nan, np.nan, f"refused: {refusal}"
-    error_deg = angle_deg(np.asarray(result.lights.unit_directions), ball.directions)
+    known = [led_of(name) for name in result.lights.ids]
+    error_deg = angle_deg(np.asarray(result.lights.unit_directions), ball.directions[known])
     outline = result.spheres[0].outline
     off = np.array([*outline.centre_px, outline.radius_px]) - ball.circle
     codes = [notice.code for notice in result.warnings if notice.code != "highlights-saturated"]
-    remark = " ".join([f"off {off[0]:+.2f} {off[1]:+.2f} {off[2]:+.2f} px", *codes])
+    left = f"{len(known)} of {len(ball.directions)} lights"
+    remark = " ".join([f"off {off[0]:+.2f} {off[1]:+.2f} {off[2]:+.2f} px, {left}", *codes])
     return float(np.sqrt(np.mean(error_deg**2))), stated_deg(result.lights), remark
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -16,6 +17,7 @@ from acquisition._pixels.sample_bits import (
 )
 from acquisition._session.layout import MANIFEST, is_session
 from acquisition._source.diligent import is_diligent, read_diligent
+from acquisition._source.exclude import exclude
 from acquisition._source.exported import with_export_notes
 from acquisition._source.image_folder import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.recording_json import RECORD_FILE
@@ -24,11 +26,12 @@ from acquisition._source.source import MaskOrigin, Source
 from acquisition._source.transfer_notice import transfer_notices
 from acquisition._staging import check_staging_finished
 from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
+from acquisition._values.lights import Lights, led_of, light_id
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice
 
 _FULL = 65535.0
+_NAMED = 8
 
 
 def read_source(
@@ -57,6 +60,7 @@ def read_source(
         full data of lights and camera.
     lights
         Lights to use instead of those of the source: matched by id, or by order with a warning.
+        Images whose light a calibration left out are not used, and named in a notice.
     mask_path
         Mask to use instead of that of the source.
     camera
@@ -180,6 +184,10 @@ def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
     ids = source.light_ids
     if lights is None or not ids:
         return replace(source, lights=None)
+    unlit = _unlit(ids, lights)
+    if unlit:
+        source = _without(source, unlit)
+        ids = source.light_ids
     try:
         indices, by_name = lights.match(ids)
     except DataError as error:
@@ -195,3 +203,32 @@ def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
             ),
         )
     return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)
+
+
+def _unlit(ids: Sequence[str], lights: Lights) -> list[str]:
+    """Return images without a light, which a calibration left out.
+
+    If a light belongs to no image by name, or most images have no light, these are other lights,
+    and the result is empty. Names of lights that were not calibrated may only be their order.
+    """
+    if lights.calibrated is None:
+        return []
+    known = set(map(_light_of, lights.ids))
+    lit = [name for name in ids if _light_of(name) in known]
+    if len(lit) == len(lights) == len(known) < len(ids) <= 2 * len(lit):
+        return [name for name in ids if name not in lit]
+    return []
+
+
+def _light_of(name: str) -> int | str:
+    """Return the LED that a name contains, or its id without one."""
+    led = led_of(name)
+    return light_id(name) if led is None else led
+
+
+def _without(source: Source, unlit: Sequence[str]) -> Source:
+    """Return a source without images that have no light, with a notice that names them."""
+    more = f" and {len(unlit) - _NAMED} more" if len(unlit) > _NAMED else ""
+    text = f"the calibration has no light for {', '.join(unlit[:_NAMED])}{more}: not used"
+    notice = Notice("images-without-light", text, str(source.path))
+    return replace(exclude(source, unlit), warnings=(*source.warnings, notice))

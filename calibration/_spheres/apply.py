@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, LightErrors, Lights, Source
+from acquisition import DataError, LightErrors, Lights, Source, exclude
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.sphere_calibration import SphereCalibration
 from rig import check_type
@@ -25,7 +25,8 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
     source
         The complete recording, not a region of it.
     spheres
-        Lights from the images of this recording, in the order of `Source.light_ids`.
+        Lights from the images of this recording, in the order of `Source.light_ids`. Images of
+        lights that they do not determine are left out.
 
     Returns
     -------
@@ -62,8 +63,14 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
             f"{source.path}: spheres are outlined in complete images: apply them before cropping "
             "or scaling"
         )
-    if lights.ids != source.light_ids:
+    if not set(lights.ids) <= set(source.light_ids):
         raise DataError(f"{source.path}: the lights of the spheres are not those of the images")
+    unlit = [name for name in source.light_ids if name not in lights.ids]
+    if unlit:
+        source = exclude(source, unlit)
+        before = source.lights
+    if lights.ids != source.light_ids:
+        raise DataError(f"{source.path}: the lights of the spheres are in another order")
     if before is not None:
         lights = _with_strengths(lights, before)
     covered = np.zeros(source.size, np.uint8)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from acquisition import CameraModel, LightErrors, Lights, angle_deg
 from calibration._errors import EstimateError
@@ -23,11 +24,10 @@ from calibration._spheres.sphere_calibration import (
     seen_spheres,
 )
 from calibration._spheres.sphere_image import SphereImage, places
+from calibration._spheres.undetermined import imprecise, left_out, undecided
 from rig import Notice
 
 _DISAGREEMENT_DEG = 3.0
-# Directions with larger standard deviations are no calibration.
-_LARGEST_SIGMA_DEG = 10.0
 
 
 def orthographic_lights(shown: SeenTogether, warnings: list[Notice]) -> SphereCalibration:
@@ -81,16 +81,26 @@ def _directions(
 ) -> SphereCalibration:
     """Average the directions that `rays_of` returns for highlights and changes of the outlines."""
     names, images = shown.lights, shown.images
-    highlights = np.stack([image.highlights.pixels for image in images], axis=1)
-    sigma_px = np.stack([image.highlights.sigma_px for image in images], axis=1)
-    _check_decided(names, images)
+    several = undecided(images)
+    lights = np.delete(np.arange(len(names)), several)
+    highlights = np.stack([image.highlights.pixels[lights] for image in images], axis=1)
+    sigma_px = np.stack([image.highlights.sigma_px[lights] for image in images], axis=1)
     rays = rays_of(highlights, np.zeros((len(images), 3)))
     seen = np.isfinite(rays[..., 0])
     if not seen.any(axis=1).all():
-        name = names[int(np.argmin(seen.any(axis=1)))]
+        name = names[lights[int(np.argmin(seen.any(axis=1)))]]
         raise EstimateError(
             f"the highlight under light {name} is outside the sphere: check the outline"
         )
+    _check_alike(images)
+    covariances = direction_covariances(
+        rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
+    )
+    poor = imprecise(covariances, images)
+    doubts = left_out(names, several, lights[poor], images)
+    kept = np.delete(np.arange(len(lights)), poor)
+    lights, highlights, seen = lights[kept], highlights[kept], seen[kept]
+    rays, covariances = rays[kept], covariances[kept]
     directions = np.nansum(rays, axis=1)
     residuals = rms_deg(angle_deg(directions[:, None], rays), seen)
     residuals[seen.sum(axis=1) < 2] = np.nan
@@ -101,23 +111,21 @@ def _directions(
             "are near; give a camera and a radius to get positions"
         )
         warnings.append(Notice("lights-near", text))
-    warnings += _unlike(names, images)
-    _check_alike(images)
-    covariances = direction_covariances(
-        rays_of, highlights, sigma_px, np.array(outline_covariances), outlines_common
-    )
-    _check_known(names, covariances, images)
+    warnings += doubts + _unlike(names, images, lights)
     errors = LightErrors(covariances, spheres=seen.sum(axis=1))
-    lights = Lights(directions=directions, ids=names, errors=errors)
+    ids = tuple(names[k] for k in lights)
+    found = Lights(directions=directions, ids=ids, errors=errors)
     spheres = shown.numbered(spheres)
-    return SphereCalibration(lights, spheres, highlights, seen, residuals, tuple(warnings))
+    return SphereCalibration(found, spheres, highlights, seen, residuals, tuple(warnings))
 
 
-def _unlike(names: tuple[str, ...], images: Sequence[SphereImage]) -> list[Notice]:
+def _unlike(
+    names: tuple[str, ...], images: Sequence[SphereImage], lights: npt.NDArray[np.intp]
+) -> list[Notice]:
     """Return a notice for each sphere on which some lights have no highlight of the usual size."""
     notices = []
     for image in images:
-        odd = [names[k] for k in image.highlights.unlike]
+        odd = [names[k] for k in image.highlights.unlike if k in lights]
         if odd:
             more = f" (and {len(odd) - 4} more lights)" if len(odd) > 4 else ""
             text = (
@@ -137,39 +145,3 @@ def _check_alike(images: Sequence[SphereImage]) -> None:
             f"{places(list(images))}: the bright spots under most lights differ in size, and are "
             "not round: they may be reflections; cover what shines, or add a short exposure"
         )
-
-
-def _check_known(names: tuple[str, ...], covariances: Array, images: Sequence[SphereImage]) -> None:
-    """Raise `EstimateError` if directions, or a single one, are known to 10 degrees or worse."""
-    sigma_deg = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2))
-    if not np.isfinite(sigma_deg).any():
-        return
-    middle = float(np.nanmedian(sigma_deg))
-    if middle > _LARGEST_SIGMA_DEG:
-        raise EstimateError(
-            f"{places(list(images))}: outline and highlights determine the directions only to "
-            f"{middle:.0f} degrees: give a mask or a circle, or light the background evenly"
-        )
-    unknown = np.flatnonzero(sigma_deg > _LARGEST_SIGMA_DEG)
-    if len(unknown):
-        more = f" (and {len(unknown) - 1} more lights)" if len(unknown) > 1 else ""
-        raise EstimateError(
-            f"light {names[unknown[0]]}{more}: its highlight on {places(list(images))} determines "
-            f"the direction only to {sigma_deg[unknown[0]]:.0f} degrees, because a reflection may "
-            "hide it: cover what shines, add a short exposure, or leave out its image"
-        )
-
-
-def _check_decided(names: tuple[str, ...], images: Sequence[SphereImage]) -> None:
-    """Raise `EstimateError` if a light has only ambiguous highlights."""
-    found = np.any([image.highlights.found for image in images], axis=0)
-    for image in images:
-        undecided = np.flatnonzero(image.highlights.ambiguous & ~found)
-        if len(undecided):
-            first = image.highlights.candidates.pixels[undecided[0], :2]
-            where = " and ".join(f"({x:.0f}, {y:.0f})" for x, y in first)
-            more = f" (and {len(undecided) - 1} more lights)" if len(undecided) > 1 else ""
-            raise EstimateError(
-                f"light {names[undecided[0]]}{more}: several bright spots on {places([image])} may "
-                f"be its highlight, at {where} px: cover lamps and windows, or leave out its image"
-            )

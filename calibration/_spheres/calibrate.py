@@ -72,7 +72,8 @@ def calibrate_spheres(
     Returns
     -------
     SphereCalibration
-        Lights and quality of the fit.
+        Lights and quality of the fit. Where the lights have directions, a light that no highlight
+        determines to 10 degrees is left out, with a notice that names it, if 85 % of all are left.
 
     Raises
     ------

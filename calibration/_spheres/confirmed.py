@@ -15,6 +15,7 @@ from calibration._spheres.joint_search import (
     best_of,
     change_of,
     edges_agree,
+    edges_support,
     joint_near,
 )
 from calibration._spheres.mirror_outline import outlined_mirror
@@ -48,9 +49,10 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
     all images do not depend on the plane. If they confirm the outline of one sphere, the plane is
     there, and all spheres are returned as they are. So they are if the edges do not determine an
     outline well enough to contradict that of one of several spheres, which confirm each other. A
-    single sphere may have either outline then, unless the plane itself is without doubt: its
-    covariance contains the difference. Otherwise, each sphere gets the outline of the edges. Where
-    less than half of its length is supported, its covariance contains the difference.
+    single sphere may have either outline then, unless the plane itself is without doubt and edges
+    support the outline on it: its covariance contains the difference. Otherwise, each sphere gets
+    the outline of the edges. Where less than half of its length is supported, its covariance
+    contains the difference.
 
     Parameters
     ----------
@@ -74,7 +76,8 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
             continue
         change = change_of(sphere.outline, joint.outline)
         if not _contradicts(joint, sphere, change):
-            return list(mirroring) if len(mirroring) > 1 else [_either(sphere, joint, change)]
+            several = len(mirroring) > 1
+            return list(mirroring) if several else [_either(values, sphere, joint, change)]
         doubt = 0.0 if joint.support >= _DECIDED else 1.0
         by_edges.append(_with_outline(values, sphere, joint, doubt * np.outer(change, change)))
     return by_edges
@@ -142,9 +145,12 @@ def _contradicts(joint: JointNear, sphere: SphereImage, change: Array) -> bool:
     return bool(change @ np.linalg.solve(both, change) > _DIFFERENT)
 
 
-def _either(sphere: SphereImage, joint: JointNear, change: Array) -> SphereImage:
-    """Return a sphere that may have its own outline or that of the edges."""
-    if sphere.on_plane:
+def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Array) -> SphereImage:
+    """Return a sphere that may have its own outline or that of the edges.
+
+    Of spheres on print, edges support .39 to .78 of the length of their outlines.
+    """
+    if sphere.on_plane and edges_support(values, sphere.outline):
         return sphere
     own = np.zeros((3, 3)) if sphere.covariance_px2 is None else sphere.covariance_px2
     covariance = own + joint.covariance_px2 + np.eye(3) * joint.model_px**2

@@ -39,6 +39,7 @@ _SECTORS = 72
 _LEAST_COVERAGE = 0.35
 _HORIZON, _CONCENTRIC = 0.73, 0.15
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
+_FEW = 8
 
 
 def find_spheres(
@@ -159,16 +160,13 @@ def _by_edges(
         if _rivals(circle, [*known, *sharp]):
             continue
         # What is quicker is checked first: most circles around a ball are mirrored in it.
-        later = bool(_rivals(circle, spheres))
-        if not later and not _has_highlights(values, circle):
+        if not _rivals(circle, spheres) and not _has_highlights(values, circle):
             continue
         edge = _refined(pictures, circle)
         if edge is None or not _expected(edge[0], radii_px) or _rivals(edge[0], known):
             continue
         rivals = _rivals(edge[0], spheres)
         if not all(scatter_px(*edge[:2]) < SHARP_PX < rival.rms_px for rival in rivals):
-            continue
-        if later and not _has_highlights(values, circle):
             continue
         sphere = _mirroring(values, *edge)
         if sphere is not None:
@@ -198,7 +196,7 @@ def round_edges(values: Images) -> list[Ellipse]:
 
 def _has_highlights(values: Images, circle: Ellipse) -> bool:
     """Return whether a circle shows a highlight under half of a few lights."""
-    few = values[:: max(len(values) // 8, 1)]
+    few = values[:: -(-len(values) // _FEW)]
     return bool(2 * np.count_nonzero(find_highlights(few, circle).found) >= len(few))
 
 

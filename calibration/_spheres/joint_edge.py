@@ -78,7 +78,7 @@ def joint_outline(
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear images, NaN where saturated.
+        ``(N, H, W)`` linear images, not NaN.
     guess
         The outline, to a pixel.
     rounds
@@ -117,7 +117,7 @@ def part_covariance(values: Images, outline: Ellipse) -> Array:
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear images, NaN where saturated.
+        ``(N, H, W)`` linear images, not NaN.
     outline
         The outline of all, from `joint_outline`.
 
@@ -179,8 +179,7 @@ class _Edges:
         self._inside &= y < height - 1 - REACH_PX
 
     def _profiles(self, image: npt.NDArray[np.float32]) -> Array:
-        filled = np.nan_to_num(image, nan=1.0)
-        profiles = radial_profiles(filled, self.around, self.angles, profile_offsets())
+        profiles = radial_profiles(image, self.around, self.angles, profile_offsets())
         smooth: Array = gaussian_filter1d(profiles, ALONG_PX, axis=0, mode="wrap")
         return smooth
 
@@ -208,17 +207,19 @@ class _Edges:
     def _searched(self, evidence: Array, use: Flags) -> Array:
         """Return the change of centre and radius with the least bounded misfit, on a grid."""
         some = np.flatnonzero(use)[:: max(len(use) // _COMPARED, 1)]
-        grid = np.stack(np.meshgrid(_SEARCH, _SEARCH, _SEARCH), axis=-1).reshape(-1, 3)
         angles = self.angles[some]
-        edge = grid[:, :1] * np.cos(angles) + grid[:, 1:2] * np.sin(angles) + grid[:, 2:]
-        shifts = evidence.shape[1]
-        place = np.rint(edge / SHIFT_STEP_PX).astype(int) + shifts // 2
-        beyond = (place < 0) | (place >= shifts)
+        x, y = (v.reshape(-1, 1) for v in np.meshgrid(_SEARCH, _SEARCH))
+        # Places beyond the last shift count as misfits.
+        farthest = 3 * _SEARCH[-1] / SHIFT_STEP_PX
+        beyond = int(farthest) + 1 - evidence.shape[1] // 2
         bounded = np.minimum(evidence[some], _MOST_OF_ANGLE)
-        misfit = bounded[np.arange(len(some)), np.clip(place, 0, shifts - 1)]
-        misfit = np.where(beyond, _MOST_OF_ANGLE, misfit)
-        best: Array = grid[np.argmin(misfit.mean(axis=1))]
-        return best
+        bounded = np.pad(bounded, ((0, 0), (beyond, beyond)), constant_values=_MOST_OF_ANGLE)
+        edge = np.rint((x * np.cos(angles) + y * np.sin(angles)) / SHIFT_STEP_PX).astype(int)
+        place = edge + bounded.shape[1] // 2 + np.arange(len(some)) * bounded.shape[1]
+        steps = np.rint(_SEARCH / SHIFT_STEP_PX).astype(int)
+        misfits = np.array([bounded.take(place + step).sum(axis=1) for step in steps])
+        radius, centre = np.unravel_index(np.argmin(misfits), misfits.shape)
+        return np.array([x[centre, 0], y[centre, 0], _SEARCH[radius]])
 
     def part(self, images: Flags, angles: Flags) -> Array:
         """Return the change of centre and radius of a part of the data, a pixel if it has none."""

@@ -178,20 +178,31 @@ def edges_agree(values: Images, outline: Ellipse) -> bool:
 
     Parameters are those of `joint_near`, which takes several times as long.
     """
+    support, change = _at(values, outline)
+    return support > _WITHOUT_DOUBT and bool(np.abs(change).max() < _SAME_PX)
+
+
+def edges_support(values: Images, outline: Ellipse) -> bool:
+    """Return whether the edges of all images support an outline, to a pixel, more than noise."""
+    return _at(values, outline)[0] >= _LEAST_SUPPORT
+
+
+def _at(values: Images, outline: Ellipse) -> tuple[float, Array]:
+    """Return the support of an outline by the edges next to it, and the change to theirs."""
     part = _cut(values, outline)
     if part is None:
-        return False
+        return 0.0, np.zeros(3)
     crop, low = part
+    guess = _shifted(outline, -low)
     try:
-        joint = joint_outline(crop, _shifted(outline, -low), 1, _QUICK_ANGLES)
+        joint = joint_outline(crop, guess, 1, _QUICK_ANGLES)
     except EstimateError:
-        return False
-    change = change_of(_shifted(outline, -low), joint.outline)
-    return joint.support > _WITHOUT_DOUBT and bool(np.abs(change).max() < _SAME_PX)
+        return 0.0, np.zeros(3)
+    return joint.support, change_of(guess, joint.outline)
 
 
 def _cut(values: Images, around: Ellipse) -> tuple[Images, npt.NDArray[np.int_]] | None:
-    """Return a part of at most 18 images around an outline, and where it starts."""
+    """Return a part of at most 18 images around an outline, 1 where NaN, and where it starts."""
     far = around.radius_px + _MARGIN_SHARE * around.radius_px + _MARGIN_PX
     centre = np.array(around.centre_px)
     low = np.maximum((centre - far).astype(int), 0)
@@ -199,7 +210,8 @@ def _cut(values: Images, around: Ellipse) -> tuple[Images, npt.NDArray[np.int_]]
     if np.any(high - low < _MARGIN_PX):
         return None
     every = -(-len(values) // _MOST_IMAGES)
-    return values[::every, low[1] : high[1], low[0] : high[0]], low
+    part = values[::every, low[1] : high[1], low[0] : high[0]]
+    return np.nan_to_num(part, nan=1.0), low
 
 
 def _found(values: Images, guess: Ellipse, reach_px: float) -> list[JointOutline]:
@@ -245,12 +257,11 @@ def _covariance(found: list[JointOutline]) -> Array:
 
 def _lifted(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Return an image to which a multiple of its noise is added, for its logarithm."""
-    filled = np.nan_to_num(image, nan=1.0)
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    residue = cv2.filter2D(filled, -1, kernel)
+    residue = cv2.filter2D(image, -1, kernel)
     noise = float(np.percentile(np.abs(residue), 75)) / 6.9
-    offset = max(10 * noise, 0.002 * float(filled.mean()), 1e-4)
-    return np.maximum(filled, 0) + np.float32(offset)
+    offset = max(10 * noise, 0.002 * float(image.mean()), 1e-4)
+    return np.maximum(image, 0) + np.float32(offset)
 
 
 def change_of(a: Ellipse, b: Ellipse) -> Array:
@@ -261,8 +272,7 @@ def change_of(a: Ellipse, b: Ellipse) -> Array:
 def _smaller(images: Images, factor: int) -> npt.NDArray[np.float32]:
     """Return images that average blocks of ``factor x factor`` pixels."""
     size = images.shape[2] // factor, images.shape[1] // factor
-    filled = (np.nan_to_num(images[k], nan=1.0) for k in range(len(images)))
-    return np.stack([reduced_image(image, size, factor) for image in filled])
+    return np.stack([reduced_image(images[k], size, factor) for k in range(len(images))])
 
 
 def _shifted(outline: Ellipse, by: npt.NDArray[np.int_] | Array) -> Ellipse:

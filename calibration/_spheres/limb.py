@@ -18,6 +18,8 @@ _BLURS_PX = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.15, LARGEST_BLUR_PX)
 _ENOUGH = 200
 _LONGEST_SHIFT_PX = 1.0
 SHIFT_STEP_PX = 0.05
+# Parameters of the model; profiles that are compared at once, few enough for the cache.
+_PARAMETERS, _AT_ONCE = 4, 512
 
 
 def profile_offsets() -> Array:
@@ -74,11 +76,16 @@ def estimate_blur(profiles: Array) -> float:
 
 def edge_costs(profiles: Array, blur_px: float) -> Array:
     """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
-    # The model contains constants, which are removed first for accuracy.
-    varying = profiles - profiles.mean(axis=1, keepdims=True)
-    explained = varying @ _bases(blur_px)
-    costs: Array = np.sum(varying**2, axis=1)[:, None] - np.einsum("smb,smb->ms", *[explained] * 2)
-    return np.maximum(costs, 0.0)
+    bases = _bases(blur_px)
+    costs = np.zeros((len(profiles), bases.shape[1] // _PARAMETERS))
+    for first in range(0, len(profiles), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        # The model contains constants, which are removed first for accuracy.
+        varying = profiles[some] - profiles[some].mean(axis=1, keepdims=True)
+        explained = (varying @ bases) ** 2
+        costs[some] = np.sum(varying**2, axis=1, keepdims=True)
+        costs[some] -= explained.reshape(len(varying), _PARAMETERS, -1).sum(axis=1)
+    return np.maximum(costs, 0.0, out=costs)
 
 
 def _offsets(costs: Array) -> Array:
@@ -102,7 +109,7 @@ def trial_shifts() -> Array:
 
 @cache
 def _bases(blur_px: float) -> Array:
-    """Return orthonormal bases ``(shifts, S, parameters)`` of the model."""
+    """Return orthonormal bases of the model, ``(S, parameters * shifts)``."""
     offsets = profile_offsets()
     fine_step = 0.05
     fine = np.arange(-REACH_PX - 3, REACH_PX + 3 + fine_step / 2, fine_step)
@@ -117,4 +124,4 @@ def _bases(blur_px: float) -> Array:
             for shape in shapes
         ]
         bases.append(np.linalg.qr(np.stack(blurred, axis=1))[0])
-    return np.stack(bases)
+    return np.ascontiguousarray(np.stack(bases, axis=2).reshape(len(offsets), -1))

@@ -52,6 +52,7 @@ class SphereCalibration:
     lights
         Lights with positions if camera and radius are known and there are two or more spheres,
         otherwise with directions. Intensities are 1: a highlight does not determine the intensity.
+        Lights that were left out are not among these N; their notice names them.
     spheres
         K spheres, those of the first recording first.
     highlights_px

@@ -151,18 +151,18 @@ def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, flo
     """Return centre and radius of the contour at a level, and the variance of a coordinate."""
     centre, radius = largest_disc((image >= level) & region)
     centre = np.asarray(centre, np.float64)
-    variance = 0.0
     for _ in range(4):
         count = int(np.clip(2 * np.pi * radius / 0.75, 24, 240))
         angles = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
         toward = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         distances = _distances(image, centre, toward, level, 3 * radius + 4)
-        (radius, *shift), variance = _robust_harmonics(angles, distances)
+        fit = _RobustHarmonics(angles, distances)
+        radius, *shift = fit.harmonics[:3]
         shift = np.array(shift) * min(1.0, radius / max(float(np.hypot(*shift)), 1e-9))
         centre = centre + shift
         if np.hypot(*shift) < 1e-3:
             break
-    return centre, float(radius), variance
+    return centre, float(radius), fit.variance
 
 
 def largest_disc(core: Region) -> tuple[Array, float]:
@@ -195,35 +195,40 @@ def _distances(image: Image, centre: Array, toward: Array, level: float, reach: 
     return distances
 
 
-def _robust_harmonics(angles: Array, distances: Array) -> tuple[Array, float]:
-    """Fit the low harmonics of the lower distances; return (r0, a, b) and the variance of a, b."""
-    design = np.column_stack(
-        [
-            np.ones_like(angles),
-            np.cos(angles),
-            np.sin(angles),
-            np.cos(2 * angles),
-            np.sin(2 * angles),
-        ]
-    )
-    weights = np.ones_like(angles)
-    fit = np.zeros(5)
-    residual = distances
-    for round_ in range(_ROUNDS):
-        weighted = design * weights[:, None]
-        # A little ridge: few weights may be left on one side.
-        fit = np.linalg.solve(weighted.T @ design + 1e-6 * np.eye(5), weighted.T @ distances)
-        residual = distances - design @ fit
-        if round_ < _ROUNDS // 2:
-            side = np.where(residual > 0, _START_QUANTILE, 1 - _START_QUANTILE)
-            weights = side / np.maximum(np.abs(residual), 0.05)
-        else:
-            low = np.abs(residual[residual <= 0])
-            scale = max(1.4826 * float(np.median(low)), _FINEST_SCATTER_PX)
-            biweight = np.clip(1 - (residual / (_TUKEY * scale)) ** 2, 0, None) ** 2
-            weights = np.where(residual > 0, biweight, 1.0)
-    # Neighbouring distances share pixels: their errors are correlated over about two of them.
-    bread = np.linalg.pinv((design * weights[:, None]).T @ design)
-    meat = (design * (weights * residual)[:, None] * np.sqrt(2.0)).T
-    covariance = bread @ (meat @ meat.T) @ bread
-    return fit[:3], float(0.5 * (covariance[1, 1] + covariance[2, 2]))
+class _RobustHarmonics:
+    """The low harmonics (r0, a, b, c, d) of the lower ones of some distances."""
+
+    def __init__(self, angles: Array, distances: Array) -> None:
+        twice = 2 * angles
+        waves = [np.cos(angles), np.sin(angles), np.cos(twice), np.sin(twice)]
+        self._design: Array = np.stack([np.ones_like(angles), *waves])
+        self._weights = np.ones_like(angles)
+        for round_ in range(_ROUNDS):
+            weighted = self._design * self._weights
+            # A little ridge: few weights may be left on one side. For so few equations, OpenCV is
+            # faster than NumPy.
+            normal = weighted @ self._design.T + 1e-6 * np.eye(len(weighted))
+            solution = cv2.solve(normal, weighted @ distances[:, None])[1]
+            self.harmonics = np.asarray(solution[:, 0], np.float64)
+            self._residual = distances - self.harmonics @ self._design
+            if round_ < _ROUNDS // 2:
+                side = np.where(self._residual > 0, _START_QUANTILE, 1 - _START_QUANTILE)
+                self._weights = side / np.maximum(np.abs(self._residual), 0.05)
+            else:
+                low = np.sort(np.abs(self._residual[self._residual <= 0]))
+                middle = (low[(len(low) - 1) // 2] + low[len(low) // 2]) / 2
+                scale = max(1.4826 * float(middle), _FINEST_SCATTER_PX)
+                part = self._residual / (_TUKEY * scale)
+                biweight = np.maximum(1 - part * part, 0.0) ** 2
+                self._weights = np.where(self._residual > 0, biweight, 1.0)
+
+    @property
+    def variance(self) -> float:
+        """Variance of a and b.
+
+        Neighbouring distances share pixels: their errors are correlated over about two of them.
+        """
+        bread = np.linalg.pinv((self._design * self._weights) @ self._design.T)
+        meat = self._design * (self._weights * self._residual) * np.sqrt(2.0)
+        covariance = bread @ (meat @ meat.T) @ bread
+        return float(0.5 * (covariance[1, 1] + covariance[2, 2]))

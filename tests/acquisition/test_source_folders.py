@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from acquisition._source.reader import read_source
 from acquisition._value_files.lights import read_lights
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
+from acquisition._values.setup import Calibrated
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
@@ -189,6 +192,37 @@ def test_names_with_words_after_dots_find_their_lights(tmp_path: Path) -> None:
     again = read_source(folder, lights=cone(3, ("scan.up", "scan.left", "img_0.v1")))
     assert indices(again.lights) == [2, 0, 1]
     assert again.warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("known", "unlit"),
+    [
+        pytest.param(("a.0", "a.2", "a.3"), ["a.1"], id="one was left out"),
+        pytest.param(("a.3", "a.0"), ["a.1", "a.2"], id="half of them"),
+        pytest.param(("a.3",), None, id="most of them"),
+        pytest.param(("a.0", "a.2", "b.3"), None, id="another light"),
+        pytest.param(("a.0", "a.2", "A.2.png"), None, id="a light twice"),
+    ],
+)
+def test_images_of_lights_that_a_calibration_left_out_are_not_used(
+    tmp_path: Path, known: tuple[str, ...], unlit: list[str] | None
+) -> None:
+    folder = fill(tmp_path, *[f"a.{i}.png" for i in range(4)])
+    lights = cone(len(known), known)
+    with pytest.raises(DataError, match=f"4 images for {len(known)} light"):
+        read_source(folder, lights=lights)  # not calibrated, so perhaps in another order
+    lights = replace(lights, calibrated=Calibrated(datetime.now(UTC)))
+    if unlit is None:
+        with pytest.raises(DataError, match=f"4 images for {len(known)} light"):
+            read_source(folder, lights=lights)
+        return
+    source = read_source(folder, lights=lights)
+    assert source.lights is not None
+    assert source.light_ids == source.lights.ids == tuple(sorted(known))
+    assert [known[i] for i in indices(source.lights)] == sorted(known)
+    (warning,) = source.warnings
+    assert warning.code == "images-without-light"
+    assert all(name in warning.text for name in unlit)
 
 
 def test_different_numbers_of_lights_and_images_are_refused(tmp_path: Path) -> None:

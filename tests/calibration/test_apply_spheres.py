@@ -109,6 +109,20 @@ def test_a_region_and_other_lights_are_refused(recording):
         apply_spheres(exclude(whole, ["L03"]), spheres)
 
 
+def test_images_of_lights_that_the_spheres_do_not_determine_are_left_out(recording):
+    whole = read_source(recording)
+    with_lights = replace(whole, lights=Lights(np.eye(8, 3) + 1, intensities=np.arange(1.0, 9)))
+    _, spheres = calibrated(whole)
+    known = [0, 1, 2, 4, 5, 6, 7]
+    part = replace(spheres, lights=spheres.lights.take(known))
+    lit = apply_spheres(with_lights, part)
+    assert lit.light_ids == lit.lights.ids == part.lights.ids
+    np.testing.assert_array_equal(lit.lights.intensities[:, 0], np.array(known) + 1)
+    turned = replace(spheres, lights=spheres.lights.take(known[::-1]))
+    with pytest.raises(DataError, match="in another order"):
+        apply_spheres(whole, turned)
+
+
 def test_a_region_keeps_its_part_of_the_spheres(recording):
     source, _ = calibrated(read_source(recording))
     part = crop(source, 20, 30, 100, 80)

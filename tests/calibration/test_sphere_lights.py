@@ -343,12 +343,41 @@ def test_a_second_spot_is_decided_by_the_other_sphere(monkeypatch):
     assert codes(result) == codes(right)
 
 
-def test_a_second_spot_on_one_sphere_is_refused_by_name(monkeypatch):
-    image = with_rival(seen(TWO[0], LIGHTS), 3, (2.0, 6.0), 0.9)
-    text = r"light L03: several bright spots on the sphere at .* px may be its highlight, at \("
+def test_a_light_with_two_spots_on_one_sphere_is_left_out_by_name(monkeypatch):
+    image = seen(TWO[0], LIGHTS)
+    others = np.delete(np.arange(len(LIGHTS)), 3)
+    text = "left out light L03: several bright spots on the sphere at "
     for options in ({}, {"camera": BENCH.camera}, {"camera": BENCH.camera, "radius_mm": 20.0}):
-        with pytest.raises(EstimateError, match=text):
-            calibrated(monkeypatch, [image], **options)
+        whole = calibrated(monkeypatch, [image], **options).lights
+        rival = with_rival(image, 3, (2.0, 6.0), 0.9)
+        result = calibrated(monkeypatch, [rival], **options)
+        assert [notice.text.startswith(text) for notice in result.warnings].count(True) == 1
+        assert result.lights.ids == tuple(whole.ids[k] for k in others)
+        np.testing.assert_array_equal(result.lights.directions, whole.directions[others])
+        kept = whole.errors.covariances[others]
+        np.testing.assert_array_equal(result.lights.errors.covariances, kept)
+
+
+@pytest.mark.parametrize(
+    ("lights", "several", "refused"),
+    [
+        pytest.param(10, 1, False, id="one of ten"),
+        pytest.param(10, 2, True, id="two of ten"),
+        pytest.param(7, 1, False, id="one of seven"),
+        pytest.param(6, 1, True, id="one of six"),
+    ],
+)
+def test_too_few_lights_are_refused_by_name(monkeypatch, lights, several, refused):
+    image = seen(TWO[0], LIGHTS[:lights])
+    for k in range(several):
+        image = with_rival(image, k, (2.0, 6.0), 0.9)
+    if not refused:
+        found = calibrated(monkeypatch, [image]).lights
+        assert found.ids == tuple(f"L{k:02d}" for k in range(several, lights))
+        return
+    text = r"lights? L00.*: several bright spots on the sphere at .* px may be the highlight"
+    with pytest.raises(EstimateError, match=text):
+        calibrated(monkeypatch, [image])
 
 
 def test_a_light_whose_two_highlights_disagree_is_named(monkeypatch):

@@ -11,7 +11,7 @@ from calibration._spheres.average_directions import orthographic_lights
 from calibration._spheres.confirmed import confirmed
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.joint_search import JointNear, best_of
+from calibration._spheres.joint_search import JointNear, best_of, edges_support
 from calibration._spheres.seen_together import SeenTogether
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.unlike import usual_size
@@ -93,15 +93,19 @@ def ball():
     return np.where(values >= 1, np.nan, values).astype(np.float32)
 
 
-def test_a_single_ball_whose_highlight_is_of_another_size_is_refused():
+def test_a_light_whose_highlight_on_a_single_ball_is_of_another_size_is_left_out():
     outline = Ellipse((60.0, 60.0), (50.0, 50.0))
     points = outline.point(np.arange(6.0))
     sphere = SphereImage(outline, points, 1.0, find_highlights(ball(), outline), np.eye(3) * 0.01)
     assert list(sphere.highlights.unlike) == [6]
     names = tuple(f"L{k:02d}" for k in range(LIGHTS))
     shown = SeenTogether(names, np.full((LIGHTS, 3), np.nan), [sphere], [0], ("",), [True])
-    with pytest.raises(EstimateError, match=r"light L06: its highlight on .* only to \d+ degrees"):
-        orthographic_lights(shown, [])
+    result = orthographic_lights(shown, [])
+    [notice] = result.warnings
+    assert notice.code == "lights-left-out"
+    assert notice.text.startswith("left out light L06: the highlight on the sphere at (60, 60) px")
+    assert result.lights.ids == names[:6]
+    assert len(result.highlights_px) == len(result.used) == len(result.residuals_deg) == 6
 
 
 def test_angular_reflections_of_many_sizes_are_refused():
@@ -174,3 +178,5 @@ def test_a_lone_ball_states_how_far_mirror_image_and_edges_differ():
     assert confirmed(values, [lone, lone]) == [lone, lone]
     sure = replace(lone, on_plane=True)
     assert confirmed(values, [sure]) == [sure]
+    assert edges_support(values, Ellipse((60.0, 60.0), (40.5, 40.5)))
+    assert not edges_support(values, Ellipse((60.0, 60.0), (46.0, 46.0)))
