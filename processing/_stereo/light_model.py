@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing._stereo.frames import Frames
+from processing._stereo.near_vectors import write_near_vectors
 from processing._stereo.pixel_algebra import MAX_CONDITION
 from rig import in_threads, pluralize
 
@@ -127,8 +125,12 @@ class LightModel:
             directions = self._lights.unit_directions.T[None]
             return np.ascontiguousarray(directions, np.float32)
         vectors = np.zeros((len(pixels), 3, len(self._lights)), np.float32)
-        near = _near_parameters(self._lights)
-        in_threads(_near_vectors, len(pixels), self._points, pixels, *near, values, vectors)
+        positions, axes, mu, reference = _near_parameters(self._lights)
+        near = np.vstack([positions.T, axes.T, mu, reference]).astype(np.float32)
+        even = bool(np.all(mu == 1))
+        in_threads(
+            write_near_vectors, len(pixels), self._points, pixels, near, even, values, vectors
+        )
         return vectors
 
 
@@ -161,45 +163,3 @@ def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:
     cosine = -np.sum(positions * axes, axis=1) / distance
     reference: Double = distance**2 / cosine**mu
     return positions, axes, mu, reference
-
-
-@numba.njit(cache=True)
-def _irradiance(x: float, y: float, z: float, reference: float, axis: Double, mu: float) -> float:
-    """Return the factor that scales (x, y, z), from a point to an LED, to its light vector.
-
-    See `Lights`.
-    """
-    distance2 = x * x + y * y + z * z
-    distance = math.sqrt(distance2)
-    cosine = -(x * axis[0] + y * axis[1] + z * axis[2])
-    # The comparison is also false if the point is not finite.
-    if not cosine > 0.0:
-        return 0.0
-    gain = reference / (distance2 * distance)
-    if mu == 0.0:
-        return float(gain)
-    if mu == 1.0:
-        return float(gain * cosine / distance)
-    return float(gain * (cosine / distance) ** mu)
-
-
-@numba.njit(nogil=True, cache=True)
-def _near_vectors(
-    first: int, last: int,
-    points: Double, pixels: npt.NDArray[np.intp],
-    positions: Double, axes: Double, mu: Double, reference: Double,
-    values: Float, vectors: Float,
-) -> None:  # fmt: skip
-    """Write the light vectors; the sample of an LED that does not reach a point becomes NaN."""
-    lights = values.shape[1]
-    for p in range(first, last):
-        px, py, pz = points[pixels[p]]
-        for i in range(lights):
-            x, y, z = positions[i, 0] - px, positions[i, 1] - py, positions[i, 2] - pz
-            gain = _irradiance(x, y, z, reference[i], axes[i], mu[i])
-            if gain > 0.0:
-                vectors[p, 0, i] = x * gain
-                vectors[p, 1, i] = y * gain
-                vectors[p, 2, i] = z * gain
-            else:
-                values[p, i] = np.nan

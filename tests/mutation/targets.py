@@ -119,7 +119,14 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "processing/test_photometric_stereo.py",
             "processing/test_photometric_near.py",
         )
-        for name in ("cauchy", "least_squares", "light_model", "pixel_algebra", "trimmed")
+        for name in (
+            "cauchy",
+            "least_squares",
+            "light_model",
+            "near_vectors",
+            "pixel_algebra",
+            "trimmed",
+        )
     },
     **{
         f"processing/_stereo/{name}.py": (
