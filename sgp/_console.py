@@ -117,11 +117,14 @@ class _Lines:
     def __init__(self, what: str) -> None:
         self._what = what
         self._began_s = self._printed_s = time.monotonic()
+        self._first: int | None = None
 
     def __call__(self, done: int, total: int) -> None:
         now_s = time.monotonic()
-        if now_s - self._printed_s < _LINE_EVERY_S or not 0 < done < total:
+        if self._first is None:  # work that continues begins with what was done before
+            self._first = done
+        if now_s - self._printed_s < _LINE_EVERY_S or not self._first < done < total:
             return
-        left_s = (now_s - self._began_s) * (total - done) / done
+        left_s = (now_s - self._began_s) * (total - done) / (done - self._first)
         note(f"{self._what}: {done} of {total}, about {left_s:.0f} s left")
         self._printed_s = now_s

@@ -68,15 +68,13 @@ def domains(scale: int, found: Found, compared: Networks) -> Table:
     for _, name, one in found:
         rows[name] = []
         for domain in compared:
-            changes = one.changes(domain)
-            spread = max(changes) - min(changes) if len(changes) > 1 else None
-            rows[name] += [statistics.mean(changes), spread, one.height_change(domain)]
+            rows[name] += [*_over_seeds(one.changes(domain)), one.height_change(domain)]
     for kind in dict.fromkeys(kind for kind, _, _ in found):
         row = rows[f"**{kind}**, mean of changes"] = []
         of_kind = [one for each, _, one in found if each == kind]
         for domain in compared:
             heights = statistics.mean(one.height_change(domain) for one in of_kind)
-            row += [statistics.mean(_mean_change(one, domain) for one in of_kind), None, heights]
+            row += [*_over_seeds(_by_seed(of_kind, domain)), heights]
     named = "; ".join(
         f"{domain}: {', '.join(model.name for model in models)}"
         for domain, models in compared.items()
@@ -118,6 +116,18 @@ def _named(seeds: range) -> str:
     return f"random surfaces {seeds[0]} to {seeds[-1]}"
 
 
+def _by_seed(found: Sequence[Judgement], domain: Domain) -> list[float]:
+    """Return the mean change over maps for each seed of the training."""
+    changes: list[float] = np.mean([one.changes(domain) for one in found], axis=0).tolist()
+    return changes
+
+
+def _over_seeds(changes: Sequence[float]) -> list[Number]:
+    """Return the mean over seeds, and how far they differ."""
+    spread = max(changes) - min(changes) if len(changes) > 1 else None
+    return [statistics.mean(changes), spread]
+
+
 def _mean_change(one: Judgement, domain: Domain) -> float:
     return statistics.mean(one.changes(domain))
 
@@ -139,11 +149,7 @@ def _verdict(found: Found, compared: Networks) -> str:
     means = {domain: statistics.mean(changes) for domain, changes in of.items()}
     better, worse = sorted(DOMAINS, key=lambda domain: means[domain])
     wins = sum(a < b for a, b in zip(of[better], of[worse], strict=True))
-    # For each seed of the training, the mean over the maps.
-    by_seed = {
-        domain: np.mean([one.changes(domain) for one in given], axis=0).tolist()
-        for domain in DOMAINS
-    }
+    by_seed = {domain: _by_seed(given, domain) for domain in DOMAINS}
     text = (
         f"Without the smooth shapes, networks on {_SAID[better]} change the error by "
         f"{means[better]:+.1f} % on average and those on {_SAID[worse]} by {means[worse]:+.1f} %; "

@@ -37,8 +37,9 @@ def train(
 ) -> dict[str, torch.Tensor]:
     """Return the weights of a network after all steps.
 
-    The result depends on task and pairs, and on the processor and its number of threads through
-    rounding; it does not depend on how often the training was interrupted.
+    The result depends on task and pairs, and on the processor and its threads through rounding.
+    With one thread it does not depend on how often the training was interrupted; with several,
+    the last digits may.
 
     Parameters
     ----------

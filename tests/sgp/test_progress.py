@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -116,6 +117,18 @@ def stages_of(monkeypatch, call) -> dict[str, tuple[int, int]]:
     monkeypatch.setattr(_console, "_Lines", Shown)
     call()
     return last
+
+
+@pytest.mark.parametrize(("before", "left"), [(0, "about 10 s left"), (10, "about 80 s left")])
+def test_continued_work_does_not_count_what_was_done_before(
+    before, left, monkeypatch, capsys
+) -> None:
+    now = iter([0.0, 0.0, 40.0])
+    monkeypatch.setattr(_console, "time", SimpleNamespace(monotonic=lambda: next(now)))
+    show = _console._Lines("training")
+    show(before, 25)
+    show(20 if before == 0 else 15, 25)
+    assert left in capsys.readouterr().err
 
 
 def test_every_stage_of_a_run_is_shown_to_its_end(recording: Path, tmp_path, monkeypatch) -> None:

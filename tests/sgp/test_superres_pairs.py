@@ -121,7 +121,7 @@ def test_sizes_of_the_published_network():
     assert shapes["fusion1"] == (64, 16 * 64, 1, 1)
     assert shapes["last"][0] == OUTPUTS
     assert PRESETS["paper"].size(4) == size
-    assert (size.halo_px, PRESETS["small"].size(4).halo_px) == (134, 13)
+    assert (size.halo_px, PRESETS["small"].size(4).halo_px) == (134, 19)
     assert (PRESETS["paper"].low_crop(4), PRESETS["paper"].low_crop(2)) == (48, 96)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import time
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from subprocess import PIPE
 
 import cv2
 import numpy as np
@@ -203,13 +205,14 @@ def test_a_process_killed_on_the_way_leads_to_the_same_files(tmp_path):
         words = ["detail", "train", "--scale", "2", "--steps", "12", "--out", out]
         return [sys.executable, "-c", CHILD, *words]
 
+    alone = os.environ | {"OMP_NUM_THREADS": "1"}  # several threads round differently each time
     out, whole = tmp_path / "a" / "n.onnx", tmp_path / "b" / "n.onnx"
     for path in (out, whole):
         path.parent.mkdir()
     checkpoint = out.with_suffix(".training") / "checkpoint.pt"
     killed = 0
     while not out.exists():
-        with subprocess.Popen(command(out), stderr=subprocess.PIPE, text=True) as process:
+        with subprocess.Popen(command(out), env=alone, stderr=PIPE, text=True) as process:
             assert process.stderr is not None
             began = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
             while process.poll() is None and not killed:
@@ -221,7 +224,7 @@ def test_a_process_killed_on_the_way_leads_to_the_same_files(tmp_path):
             talk = process.communicate()[1]
         assert process.returncode in (0, -signal.SIGKILL), talk
     assert killed > 0
-    subprocess.run(command(whole), check=True, capture_output=True)
+    subprocess.run(command(whole), env=alone, check=True, capture_output=True)
     assert out.read_bytes() == whole.read_bytes()
     assert out.with_suffix(".json").read_text() == whole.with_suffix(".json").read_text()
     assert sorted(path.name for path in out.parent.iterdir()) == ["n.json", "n.onnx"]
