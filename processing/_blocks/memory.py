@@ -44,7 +44,7 @@ def surface_memory(
     if rows is None:
         return _FIXED + height * width * (_WHOLE + camera * _CAMERA + sigma * _SIGMA)
     blocks = plan_blocks(height, rows)
-    largest = max(block.rows.stop - block.rows.start for block in blocks.blocks)
+    largest: int = max(block.rows.stop - block.rows.start for block in blocks.blocks)
     shared = 2 * blocks.halo * (len(blocks.blocks) - 1)
     of_rows = largest * (_BLOCK + camera * _CAMERA) + shared * _SHARED + height * _MAP
     return _FIXED + of_rows * width
