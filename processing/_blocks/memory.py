@@ -35,10 +35,10 @@ def surface_memory(
     Examples
     --------
     >>> from processing import surface_memory
-    >>> whole = surface_memory((8000, 12500))
-    >>> blocks = surface_memory((8000, 12500), rows=256)
+    >>> whole = surface_memory((8944, 11180))
+    >>> blocks = surface_memory((8944, 11180), rows=256)
     >>> f"{whole / 1e9:.1f} GB as a whole, {blocks / 1e9:.1f} GB in blocks"
-    '7.0 GB as a whole, 1.5 GB in blocks'
+    '7.0 GB as a whole, 1.7 GB in blocks'
     """
     height, width = size
     if rows is None:
