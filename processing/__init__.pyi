@@ -1,5 +1,6 @@
 from ._blocks.block_surface import BlockSurface as BlockSurface
 from ._blocks.block_surface import integrate_in_blocks as integrate_in_blocks
+from ._blocks.memory import surface_memory as surface_memory
 from ._curvature.curvature import Curvature as Curvature
 from ._curvature.curvature import curvature as curvature
 from ._detail.filter_kind import FilterKind as FilterKind

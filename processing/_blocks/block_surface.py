@@ -112,7 +112,7 @@ def integrate_in_blocks(
     folder
         Existing folder of the files; 24 bytes per pixel, and 28 with a camera.
     rows
-        Most rows of a block, see `surface_memory`.
+        Most rows of a block; `surface_memory` is what they need.
     camera, pixel_mm
         As for `integrate`.
     mean_depth_mm

@@ -1,0 +1,77 @@
+"""The estimated memory of surfaces against the measured one."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from processing import surface_memory
+
+SIZES = [(1000, 1000), (2236, 2236)]
+MEASURE = """
+import sys
+from pathlib import Path
+import numpy as np
+from acquisition import BandFile, CameraModel
+from processing import NormalMap, integrate, integrate_in_blocks
+
+def peak(size, name, rows):
+    height, width = size
+    noise = np.random.default_rng(4).standard_normal((height, width, 3), np.float32)
+    normal_map = NormalMap.from_vectors(0.05 * noise + np.float32([0.1, 0.2, 1]))
+    del noise
+    mask, folder = normal_map.mask, Path(name)
+    folder.mkdir()
+    stored = BandFile(folder / "normals.raw", (height, width, 3), np.dtype(np.float32))
+    stored[0:height] = normal_map.normals
+    K = [[3 * width, 0, width / 2], [0, 3 * width, height / 2], [0, 0, 1]]
+    camera = CameraModel(np.array(K, float), width, height, 500) if with_camera else None
+    if rows:
+        del normal_map
+    Path("/proc/self/clear_refs").write_text("5")  # the peak begins here
+    before = kilobytes("VmRSS")
+    if rows:
+        integrate_in_blocks(stored, mask, folder, rows=rows, camera=camera).close()
+    else:
+        integrate(normal_map, camera=camera)
+    return (kilobytes("VmHWM") - before) * 1024
+
+def kilobytes(name):
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name))
+
+height, width, rows, with_camera = map(int, sys.argv[1:])
+peak((128, 96), "small", min(rows, 32))  # compiles
+print(peak((height, width), "large", rows))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="peaks of memory are read from /proc")
+@pytest.mark.parametrize(("rows", "camera"), [(None, False), (256, True)])
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_estimates_are_above_the_measured_peak(tmp_path, size, rows, camera):
+    arguments = [str(int(each or 0)) for each in (*size, rows, camera)]
+    measured = subprocess.run(
+        [sys.executable, "-c", MEASURE, *arguments],
+        cwd=tmp_path,
+        env={**os.environ, "NUMBA_NUM_THREADS": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    peak = int(measured.stdout)
+    assert peak < surface_memory(size, rows=rows, camera=camera) < 2 * peak
+
+
+def test_estimates_grow_with_what_is_given():
+    whole = surface_memory((3000, 4000))
+    blocks = [surface_memory((3000, 4000), rows=rows) for rows in (256, 750, 1500)]
+    assert blocks == sorted(blocks)
+    assert blocks[-1] < whole
+    assert blocks[0] < surface_memory((3000, 4000), rows=256, camera=True) < whole
+    known = [surface_memory((3000, 4000), sigma=sigma, camera=True) for sigma in (False, True)]
+    assert whole < known[0] < known[1]
+    # A map that fits into one block shares no rows.
+    assert surface_memory((64, 4000), rows=64) == surface_memory((64, 4000), rows=640)
