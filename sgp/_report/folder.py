@@ -29,7 +29,7 @@ class ResultFolder:
     records
         Records by their path relative to the folder.
     notices
-        Records that could not be read, and stages that are missing.
+        Records that could not be read, and stages and maps that are missing.
     """
 
     path: Path
@@ -95,7 +95,7 @@ def read_folder(path: Path) -> ResultFolder:
             except (acquisition.DataError, acquisition.MissingPathError) as error:
                 notices.append(rig.Notice("record-unreadable", str(error), severity="error"))
     folder = ResultFolder(path, records, notices)
-    notices += _unfinished(folder)
+    notices += [*_unfinished(folder), *_missing(folder)]
     return folder
 
 
@@ -114,6 +114,18 @@ def _unfinished(folder: ResultFolder) -> list[rig.Notice]:
         ),
     ]
     return [rig.Notice("result-unfinished", text) for text in texts]
+
+
+def _missing(folder: ResultFolder) -> list[rig.Notice]:
+    """Return the maps that records name and that are gone."""
+    notices = []
+    for name, record in folder.records.items():
+        place = (folder.path / name).parent
+        maps = (output for output in record.outputs.values() if output.endswith(".exr"))
+        if gone := sorted(one for one in maps if not (place / one).exists()):
+            text = f"{folder.path / name}: these maps are missing: {', '.join(gone)}"
+            notices.append(rig.Notice("map-missing", text))
+    return notices
 
 
 def _is_record(path: Path) -> bool:

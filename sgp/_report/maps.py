@@ -127,6 +127,12 @@ def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedd
             continue
         own = _unit(name, folder, unit if pixel_size is not None else "px")
         planes |= _planes(name, values, mask, crop, own, tiles if full else None)
+    if planes and not (folder.records or folder.notices):
+        text = (
+            f"{folder.path}: has no record: sizes, figures and parameters are not known; the "
+            "command has not finished, or its .json file was not copied"
+        )
+        notices.append(rig.Notice("result-unfinished", text))
     if crop is None or not planes:
         return None
     jumps = maps.jumps() if "height" in planes else None

@@ -106,6 +106,18 @@ def test_an_unfinished_folder_is_shown_as_far_as_it_is_there(sgp, folder, tmp_pa
     assert all(text in html for text in expected)
 
 
+def test_missing_maps_and_records_are_named(sgp, folder, tmp_path):
+    expected = {"height.exr": "maps are missing: height.exr", "surface.json": "has no record"}
+    for gone, text in expected.items():
+        part, page = tmp_path / gone, tmp_path / f"{gone}.html"
+        shutil.copytree(folder, part)
+        (part / gone).unlink()
+        answer = sgp("report", part, "--out", page)
+        lines = [line for line in answer.err.splitlines() if text in line]
+        assert (answer.code, len(lines)) == (0, 1), answer.err
+        assert text in page.read_text(encoding="utf-8")
+
+
 def test_a_record_of_another_version_is_named(sgp, folder, tmp_path):
     other, page = tmp_path / "other", tmp_path / "page.html"
     shutil.copytree(folder, other)
