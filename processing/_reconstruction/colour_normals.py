@@ -21,6 +21,7 @@ from processing._stereo.method import Method
 from processing._stereo.noise_law import NoiseLaw
 from processing._uncertainty.colours import shown_by_colours, variances_of_colours
 from processing._uncertainty.pixel_variances import Origin, origin_of, some_of
+from processing._uncertainty.solved_stack import SolvedStack
 from rig import Progress
 
 Float = npt.NDArray[np.float32]
@@ -75,17 +76,7 @@ class _Solver:
         some = np.zeros_like(sample.mask)
         some.flat[some_of(np.flatnonzero(sample.mask))] = True
         maps = self._solved(replace(images, mask=some))
-        self._shown = shown_by_colours(
-            sample.values,
-            examined.lights,
-            sample.mask,
-            maps.normals,
-            maps.albedo,
-            points_mm=points,
-            camera=self._depth_error[0],
-            depth_sigma=self._depth_error[1],
-            noise=sample.noise,
-        )
+        self._shown = shown_by_colours(self._judged(images, maps))
         self.correlation = max(one.correlation for one in self._shown)
         origins = [origin_of(sample.noise, one.law) for one in self._shown]
         self.origin: Origin = next((one for one in origins if one != "unknown"), "unknown")
@@ -106,6 +97,20 @@ class _Solver:
             return solve_jointly(images, self._method, self._law)
         return solve_colours(images, self._method, self._laws)
 
+    def _judged(self, images: ColourImages, maps: ColourMaps) -> SolvedStack:
+        camera, depth_sigma = self._depth_error
+        return SolvedStack(
+            values=images.values,
+            lights=images.lights,
+            mask=images.mask,
+            normals=maps.normals,
+            albedo=maps.albedo,
+            points_mm=images.points_mm,
+            camera=camera,
+            depth_sigma=depth_sigma,
+            noise=images.noise,
+        )
+
     def solve(self, band: Band) -> None:
         """Write the maps of the rows of a band."""
         values, noise, mask = band.stack.values, band.stack.noise, self._examined.mask[band.around]
@@ -115,18 +120,7 @@ class _Solver:
         images = self._images(values, noise, mask, points, rows)
         maps = self._solved(images)
         self.maps.write(band.rows, maps, band.inside)
-        variances = variances_of_colours(
-            values,
-            images.lights,
-            mask,
-            maps.normals,
-            maps.albedo,
-            points_mm=points,
-            camera=self._depth_error[0],
-            depth_sigma=self._depth_error[1],
-            noise=noise,
-            shown=self._shown,
-        )
+        variances = variances_of_colours(self._judged(images, maps), self._shown)
         self.error_bars.write(band.rows, variances, band.inside)
         known: Mask = np.asarray(maps.normals.any(axis=2))
         law = None if noise is None else NoiseLaw(noise, values.shape[:3])

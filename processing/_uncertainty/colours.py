@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, Lights
-from calibration import StackNoise
 from processing._uncertainty.model_error import common_error, deviations
 from processing._uncertainty.pixel_variances import (
     PixelVariances,
@@ -17,53 +15,17 @@ from processing._uncertainty.pixel_variances import (
     shown_by,
 )
 from processing._uncertainty.sample_kind import Reason, SampleKind
-from rig import no_progress
+from processing._uncertainty.solved_stack import SolvedStack
 
 Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 
-def shown_by_colours(
-    values: Float,
-    lights: Lights,
-    mask: Mask,
-    normals: Float,
-    albedo: Float,
-    *,
-    points_mm: npt.NDArray[np.float64] | None,
-    camera: CameraModel | None,
-    depth_sigma: float,
-    noise: StackNoise | None,
-) -> list[Shown]:
-    """Return what each channel shows, see `shown_by`; parameters of `variances_of_colours`."""
-    return [
-        shown_by(
-            np.ascontiguousarray(values[..., channel]),
-            lights,
-            mask,
-            (normals, np.ascontiguousarray(albedo[..., channel])),
-            points_mm=points_mm,
-            camera=camera,
-            depth_sigma=depth_sigma,
-            noise=None if noise is None else noise.of_colour(channel),
-        )
-        for channel in range(values.shape[-1])
-    ]
+def shown_by_colours(given: SolvedStack) -> list[Shown]:
+    """Return what each channel of images in colour shows, see `shown_by`."""
+    return [shown_by(one) for one in given.of_colours()]
 
 
-def variances_of_colours(
-    values: Float,
-    lights: Lights,
-    mask: Mask,
-    normals: Float,
-    albedo: Float,
-    *,
-    points_mm: npt.NDArray[np.float64] | None,
-    camera: CameraModel | None,
-    depth_sigma: float,
-    noise: StackNoise | None,
-    shown: Sequence[Shown],
-) -> PixelVariances:
+def variances_of_colours(given: SolvedStack, shown: Sequence[Shown]) -> PixelVariances:
     """Return variances of the averaged normals of three channels.
 
     The references of the channels are averaged by the reciprocals of their variances. Their noise
@@ -72,32 +34,16 @@ def variances_of_colours(
 
     Parameters
     ----------
-    values
-        ``(N, H, W, 3)``.
-    normals, albedo
-        Averaged normals ``(H, W, 3)``, and the albedo ``(H, W, 3)`` of the channels.
-    lights, mask, points_mm, camera, depth_sigma, noise
-        As in `normal_uncertainty`.
+    given
+        The images in colour and their solution.
     shown
         What each channel shows, of these or of other pixels.
     """
     found = [
-        pixel_variances(
-            np.ascontiguousarray(values[..., channel]),
-            lights,
-            mask,
-            (normals, np.ascontiguousarray(albedo[..., channel])),
-            points_mm=points_mm,
-            camera=camera,
-            depth_sigma=depth_sigma,
-            noise=None if noise is None else noise.of_colour(channel),
-            keep_reference=True,
-            on_progress=no_progress,
-            shown=of_channel,
-        )
-        for channel, of_channel in enumerate(shown)
+        pixel_variances(one, shown=of_channel, keep_reference=True)
+        for one, of_channel in zip(given.of_colours(), shown, strict=True)
     ]
-    return _averaged(found, normals)
+    return _averaged(found, given.normals)
 
 
 def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:

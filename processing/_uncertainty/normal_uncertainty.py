@@ -12,6 +12,7 @@ from calibration import StackNoise, check_linear
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.pixel_variances import Counts, Origin, PixelVariances, pixel_variances
 from processing._uncertainty.sample_kind import Reason
+from processing._uncertainty.solved_stack import SolvedStack
 from rig import Progress, check_type, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]
@@ -135,19 +136,18 @@ def normal_uncertainty(
         )
     if depth_sigma and camera is None:
         raise DataError("depths with errors require a camera")
-    found = pixel_variances(
-        stack,
-        lights,
-        mask,
-        (stereo.normal_map.normals, stereo.albedo),
+    given = SolvedStack(
+        values=stack,
+        lights=lights,
+        mask=mask,
+        normals=stereo.normal_map.normals,
+        albedo=stereo.albedo,
         points_mm=points_mm,
         camera=camera,
         depth_sigma=depth_sigma,
         noise=noise,
-        keep_reference=False,
-        on_progress=on_progress,
     )
-    return as_uncertainty(found)
+    return as_uncertainty(pixel_variances(given, on_progress=on_progress))
 
 
 def as_uncertainty(found: PixelVariances) -> NormalUncertainty:

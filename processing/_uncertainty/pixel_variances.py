@@ -8,21 +8,19 @@ from typing import Literal, cast
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, Lights
+from acquisition import Lights
 from calibration import StackNoise
-from processing._stereo.frames import Frames
 from processing._stereo.image_noise import law_of_images
-from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.model_error import agreement, common_error, deviations, model_errors
 from processing._uncertainty.reference import PARTS
 from processing._uncertainty.reference_solver import Pixels, ReferenceSolver, row_blocks
 from processing._uncertainty.sample_kind import Reason, SampleKind
-from rig import Progress, short_repr
+from processing._uncertainty.solved_stack import SolvedStack
+from rig import Progress, no_progress, short_repr
 
 Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Counts = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
@@ -168,46 +166,34 @@ class VarianceMaps:
 
 
 def pixel_variances(
-    stack: Float,
-    lights: Lights,
-    mask: Mask,
-    scaled: tuple[Float, Float],
+    given: SolvedStack,
     *,
-    points_mm: npt.NDArray[np.float64] | None,
-    camera: CameraModel | None,
-    depth_sigma: float,
-    noise: StackNoise | None,
-    keep_reference: bool,
-    on_progress: Progress,
     shown: Shown | None = None,
+    keep_reference: bool = False,
+    on_progress: Progress = no_progress,
 ) -> PixelVariances:
-    """Solve all pixels of a mask again.
+    """Solve all pixels of a gray stack again.
 
     Parameters
     ----------
-    stack
-        ``(N, H, W)``.
-    scaled
-        Given normals ``(H, W, 3)`` and albedo ``(H, W)``.
-    lights, mask, points_mm, camera, depth_sigma, noise, on_progress
-        As in `normal_uncertainty`.
-    keep_reference
-        Whether to return the normals of the reference.
+    given
+        The stack and its solution.
     shown
         What other pixels of the same images show; default: what these pixels show.
+    keep_reference
+        Whether to return the normals of the reference.
+    on_progress
+        As in `normal_uncertainty`.
     """
-    pixels, frames = np.flatnonzero(mask), Frames(stack)
-    model = LightModel(lights, points_mm, mask)
-    solver = ReferenceSolver(lights, scaled, points_mm, camera, depth_sigma)
-    law = None if noise is None else NoiseLaw(noise, (len(stack), *mask.shape))
+    frames, model, solver, law = given.frames(), given.model(), given.solver(), given.law()
+    pixels, width = np.flatnonzero(given.mask), given.mask.shape[1]
     if shown is None:
-        shown = _shown(solver, frames, model, mask, law)
+        shown = shown_by(given)
     fitted = shown.law
-    maps = VarianceMaps(
-        solver, scaled[1], len(stack), origin_of(noise, fitted), keep_reference=keep_reference
-    )
+    origin = origin_of(given.noise, fitted)
+    maps = VarianceMaps(solver, given.albedo, len(frames), origin, keep_reference=keep_reference)
     done = 0
-    for block in row_blocks(pixels, mask.shape[1]):
+    for block in row_blocks(pixels, width):
         samples, vectors = model.samples(frames, block)
         maps.add(block, samples, vectors, _law(law, fitted, block, samples, vectors))
         done += len(block)
@@ -215,37 +201,16 @@ def pixel_variances(
     return maps.variances(shown.correlation)
 
 
-def shown_by(
-    stack: Float,
-    lights: Lights,
-    mask: Mask,
-    scaled: tuple[Float, Float],
-    *,
-    points_mm: npt.NDArray[np.float64] | None,
-    camera: CameraModel | None,
-    depth_sigma: float,
-    noise: StackNoise | None,
-) -> Shown:
-    """Return what the pixels of a mask show; only those of `some_of` need normals.
-
-    The parameters are those of `pixel_variances`.
-    """
-    solver = ReferenceSolver(lights, scaled, points_mm, camera, depth_sigma)
-    model = LightModel(lights, points_mm, mask)
-    law = None if noise is None else NoiseLaw(noise, (len(stack), *mask.shape))
-    return _shown(solver, Frames(stack), model, mask, law)
-
-
-def _shown(
-    solver: ReferenceSolver, frames: Frames, model: LightModel, mask: Mask, law: NoiseLaw | None
-) -> Shown:
-    pixels, fitted = np.flatnonzero(mask), None
+def shown_by(given: SolvedStack) -> Shown:
+    """Return what the pixels of a gray stack show; only those of `some_of` need normals."""
+    frames, model, law = given.frames(), given.model(), given.law()
+    pixels, fitted = np.flatnonzero(given.mask), None
     if law is None:
-        fitted = law_of_errors(law_of_images(frames, model, mask), len(frames), len(pixels))
+        fitted = law_of_errors(law_of_images(frames, model, given.mask), len(frames), len(pixels))
     some = some_of(pixels)
     samples, vectors = model.samples(frames, some)
     of_some = _law(law, fitted, some, samples, vectors)
-    return Shown(fitted, solver.correlation(some, samples, vectors, of_some))
+    return Shown(fitted, given.solver().correlation(some, samples, vectors, of_some))
 
 
 def some_of(pixels: Pixels) -> Pixels:
@@ -269,17 +234,23 @@ def kinds_of(
     noise: StackNoise | None,
 ) -> npt.NDArray[np.uint8]:
     """Return the kind of every sample, ``(N, H, W)``; 0 outside the mask."""
-    frames, pixels = Frames(np.ascontiguousarray(stack, np.float32)), np.flatnonzero(mask)
-    model = LightModel(lights, points_mm, mask)
-    scaled = stereo.normal_map.normals, stereo.albedo
-    solver = ReferenceSolver(lights, scaled, points_mm, None, 0.0)
+    given = SolvedStack(
+        values=np.ascontiguousarray(stack, np.float32),
+        lights=lights,
+        mask=mask,
+        normals=stereo.normal_map.normals,
+        albedo=stereo.albedo,
+        points_mm=points_mm,
+        noise=noise,
+    )
+    frames, model, law = given.frames(), given.model(), given.law()
+    pixels, fitted = np.flatnonzero(mask), None
+    if law is None:
+        fitted = law_of_errors(law_of_images(frames, model, mask), len(frames), len(pixels))
     samples, vectors = model.samples(frames, pixels)
-    if noise is None:
-        law = law_of_errors(law_of_images(frames, model, mask), len(stack), len(pixels))
-    else:
-        law = NoiseLaw(noise, (len(stack), *mask.shape)).of(pixels, samples, vectors)
+    of_pixels = _law(law, fitted, pixels, samples, vectors)
     whole = np.zeros((len(stack), mask.size), np.uint8)
-    whole[:, pixels] = solver.solve(pixels, samples, vectors, law)[0].T
+    whole[:, pixels] = given.solver().solve(pixels, samples, vectors, of_pixels)[0].T
     return whole.reshape(stack.shape)
 
 

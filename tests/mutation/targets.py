@@ -171,8 +171,12 @@ TARGETS: dict[str, tuple[str, ...]] = {
     ),
     **{
         f"processing/_reconstruction/{name}.py": ("processing/test_banded_normals.py",)
-        for name in ("banded_normals", "colour_normals", "recorded_images")
+        for name in ("banded_normals", "recorded_images")
     },
+    "processing/_reconstruction/colour_normals.py": (
+        "processing/test_banded_normals.py",
+        "processing/test_colours.py",
+    ),
     "processing/_reconstruction/colours.py": (
         "processing/test_joint_colours.py",
         "processing/test_colours.py",

@@ -1,5 +1,6 @@
 """Normals from images in colour, one solution per channel, averaged by their noise."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from acquisition import DataError, Frame, Lights, Source, angle_deg
 from calibration import EstimateError
 from processing import reconstruct
+from processing._uncertainty.normal_uncertainty import STRUCTURED
 from simulator import bench_sensor
 from simulator._camera.sensor import sensor_image
 from tests.quick_sample import quick
@@ -164,3 +166,25 @@ def test_images_of_one_channel_are_refused():
     )
     with pytest.raises(DataError, match="the image has one channel: use gray"):
         reconstruct(source, channel="rgb")
+
+
+def test_one_channel_that_is_not_matte_is_enough_to_show_it(monkeypatch):
+    turn, z = np.arange(24) * np.pi * (3 - np.sqrt(5)), np.linspace(0.98, 0.6, 24)
+    r = np.sqrt(1 - z * z)
+    directions = np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
+    dome = Lights(directions=directions, intensities=np.ones((24, 3)))
+    monkeypatch.setitem(globals(), "LIGHTS", dome)
+    source = recording((0.5, 0.5, 0.5))
+
+    def glossy(frame, vector):
+        pixels, half = frame.load().copy(), vector + np.array([0, 0, 1])
+        lobe = np.clip(true_normals() @ half / np.linalg.norm(half), 0, None) ** 20
+        pixels[..., 1] += (0.2 * lobe * pixels[..., 1]).astype(pixels.dtype)
+        return replace(frame, load=lambda: pixels)
+
+    frames = tuple(map(glossy, source.frames, directions))
+    matte, in_green = (
+        reconstruct(one, channel="rgb", method="ls", surface=False).uncertainty
+        for one in (source, replace(source, frames=frames))
+    )
+    assert matte.neighbour_correlation < 0 < 2 * STRUCTURED < in_green.neighbour_correlation

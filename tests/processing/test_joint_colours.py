@@ -15,6 +15,7 @@ from processing._reconstruction.joint_noise import JointNoise
 from processing._stereo.method import METHODS
 from processing._uncertainty.colours import shown_by_colours, variances_of_colours
 from processing._uncertainty.normal_uncertainty import as_uncertainty
+from processing._uncertainty.solved_stack import SolvedStack
 
 SIZE = (70, 60)
 COUNT = 20
@@ -165,11 +166,15 @@ def test_errors_are_as_large_as_predicted(known, method):
     values = shadowed(17)
     values[::3, ..., 0] = np.nan
     stereo, albedo = solved(values, method=method, known=known)
-    given = values, lights(False), MASK, stereo.normal_map.normals, albedo
-    others = {"points_mm": None, "camera": None, "depth_sigma": 0.0}
-    others["noise"] = noise() if known else None
-    shown = shown_by_colours(*given, **others)
-    found = as_uncertainty(variances_of_colours(*given, **others, shown=shown))
+    given = SolvedStack(
+        values=values,
+        lights=lights(False),
+        mask=MASK,
+        normals=stereo.normal_map.normals,
+        albedo=albedo,
+        noise=noise() if known else None,
+    )
+    found = as_uncertainty(variances_of_colours(given, shown_by_colours(given)))
     assert found.valid.all()
     error = angle_deg(stereo.normal_map.normals, normals()).ravel()
     sigma = found.sigma_deg.ravel().astype(float)
