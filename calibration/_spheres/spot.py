@@ -155,7 +155,11 @@ def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, flo
         count = int(np.clip(2 * np.pi * radius / 0.75, 24, 240))
         angles = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
         toward = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        distances = _distances(image, centre, toward, level, 3 * radius + 4)
+        reach = 3 * radius + 4
+        distances = _distances(image, centre, toward, level, reach)
+        if distances.min() >= reach - _STEP_PX:
+            # It is as bright all around, so there is no contour at this level.
+            return centre, float(radius), float(reach**2)
         fit = _RobustHarmonics(angles, distances)
         radius, *shift = fit.harmonics[:3]
         shift = np.array(shift) * min(1.0, radius / max(float(np.hypot(*shift)), 1e-9))
@@ -216,6 +220,8 @@ class _RobustHarmonics:
                 self._weights = side / np.maximum(np.abs(self._residual), 0.05)
             else:
                 low = np.sort(np.abs(self._residual[self._residual <= 0]))
+                if not len(low):
+                    break  # the distances are equal, and the ridge makes all fitted ones less
                 middle = (low[(len(low) - 1) // 2] + low[len(low) // 2]) / 2
                 scale = max(1.4826 * float(middle), _FINEST_SCATTER_PX)
                 part = self._residual / (_TUKEY * scale)

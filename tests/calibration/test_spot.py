@@ -70,6 +70,20 @@ def test_glare_on_one_side_moves_the_centre_little_and_raises_the_sigma():
     assert np.hypot(*error) < 3 * with_glare_px
 
 
+@pytest.mark.parametrize(
+    ("around", "bound_px", "sigma_px"),
+    [
+        pytest.param(0.7, 0.1, (0.01, 0.13), id="above the lower level"),
+        pytest.param(1.0, 1.0, (3.0, 20.0), id="saturated"),
+    ],
+)
+def test_a_core_in_a_bright_patch_without_a_contour(around, bound_px, sigma_px):
+    image = np.maximum(np.minimum(core(3), 1), around).astype(np.float32)
+    spot = saturated_spot(image, (image > 0.84) & (R < 4), 1.0)
+    assert np.abs(spot.centre - CENTRE).max() < bound_px
+    assert sigma_px[0] < spot.sigma_px < sigma_px[1]
+
+
 def test_the_sigma_of_an_unsaturated_peak_is_that_of_its_noise():
     rng = np.random.default_rng(2)
     light = 0.5 * np.exp(-(R**2) / (2 * 1.5**2))
