@@ -4,18 +4,30 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 
 _UNITS = {"K": 10, "M": 20, "G": 30, "T": 40}
 _SIZE = re.compile(r"([0-9]{1,12}(?:\.[0-9]{1,6})?)\s*([KMGT])(i?B)?", re.IGNORECASE)
 _MEMINFO = Path("/proc/meminfo")
 _GROUP = Path("/sys/fs/cgroup")
+# Of version 2 and 1: limit, memory in use, statistics, and the line of unused contents of files.
+_LIMITS = (
+    ("memory.max", "memory.current", "memory.stat", "inactive_file"),
+    (
+        "memory/memory.limit_in_bytes",
+        "memory/memory.usage_in_bytes",
+        "memory/memory.stat",
+        "total_inactive_file",
+    ),
+)
 
 
 def memory_of_computer() -> tuple[int | None, int | None]:
     """Return the total and the available memory in bytes; None for what the system does not show.
 
-    Limits of a container (cgroup version 2) count as the memory of the computer.
+    Limits of a container (cgroup version 1 or 2) count as the memory of the computer. Contents of
+    files that the system only keeps for the next reading count as available.
 
     Examples
     --------
@@ -26,15 +38,28 @@ def memory_of_computer() -> tuple[int | None, int | None]:
         return None, None
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     available = None
-    try:
+    with suppress(OSError):
         match = re.search(r"^MemAvailable:\s+(\d+) kB", _MEMINFO.read_text(), re.MULTILINE)
         available = None if match is None else int(match[1]) * 1024
-        limit = int((_GROUP / "memory.max").read_text())
-        used = int((_GROUP / "memory.current").read_text())
-    except (OSError, ValueError):  # no such file, or "max": no limit
-        return total, available
-    left = max(limit - used, 0)
-    return min(total, limit), left if available is None else min(available, left)
+    for names in _LIMITS:
+        try:
+            limit, used = (int((_GROUP / name).read_text()) for name in names[:2])
+            cached = _cached(_GROUP / names[2], names[3])
+        except (OSError, ValueError):  # no such file, or "max": no limit
+            continue
+        if limit < total:
+            left = min(max(limit - used + cached, 0), limit)
+            return limit, left if available is None else min(available, left)
+    return total, available
+
+
+def _cached(statistics: Path, name: str) -> int:
+    """Return the bytes of a container that hold contents of files and are free when needed."""
+    try:
+        match = re.search(rf"^{name} (\d+)$", statistics.read_text(), re.MULTILINE)
+    except OSError:
+        return 0
+    return 0 if match is None else int(match[1])
 
 
 def memory_size(text: str) -> int:

@@ -79,7 +79,7 @@ class Frame:
             If the file has been removed, is damaged, or has another shape than the other frames.
         """
         if not self.path.exists():
-            raise DataError(f"{self.path}: was removed after the folder was read: restore it")
+            raise DataError(f"{self.path}: the file is missing: restore it")
         if self.load is None:
             pixels = read_image(self.path, max_pixels=self.max_pixels)
         else:

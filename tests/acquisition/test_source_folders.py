@@ -141,7 +141,7 @@ def test_a_frame_that_changes_later_is_named(tmp_path: Path) -> None:
     (folder / "a.1.png").unlink()
     with pytest.raises(DataError, match=r"a\.0\.png: shape \(5, 5, 3\)"):
         first.read()
-    with pytest.raises(DataError, match=r"a\.1\.png: was removed"):
+    with pytest.raises(DataError, match=r"a\.1\.png: the file is missing: restore it"):
         second.read()
 
 

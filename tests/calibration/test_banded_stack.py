@@ -215,7 +215,7 @@ def cut(path):
 FAULTS = {
     "one bit": (flip, "its pixels differ from those recorded"),
     "cut short": (cut, "cut short|differ|damaged"),
-    "removed": (lambda path: path.unlink(), "was removed|restore it"),
+    "removed": (lambda path: path.unlink(), "is missing: restore it"),
     "a folder": (lambda path: (path.unlink(), path.mkdir()), "not a regular file"),
     "a pipe": (lambda path: (path.unlink(), os.mkfifo(path)), "not a regular file"),
     "empty": (lambda path: path.write_bytes(b""), "empty"),
