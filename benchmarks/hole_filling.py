@@ -51,7 +51,7 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=60, help="diameter of the holes, pixels")
     parser.add_argument("--count", type=int, default=20, help="number of holes per map")
     parser.add_argument("--seed", type=int, default=2056, help="seed of their places")
-    parser.add_argument("--patch", type=int, default=16, help="side of the patches, pixels")
+    parser.add_argument("--patch", type=int, default=12, help="side of the patches, pixels")
     options = parser.parse_args()
     print("map    angle  true (worst)        rim  true (worst)   CPU s  most")
     for name in ("owl", "plant"):

@@ -3,6 +3,7 @@
 import numba
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
 
 from acquisition import BandFile, DataError
 from processing import NormalMap, angle_deg, separate, synthesize, texture_figures
@@ -210,12 +211,37 @@ def test_a_sheet_on_disk_is_the_same(noise, tmp_path):
     assert steps[borders].mean() < 1.15 * steps.mean()
 
 
-def test_an_object_with_flat_parts_away_from_its_rim(noise):
-    """No patch fits at the steep rim, but the sheet is as steep as the complete exemplar."""
+@pytest.fixture(scope="module")
+def disc(noise):
+    """Return an object that is steep at its rim, where no patch fits, and flat in the middle."""
     away = np.hypot(*np.mgrid[-48:48, -48:48])
     slopes = noise.normals[..., :2] / noise.normals[..., 2:] * np.clip(away / 30, 0.3, 2)[..., None]
     mask = away < 44
-    vectors = np.dstack([slopes, np.ones((96, 96))]) * mask[..., None]
-    disc = NormalMap.from_vectors(vectors, mask)
+    return NormalMap.from_vectors(np.dstack([slopes, np.ones((96, 96))]) * mask[..., None], mask)
+
+
+def test_an_object_with_flat_parts_away_from_its_rim(disc):
     figures = texture_figures(synthesize(disc, (256, 256), patch=PATCH).detail, disc, patch=PATCH)
     assert figures.detail_angle_deg == pytest.approx(figures.exemplar_angle_deg, rel=0.07)
+
+
+def angles_of(vectors):
+    return np.arctan2(np.hypot(vectors[..., 0], vectors[..., 1]), vectors[..., 2])
+
+
+def test_steep_patches_make_up_for_a_rim_where_none_fits(disc, monkeypatch):
+    """The shares of the classes do so by themselves, before the filter makes a sheet steeper."""
+    from processing._synthesis.exemplar import prepare_exemplar
+
+    meant = angles_of(disc.normals)[disc.mask].mean()
+    prepared = prepare_exemplar(disc, PATCH, rotate=False, mirror=False)
+    patches = sliding_window_view(angles_of(disc.normals), (PATCH, PATCH)).mean(axis=(2, 3))
+    classes = prepared.classes[0, : len(patches), : patches.shape[1]]
+    means = np.array([patches[classes == c].mean() for c in range(len(prepared.shares))])
+    assert prepared.shares @ means == pytest.approx(meant, rel=0.02)
+    # Equal shares would leave the sheet a quarter too flat.
+    assert means.mean() < 0.8 * meant
+    # The search for patches that fit leaves the sheet a little flatter than the shares alone.
+    monkeypatch.setattr("processing._synthesis.quilting.match_spectrum", lambda *_, **__: None)
+    unfiltered = synthesize(disc, (256, 256), patch=PATCH).detail.normals
+    assert angles_of(unfiltered).mean() > 0.85 * meant
