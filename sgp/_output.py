@@ -41,7 +41,7 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
             out, force = parameters.pop("out"), parameters.pop("force")
             if out is None:
                 return command(*args, **kwargs)
-            check_output(out, parameters.values(), force=force)
+            check_output(out, parameters.values(), force=force or _cut_short(out / record))
             result = command(*args, **kwargs)
             write_record(out / record, _name(command), parameters | result.parameters, result)
             return result
@@ -49,6 +49,15 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
         return run
 
     return decorate
+
+
+def _cut_short(record: Path) -> bool:
+    """Return whether the files next to a missing record are those of a killed process.
+
+    It removes its unfinished maps after the files are complete, before the record; whether they
+    belong to the same computation is checked where they are continued.
+    """
+    return not record.exists() and acquisition.is_unfinished(record.with_suffix(""))
 
 
 def check_output(out: Path, arguments: Iterable[Any], *, force: bool) -> None:

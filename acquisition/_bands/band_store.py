@@ -68,6 +68,19 @@ def check_unfinished(path: Path, identity: Mapping[str, object]) -> None:
         raise OtherMapsError(path.parent, _differences(found, wanted))
 
 
+def is_unfinished(path: Path) -> bool:
+    """Return whether a process that ended early left maps of this result, which can be continued.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import is_unfinished
+    >>> is_unfinished(Path("normals"))
+    False
+    """
+    return (part_path(path) / _IDENTITY).is_file()
+
+
 class BandStore(Mapping[str, BandFile]):
     """File-backed maps of a long computation, with a journal of the rows that are complete.
 
