@@ -52,7 +52,9 @@ def normals_within(
     UsageError
         If the memory is too small.
     """
-    if not _on_disk(memory, source, options):
+    path = out / "normals"
+    on_disk = _on_disk(memory, source, options)
+    if not on_disk and (force or not acquisition.is_unfinished(path)):
         yield compute_normals(source, options, pixel_mm)
         return
     given = {name: value for name, value in asdict(options).items() if not _is_file(value)}
@@ -63,26 +65,35 @@ def normals_within(
         "software version": acquisition.software_version(),
     }
     try:
+        if not force:
+            acquisition.check_unfinished(path, identity)
         with Stages() as progress:
-            stage = processing.reconstruct_on_disk(
-                source,
-                out / "normals",
-                memory=max(rig.memory_budget(memory), processing.least_memory(source)),
-                identity=identity,
-                replace=force,
-                method=options.method,
-                distant=options.distant,
-                height_mm=options.height_mm,
-                rests_on_plane=options.rests_on_plane,
-                pixel_mm=pixel_mm,
-                exclude_disagreeing=options.exclude_disagreeing,
-                on_progress=progress,
+            stage = (
+                None
+                if not on_disk
+                else processing.reconstruct_on_disk(
+                    source,
+                    path,
+                    memory=max(rig.memory_budget(memory), processing.least_memory(source)),
+                    identity=identity,
+                    replace=force,
+                    method=options.method,
+                    distant=options.distant,
+                    height_mm=options.height_mm,
+                    rests_on_plane=options.rests_on_plane,
+                    pixel_mm=pixel_mm,
+                    exclude_disagreeing=options.exclude_disagreeing,
+                    on_progress=progress,
+                )
             )
     except acquisition.OtherMapsError as error:
         raise UsageError(
             f"{error.folder} contains unfinished maps of a command with another {error.other}: "
             "repeat that command, choose another folder, or add --force to begin again"
         ) from error
+    if stage is None:
+        yield compute_normals(source, options, pixel_mm)
+        return
     with stage.store:
         yield replace(stage, warnings=with_answers(stage.warnings, source))
         stage.store.remove()

@@ -160,3 +160,13 @@ def test_a_memory_that_is_too_small_is_refused_at_once(sgp, given, tmp_path, mon
     assert "with --semi-calibrated, which needs the complete maps" in line
     for wrong in ("3", "-1G", "x", "nan"):
         assert "is not a size of memory" in sgp(*command, f"--memory={wrong}").error_line(2)
+
+
+def test_unfinished_maps_of_another_command_are_kept_with_enough_memory(sgp, recording, tmp_path):
+    out = tmp_path / "out"
+    (out / ".part-normals").mkdir(parents=True)
+    (out / ".part-normals" / "identity.json").write_text('{"method": "other"}')
+    (out / "normals.exr").write_text("of that command")
+    line = sgp("normals", recording, "--lights", tmp_path / "lights.json", "--out", out)
+    assert "unfinished maps of a command with another" in line.error_line(2)
+    assert (out / "normals.exr").read_text() == "of that command"
