@@ -104,7 +104,7 @@ def _take_signals() -> None:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    end_program = getattr(sys.modules.get("rig"), "end_program", None)
+    end_program = _of_rig("end_program")
     if end_program is None:
         # No work has started that could be damaged, and imports swallow exceptions.
         _end(number)
@@ -112,9 +112,17 @@ def _handle(number: int, frame: FrameType | None) -> None:
         end_program(number, frame)
 
 
+def _of_rig(name: str) -> Any:
+    """Return a function of the package ``rig`` if that is loaded, else None.
+
+    `getattr` would load it: an import in a handler that interrupts an import makes that one fail.
+    """
+    return vars(sys.modules["rig"]).get(name) if "rig" in sys.modules else None
+
+
 def _unraisable(lost: Any) -> None:
     """Repeat a signal whose exception was lost in a finalizer or a callback from C."""
-    resend_signal = getattr(sys.modules.get("rig"), "resend_signal", None)
+    resend_signal = _of_rig("resend_signal")
     error = lost.exc_value
     if resend_signal is not None and isinstance(error, KeyboardInterrupt):
         resend_signal(signal.SIGINT)

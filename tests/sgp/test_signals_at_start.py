@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "signals_at_start.py"
-# Sends a signal while a module is being found, in the middle of other imports.
+# Sends a signal while a module is being found, in the middle of other imports. An import in the
+# signal handler would sometimes make the interrupted one fail.
 STRUCK = """
 import os, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -18,8 +19,11 @@ signal.signal(signal.SIGHUP, signal.SIG_{hangup})
 class Strike:
     def find_spec(self, name, path=None, target=None):
         if name == {module!r}:
-            sys.meta_path.remove(self)
             os.kill(os.getpid(), signal.{name})
+        frame = sys._getframe()
+        while frame := frame.f_back:
+            if frame.f_code.co_name == "_handle":
+                print("the handler imports", name, file=sys.stderr)
 sys.meta_path.insert(0, Strike())
 import sgp
 sgp.main()
@@ -43,6 +47,15 @@ def test_a_signal_while_modules_load_ends_with_one_line(name, module):
     assert done.stderr == f"error: stopped by {cause}\n"
     assert done.returncode == 128 + getattr(signal, name)
     assert done.stdout == ""
+
+
+def test_the_handler_imports_nothing():
+    # `rig` is loaded, and the interrupted import continues after the signal.
+    done = struck("SIGTERM", "sgp._metrics")
+    assert done.stderr in (
+        "error: stopped by SIGTERM\n",
+        f"error: {WORDS[1]}: no such file or folder\n",
+    )
 
 
 def test_the_line_is_json_with_the_option_json():
