@@ -243,7 +243,9 @@ def _read(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> I
             values = values.astype(np.float32, copy=False)
         inside = mask
         if inside is None or inside.shape != values.shape[:2]:
-            inside = np.ones(values.shape[:2], np.bool_)
+            # Maps of numbers are NaN outside the object.
+            known = np.isfinite(values)
+            inside = known if known.ndim == 2 else known.any(axis=2)
         yield name, values, inside
 
 
