@@ -10,6 +10,7 @@ import pytest
 from acquisition import write_exr
 from rig import MAX_PIXELS
 from sgp._report import maps as maps_module
+from sgp._report import report as report_module
 from sgp._report.report import make_report
 from sgp._report.scripts import asset
 from tests.sgp.report_folder import SIZE, write_folder
@@ -56,6 +57,16 @@ def test_maps_are_reduced_until_the_page_is_small_enough(folder):
     (result,) = report_of(small.html)["results"]
     assert result["pixelSize"] == pytest.approx(0.2 * small.reduction[0])
     assert "reduced from" in small.html
+
+
+def test_the_terminal_states_the_reduction(sgp, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(report_module, "_PIXELS", 2000)
+    answer = sgp("report", folder, "--out", tmp_path / "page.html")
+    (line,) = [line for line in answer.out.splitlines() if "reduced" in line]
+    sizes = r"from 90 x 90 to 4\d x 4\d pixels"
+    assert re.fullmatch(rf"the page shows ball reduced {sizes}; --full adds all pixels", line)
+    answer = sgp("report", folder, "--out", tmp_path / "full.html", "--full")
+    assert "reduced" not in answer.out
 
 
 def test_each_file_is_read_once_and_three_js_is_for_heights(folder, tmp_path, monkeypatch):
