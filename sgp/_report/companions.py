@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Final, Literal
 
 import acquisition
@@ -35,12 +34,12 @@ def companions(
     folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]
 ) -> Iterator[tuple[str, processing.NormalMap]]:
     """Yield names and normal maps of the inputs of a result; those that changed are left out."""
-    inputs = Inputs(folder.records.values())
+    inputs = Inputs(folder)
     for record in folder.records.values():
         for parameter, title in _COMPANIONS.get(record.command, {}).items():
             named = record.parameters.get(parameter)
             paths = named if isinstance(named, list) else [named]
-            for path in (Path(one) for one in paths if isinstance(one, str)):
+            for path in (folder.located(one) for one in paths if isinstance(one, str)):
                 files = inputs.below(path)
                 changed = [file for file in files if inputs.state(file) == "changed"]
                 if changed and path.exists():

@@ -134,6 +134,17 @@ def test_maps_of_numbers_without_a_mask_are_cut_out(tmp_path):
     assert (result["rows"], result["columns"]) == (90, 90)
 
 
+def test_inputs_with_relative_paths_are_found_from_another_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    source = write_recording(Path("frames"))
+    write_folder(Path("out") / "result", inputs=sorted(source.iterdir()), source="frames")
+    for place in ("out/result", "/"):
+        monkeypatch.chdir(tmp_path / place)
+        made = make_report([tmp_path / "out" / "result"], max_pixels=MAX_PIXELS)
+        assert made.notices == []
+        assert len(report_of(made.html)["results"][0]["images"]) == 8
+
+
 def test_a_recording_without_a_result_is_shown(sgp, recorded, tmp_path):
     page = tmp_path / "page.html"
     answer = sgp("report", recorded / "frames", "--out", page, "--json")
