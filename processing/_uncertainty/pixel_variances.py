@@ -128,7 +128,9 @@ class VarianceMaps:
 
     def add(self, pixels: Pixels, samples: Float, vectors: Float, law: Float | None) -> None:
         """Solve complete rows of pixels."""
-        _, counts, found, parts = self._solver.solve(pixels, samples, vectors, law)
+        _, counts, found, parts = self._solver.solve(
+            pixels, samples, vectors, law, keep_kinds=False
+        )
         good = np.isfinite(found[:, 0])
         # A slice is written faster than a list of pixels.
         alike = pixels[-1] - pixels[0] + 1 == len(pixels)
