@@ -51,7 +51,7 @@ from processing._uncertainty.tile_reference import (
 # Compiled in: processing/_uncertainty/light_table.py 62cfc3cb4f29
 # Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
 # Compiled in: processing/_uncertainty/reflectance_left.py ec5e1270ad5f
-# Compiled in: processing/_uncertainty/tile_reference.py d76a93102921
+# Compiled in: processing/_uncertainty/tile_reference.py b48c5fddba0e
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

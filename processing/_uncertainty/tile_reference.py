@@ -218,8 +218,8 @@ def _sums_without_dark(rows: Float, state: Float, k: int, sums: Double) -> None:
 @numba.njit(**IN_PLACE, error_model="numpy")
 def _agrees(state: Float, k: int) -> bool:
     """Return whether all samples of a pixel are there and agree; False for NaN."""
-    of_pixel = state[_LIT * TILE + k] >= 3 and state[_COMPLETE * TILE + k] > 0
-    return of_pixel and state[_WORST * TILE + k] <= _CUT2
+    usable = state[_LIT * TILE + k] >= 3 and state[_COMPLETE * TILE + k] > 0
+    return bool(usable and state[_WORST * TILE + k] <= _CUT2)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
