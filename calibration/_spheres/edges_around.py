@@ -111,7 +111,7 @@ class EdgesAround:
             for sign in (1, -1):
                 moved = np.roll(self._edges, sign * shift, axis=1)
                 near = np.maximum(near, share * moved)
-        return near
+        return np.asarray(near, np.float64)
 
     def _supports(self, near: Array, x: Array, y: Array, change: float) -> Array:
         """Return the support of circles of one radius whose centres are moved by x, y ``(H,)``."""

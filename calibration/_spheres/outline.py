@@ -253,7 +253,8 @@ def radial_profiles(
     image: npt.NDArray[np.float32], ellipse: Ellipse, angles: Array, offsets: Array
 ) -> Array:
     """Return the image sampled along radii, ``(angles, offsets)``."""
-    return stack_profiles([image], ellipse, angles, offsets)[0]
+    profiles: Array = stack_profiles([image], ellipse, angles, offsets)[0]
+    return profiles
 
 
 def stack_profiles(
