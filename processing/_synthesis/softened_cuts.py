@@ -11,18 +11,15 @@ from processing._synthesis.strips import SheetRows
 Float = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
 
-# The largest step across cuts over that inside patches: the filter of the spectrum, which follows,
-# makes it smaller.
-_LARGEST = 1.1
 # Rows of the part in the middle in which steps are measured, and rows that are softened at once.
 _MEASURED, _ROWS = 1024, 512
 
 
 def soften_cuts(sheet: SheetRows, labels: Bytes, *, wrapped: bool) -> None:
-    """Make the mean step across cuts 1.1 times as large as that inside patches, if it is larger.
+    """Make the mean step across cuts as large as that inside patches, if it is larger.
 
     A step of d between the two pixels at a straight cut becomes (1 - 2 s) d if each takes a share s
-    of the other: if steps across cuts are 1.2 times as large, the share is .042.
+    of the other: if steps across cuts are a tenth larger, the share is .045.
 
     Parameters
     ----------
@@ -36,9 +33,9 @@ def soften_cuts(sheet: SheetRows, labels: Bytes, *, wrapped: bool) -> None:
     height = len(labels)
     middle = slice(max(0, height - _MEASURED) // 2, max(0, height - _MEASURED) // 2 + _MEASURED)
     ratio = cut_steps(sheet[middle], labels[middle]).ratio
-    if not ratio > _LARGEST:
+    if not ratio > 1:
         return
-    share = (1 - _LARGEST / ratio) / 2
+    share = (1 - 1 / ratio) / 2
     # Copies of rows that are replaced before they are read.
     top, above = sheet[:1].copy(), sheet[height - 1 : height].copy()
     for first in range(0, height, _ROWS):

@@ -16,8 +16,8 @@ Mask = npt.NDArray[np.bool_]
 
 BANDS = 16
 _BLOCKS = (64, 32)
-# More blocks do not make the mean more accurate than the exemplar's own is.
-_MOST_BLOCKS = 400
+# Of a relief of 1024 x 1024 pixels, 400 blocks left an error of 4 %.
+_MOST_BLOCKS = 1600
 
 
 def block_side(*masks: Mask) -> int:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +25,9 @@ Mask = npt.NDArray[np.bool_]
 
 # A filter is a kernel of 2 x reach + 1 pixels.
 _REACH = 32
-# Rows and columns of windows in which the power of a sheet is measured; of every eighth, also the
+# Rows and columns of windows in which the power of a sheet is measured; of every tenth, also the
 # power of the filtered window.
-_GRID, _FILTERED = 20, 8
+_GRID, _FILTERED = 40, 10
 _ROUNDS = 8
 _LEAST_GAIN, _MOST_GAIN = 0.1, 1.5
 # The mean angle of a sheet is measured on every eighth row.
@@ -95,27 +93,25 @@ def _measured(sheet: SheetRows, block: int) -> tuple[Double, Complex, Float]:
     These are larger than a block by the reach on each side. Returned are the transforms of n_x and
     n_y, ``(n, 2, h, w / 2 + 1)``, and n_z in the blocks, ``(n, block, block)``.
     """
-    power, waves, upright = np.zeros((block, block // 2 + 1)), [], []
-    inner, count = (slice(None), *[slice(_REACH, -_REACH)] * 2), 0
-    for window in _windows(sheet, block + 2 * _REACH):
-        power += windowed_power(window[:2][inner])
-        if count % _FILTERED == 0:
-            waves.append(rfft2(window[:2]))
-            upright.append(window[2][inner[1:]])
-        count += 1
-    return banded(power / count, block // 2), np.stack(waves), np.stack(upright)
-
-
-def _windows(sheet: SheetRows, side: int) -> Iterator[Float]:
-    """Yield square windows ``(3, side, side)``, evenly over a sheet."""
+    side = block + 2 * _REACH
     tops, lefts = (
-        np.unique(np.linspace(0, length - side, _GRID).astype(np.int64))
+        np.linspace(0, length - side, min(_GRID, 1 + 2 * (length - side) // block)).astype(np.int64)
         for length in sheet.shape[:2]
     )
-    for top in tops:
+    count = len(tops) * len(lefts)
+    inner = (slice(None), *[slice(_REACH, -_REACH)] * 2)
+    # Not every tenth, which could be in few columns.
+    chosen = set(np.linspace(0, count - 1, -(-count // _FILTERED)).astype(np.int64).tolist())
+    power, waves, upright = np.zeros((block, block // 2 + 1)), [], []
+    for i, top in enumerate(tops):
         rows = sheet[top : top + side]
-        for left in lefts:
-            yield np.ascontiguousarray(rows[:, left : left + side].transpose(2, 0, 1))
+        for j, left in enumerate(lefts):
+            window = np.ascontiguousarray(rows[:, left : left + side].transpose(2, 0, 1))
+            power += windowed_power(window[:2][inner])
+            if i * len(lefts) + j in chosen:
+                waves.append(rfft2(window[:2]))
+                upright.append(window[2][inner[1:]])
+    return banded(power / count, block // 2), np.stack(waves), np.stack(upright)
 
 
 def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Double:
@@ -123,7 +119,7 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
 
     The total power stays as it is. The filtered power is measured: the squared gain would not do,
     because the window of a block spreads power over neighbouring bands, and unit length over all.
-    It is measured in few windows, relative to the same windows without a filter.
+    It is measured in few windows.
     """
     block = upright.shape[1]
     side = block + 2 * _REACH
@@ -137,13 +133,18 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
         return banded(windowed_power(slopes), block // 2)
 
     gains = np.ones(block // 2)
-    scale = has / np.maximum(filtered(gains), 1e-30)
+    alone = filtered(gains)
+    scale = _total(has, block) / _total(alone, block)
+    # What all windows have more than the few: the gains apply to it without spreading.
+    rest = has - scale * alone
+
+    def expected(gains: Double) -> Double:
+        return np.maximum(scale * filtered(gains) + np.square(gains) * rest, 1e-30)
+
     for _ in range(_ROUNDS):
-        power = scale * np.maximum(filtered(gains), 1e-30)
-        gains *= np.sqrt(wanted / power)
+        gains *= np.sqrt(wanted / expected(gains))
         gains = np.clip(gains, _LEAST_GAIN, _MOST_GAIN)
-    power = scale * filtered(gains)
-    scaled: Double = gains * np.sqrt(_total(has, block) / _total(power, block))
+    scaled: Double = gains * np.sqrt(_total(has, block) / _total(expected(gains), block))
     return scaled
 
 
