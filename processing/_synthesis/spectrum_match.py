@@ -25,10 +25,10 @@ Mask = npt.NDArray[np.bool_]
 
 # A filter is a kernel of 2 x reach + 1 pixels.
 _REACH = 32
-# Rows and columns of windows in which the power of a sheet is measured; of every tenth, also the
-# power of the filtered window.
-_GRID, _FILTERED = 40, 10
-_ROUNDS = 8
+# Rows and columns of windows in which the power of a sheet is measured; of every twentieth, also
+# the power of the filtered window.
+_GRID, _FILTERED = 40, 20
+_ROUNDS = 16
 _LEAST_GAIN, _MOST_GAIN = 0.1, 1.5
 # The mean angle of a sheet is measured on every eighth row.
 _SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
@@ -100,7 +100,7 @@ def _measured(sheet: SheetRows, block: int) -> tuple[Double, Complex, Float]:
     )
     count = len(tops) * len(lefts)
     inner = (slice(None), *[slice(_REACH, -_REACH)] * 2)
-    # Not every tenth, which could be in few columns.
+    # Not every twentieth, which could be in few columns.
     chosen = set(np.linspace(0, count - 1, -(-count // _FILTERED)).astype(np.int64).tolist())
     power, waves, upright = np.zeros((block, block // 2 + 1)), [], []
     for i, top in enumerate(tops):
