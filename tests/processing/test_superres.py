@@ -159,8 +159,8 @@ def test_means_of_a_cubic_are_interpolated_exactly(scale):
 @pytest.mark.parametrize("scale", [2, 4])
 def test_steep_waves_are_interpolated(scale):
     """They are smooth, although their second differences are large: a network only adds errors."""
-    y, x = np.mgrid[1:-1:160j, -1:1:160j]
-    p, q = 0.7 * np.sin(8 * x + 3 * y), 0.4 * np.cos(6 * y)
+    y, x = np.mgrid[1:-1:160j, -1:1:160j] * 16 / scale
+    p, q = 0.7 * np.sin(x + 0.4 * y), 0.4 * np.cos(0.8 * y)
     truth = NormalMap.from_vectors(np.dstack([-p, -q, np.ones_like(p)]))
     low, inner = low_resolution(truth, scale), (slice(16, -16),) * 2
     errors = [
