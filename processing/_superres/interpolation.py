@@ -126,4 +126,4 @@ def _weights(offset: float) -> Float:
         ((-7 / 12 * away + 3) * away - 59 / 12) * away + 15 / 6,
         ((1 / 12 * away - 2 / 3) * away + 21 / 12) * away - 3 / 2,
     )
-    return np.select([away <= 1, away <= 2, away < 3], pieces, 0).astype(np.float32)
+    return np.asarray(np.select([away <= 1, away <= 2, away < 3], pieces, 0), np.float32)
