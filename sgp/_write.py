@@ -12,10 +12,10 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages, shown
-from sgp._metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._output import provenance
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
+from sgp._stage_metrics import NormalsMetrics, SeparationMetrics, SurfaceMetrics
 from sgp._stage_options import MapOptions, SurfaceOptions
 from sgp._uncertainty import Normals, add_uncertainty, sigma_lines
 from sgp._write_doubts import add_height_sigma, height_sigma_lines, write_curl
