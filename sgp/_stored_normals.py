@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -13,6 +12,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._memory_text import size_option
 from sgp._options import SourceOptions
 from sgp._output import sha256
 from sgp._result import plain
@@ -112,14 +112,14 @@ def _on_disk(memory: int | None, source: acquisition.Source, options: SourceOpti
             return False  # perhaps there is enough
         option = "--semi-calibrated" if options.semi_calibrated else f"--channel {options.channel}"
         raise UsageError(
-            f"--memory {_size(memory)} is too small for {images} with {option}, which needs the "
-            f"complete maps: give --memory {_size(whole)}, or leave {option} out"
+            f"--memory {size_option(memory)} is too small for {images} with {option}, which needs "
+            f"the complete maps: give --memory {size_option(whole)}, or leave {option} out"
         )
     least = processing.least_memory(source)
     if memory is not None and memory < least:
         raise UsageError(
-            f"--memory {_size(memory)} is too small for {images}: give at least --memory "
-            f"{_size(least)}"
+            f"--memory {size_option(memory)} is too small for {images}: give at least --memory "
+            f"{size_option(least)}"
         )
     return True
 
@@ -127,10 +127,3 @@ def _on_disk(memory: int | None, source: acquisition.Source, options: SourceOpti
 def _is_file(value: object) -> bool:
     # The contents of files are in the hashes of the inputs.
     return isinstance(value, Path)
-
-
-def _size(count: int) -> str:
-    """Return bytes as an option of memory, rounded up."""
-    if count < 2**30:
-        return f"{math.ceil(count / 2**20)}M"
-    return f"{math.ceil(count / 2**30 * 100) / 100:g}G"
