@@ -14,6 +14,7 @@ from ._detail.properties import idempotence as idempotence
 from ._detail.properties import transfer_chain as transfer_chain
 from ._detail.rotation_similarity import RotationSimilarity as RotationSimilarity
 from ._detail.rotation_similarity import rotation_similarity as rotation_similarity
+from ._detail.rows import least_memory_of_separation as least_memory_of_separation
 from ._detail.rows import memory_of_separation as memory_of_separation
 from ._detail.rows import separate_rows as separate_rows
 from ._detail.seam import SeamSteps as SeamSteps
@@ -24,6 +25,8 @@ from ._detail.separation import separate as separate
 from ._detail.shape_filter import ShapeFilter as ShapeFilter
 from ._detail.similarity import Pose as Pose
 from ._detail.similarity import Similarity as Similarity
+from ._detail.stored_separation import StoredSeparation as StoredSeparation
+from ._detail.stored_separation import separate_on_disk as separate_on_disk
 from ._detail.tile import Tile as Tile
 from ._detail.transfer import TransferFidelity as TransferFidelity
 from ._detail.transfer import TransferResult as TransferResult
@@ -41,10 +44,11 @@ from ._metrics import angle_deg as angle_deg
 from ._metrics import angular_error as angular_error
 from ._metrics import ssim as ssim
 from ._normal_map import NormalMap as NormalMap
+from ._normal_map_files import FoundNormals as FoundNormals
 from ._normal_map_files import NormalMapFile as NormalMapFile
 from ._normal_map_files import StoredNormals as StoredNormals
+from ._normal_map_files import find_normals as find_normals
 from ._normal_map_files import read_normals as read_normals
-from ._normal_map_files import size_of_normals as size_of_normals
 from ._normal_map_files import store_normals as store_normals
 from ._normal_map_files import write_normal_rows as write_normal_rows
 from ._normal_map_files import write_normals as write_normals
@@ -101,6 +105,7 @@ from ._superres.super_resolution import SuperResolution as SuperResolution
 from ._superres.super_resolution import SuperResolutionMethod as SuperResolutionMethod
 from ._superres.super_resolve import super_resolve as super_resolve
 from ._surface.consistency import axes_notices as axes_notices
+from ._surface.consistency import axes_notices_of_rows as axes_notices_of_rows
 from ._surface.curl import NormalCurl as NormalCurl
 from ._surface.curl import curl_in_rows as curl_in_rows
 from ._surface.curl import curl_notices as curl_notices

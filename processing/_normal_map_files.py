@@ -26,7 +26,7 @@ from acquisition import (
 from processing._normal_decoding import GivenMask, Green, PixelsInMemory, decode_normals
 from processing._normal_map import NormalMap, check_normal_map
 from processing._normal_pixels import encode
-from processing._npy_file import read_npy
+from processing._npy_file import npy_shape, read_npy
 from rig import MAX_PIXELS, Notice, Progress, in_threads, no_progress, short_repr
 
 Mask = npt.NDArray[np.bool_]
@@ -46,6 +46,49 @@ class NormalMapFile(NamedTuple):
 
     def __repr__(self) -> str:
         return short_repr(self)
+
+
+class FoundNormals(NamedTuple):
+    """A normal map on disk that was not decoded yet.
+
+    Parameters
+    ----------
+    size
+        (height, width), which the header of the file states.
+    files
+        Image, and mask if there is one.
+    """
+
+    size: tuple[int, int]
+    files: tuple[Path, ...]
+
+
+def find_normals(
+    path: str | Path, *, mask_path: str | Path | None = None, max_pixels: int = MAX_PIXELS
+) -> FoundNormals:
+    """Return the files that `read_normals` would read, and the size of the map.
+
+    Parameters, errors
+        As for `read_normals`, except for damage after the header.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import write_png
+    >>> from processing import find_normals
+    >>> write_png("flat.png", np.full((4, 5, 3), (128, 128, 255), np.uint8))
+    >>> find_normals("flat.png").size
+    (4, 5)
+    """
+    file, mask_file = _files(Path(path), mask_path)
+    if file.suffix.lower() == ".npy":
+        shape = npy_shape(file)
+    else:
+        with ImageRows(file, max_pixels=max_pixels) as rows:
+            shape = rows.shape
+    if len(shape) != 3:
+        raise _not_three(file, shape)
+    return FoundNormals((shape[0], shape[1]), (file,) if mask_file is None else (file, mask_file))
 
 
 def read_normals(
@@ -110,27 +153,6 @@ def read_normals(
     known, notices = decode_normals(file, pixels, given, green, normals)
     read = (file,) if given is None else (file, given.file)
     return NormalMapFile(NormalMap(normals, known), tuple(notices), read)
-
-
-def size_of_normals(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> tuple[int, int] | None:
-    """Return height and width of a normal map from the header of its image; None for a .npy file.
-
-    Parameters and errors are those of `read_normals`, except for damage after the header.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from acquisition import write_png
-    >>> from processing import size_of_normals
-    >>> write_png("flat.png", np.full((4, 5, 3), (128, 128, 255), np.uint8))
-    >>> size_of_normals("flat.png")
-    (4, 5)
-    """
-    file = _find_image(Path(path))
-    if file.suffix.lower() == ".npy":
-        return None
-    with ImageRows(file, max_pixels=max_pixels) as rows:
-        return rows.shape[0], rows.shape[1]
 
 
 class StoredNormals(NamedTuple):
@@ -348,5 +370,9 @@ def _read_pixels(file: Path, max_pixels: int) -> PixelsInMemory:
 
 def _given_mask(file: Path, shape: tuple[int, ...], mask_file: Path | None) -> GivenMask | None:
     if len(shape) != 3 or shape[2] != 3:
-        raise DataError(f"{file}: a normal map has three channels, this has shape {shape}")
+        raise _not_three(file, shape)
     return None if mask_file is None else GivenMask(read_mask(mask_file, shape[:2]), mask_file)
+
+
+def _not_three(file: Path, shape: tuple[int, ...]) -> DataError:
+    return DataError(f"{file}: a normal map has three channels, this has shape {shape}")

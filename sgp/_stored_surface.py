@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,7 +18,7 @@ import rig
 from sgp._camera_doubts import camera_notices
 from sgp._console import Stages, shown
 from sgp._exit import UsageError
-from sgp._memory_text import size_option
+from sgp._memory_limit import size_text
 from sgp._metrics import SurfaceMetrics
 from sgp._output import claim_folder
 from sgp._result import Result
@@ -50,14 +50,12 @@ class SurfaceInputs:
 
 
 def stored_surface(
-    inputs: SurfaceInputs, options: SurfaceOptions, way: SurfaceWay, out: Path, *, force: bool
+    inputs: SurfaceInputs, options: SurfaceOptions, way: SurfaceWay, out: Path
 ) -> Result:
     """Solve a surface in blocks and write its files; temporary files are in the output folder.
 
     Raises
     ------
-    UsageError
-        If there are unfinished maps of another command.
     DataError
         If the disk has too little space, besides the errors of the readers and the solver.
     """
@@ -65,18 +63,22 @@ def stored_surface(
     free = shutil.disk_usage(out).free
     if free < way.disk:
         raise acquisition.DataError(
-            f"{out}: the surface needs about {size_option(way.disk)} of disk while it is computed, "
-            f"{size_option(free)} are free: free space, or choose another disk"
+            f"{out}: the surface needs about {size_text(way.disk)} of disk while it is computed, "
+            f"{size_text(free)} are free: free space, or choose another disk"
         )
     forms = dict.fromkeys(("curl", "residual"), (way.size, np.float32))
+    # Files of a process that was killed are written again.
     identity = {"command": "sgp surface"}
     with ExitStack() as opened:
         store = opened.enter_context(
-            acquisition.BandStore(out / "surface", identity, forms, replace=force)
+            acquisition.BandStore(out / "surface", identity, forms, replace=True)
         )
-        result = _computed(inputs, options, way, out, store, opened)
-        store.remove()
-    return result
+        try:
+            return _computed(inputs, options, way, out, store, opened)
+        finally:
+            store.remove()
+            with suppress(OSError):
+                out.rmdir()  # if nothing was written
 
 
 def _computed(

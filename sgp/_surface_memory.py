@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import processing
 import rig
 from sgp._exit import UsageError
-from sgp._memory_text import size_option
+from sgp._memory_limit import size_text, too_small
 
 # Interpreter, libraries and bands of rows that are written.
 _PROGRAM = 450_000_000
@@ -47,10 +47,10 @@ class SurfaceWay:
         height, width = self.size
         pixels = f"surface of {width} x {height} pixels"
         if self.rows is None:
-            return f"{pixels}: as a whole, needs about {size_option(self.memory)} of memory"
+            return f"{pixels}: as a whole, needs about {size_text(self.memory)} of memory"
         return (
-            f"{pixels}: in blocks of {self.rows} rows, needs about {size_option(self.memory)} of "
-            f"memory and {size_option(self.disk)} of disk"
+            f"{pixels}: in blocks of {self.rows} rows, needs about {size_text(self.memory)} of "
+            f"memory and {size_text(self.disk)} of disk"
         )
 
 
@@ -89,8 +89,8 @@ def surface_way(
     pixels = f"a surface of {size[1]} x {size[0]} pixels"
     if whole_for and memory is not None:
         raise UsageError(
-            f"--memory {size_option(memory)} is too small for {pixels} with {whole_for[0]}, which "
-            f"needs the complete surface: give --memory {size_option(whole)}, or leave "
+            f"--memory {size_text(memory)} is too small for {pixels} with {whole_for[0]}, which "
+            f"needs the complete surface: give --memory {size_text(whole)}, or leave "
             f"{whole_for[0]} out"
         )
     needs = _blocks(size, camera=camera, sigma=sigma)
@@ -98,10 +98,7 @@ def surface_way(
     if not fits:
         least = min(needs.values(), default=whole)
         if memory is not None:
-            raise UsageError(
-                f"--memory {size_option(memory)} is too small for {pixels}: give at least "
-                f"--memory {size_option(min(least, whole))}"
-            )
+            raise too_small(memory, pixels, min(least, whole))
         fits = [min(needs, key=lambda rows: needs[rows])] if needs else []
         if least >= whole:
             return SurfaceWay(size, None, whole)

@@ -173,14 +173,16 @@ def normals_metrics(stage: Normals) -> NormalsMetrics:
 
 
 def write_separation(
-    folder: Path, parts: processing.Separation, maps: MapOptions = _MAPS
+    folder: Path,
+    parts: processing.Separation | processing.StoredSeparation,
+    maps: MapOptions = _MAPS,
 ) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
     outputs: dict[str, Path] = {}
     with Stages() as progress:
-        for name, part in (("shape", parts.shape), ("detail", parts.detail)):
-            outputs |= processing.write_normals(
-                folder, part, name, green=maps.green_out, on_progress=progress
+        for name, (normals, mask) in _components(parts).items():
+            outputs |= processing.write_normal_rows(
+                folder, normals, mask, name, green=maps.green_out, on_progress=progress
             )
         progress("measuring the detail", 0, 1)
         metrics = separation_metrics(parts)
@@ -193,6 +195,17 @@ def write_separation(
     )
 
 
-def separation_metrics(parts: processing.Separation) -> SeparationMetrics:
+def _components(
+    parts: processing.Separation | processing.StoredSeparation,
+) -> dict[str, tuple[acquisition.MapRows, npt.NDArray[np.bool_]]]:
+    if isinstance(parts, processing.StoredSeparation):
+        return {"shape": (parts.shape, parts.mask), "detail": (parts.detail, parts.mask)}
+    components = {"shape": parts.shape, "detail": parts.detail}
+    return {name: (part.normals, part.mask) for name, part in components.items()}
+
+
+def separation_metrics(
+    parts: processing.Separation | processing.StoredSeparation,
+) -> SeparationMetrics:
     """Return the figures of a separation."""
     return {"separability_deg": parts.separability_deg}

@@ -101,7 +101,7 @@ def surface(
     if options.height_sigma and sigma is None:
         raise UsageError("--height-sigma needs deviations of the normals: give --sigma too")
     way = _way(memory, normals, camera, sigma, prior, options, max_pixels)
-    if way is not None and way.rows is not None:
+    if way.rows is not None:
         inputs = SurfaceInputs(
             normals=normals,
             mask=mask,
@@ -114,7 +114,7 @@ def surface(
             green=green,
             max_pixels=max_pixels,
         )
-        result = stored_surface(inputs, options, way, out, force=force)
+        result = stored_surface(inputs, options, way, out)
         result.warnings = [_with_remedy(doubt, green, options) for doubt in result.warnings]
         return result
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
@@ -163,6 +163,7 @@ def surface(
     result = write_surface(
         claimed, height_map, normal_map, options, colours=colours, sigma_deg=sigma_deg
     )
+    acquisition.remove_unfinished(out / "surface")
     doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
     result.warnings = [*notices, *doubts]
     if known is not None:
@@ -200,11 +201,9 @@ def _way(
     prior: Path | None,
     options: SurfaceOptions,
     max_pixels: int,
-) -> SurfaceWay | None:
-    """Return how the surface is solved; None if only its reader knows the size of the map."""
-    size = processing.size_of_normals(normals, max_pixels=max_pixels)
-    if size is None:
-        return None
+) -> SurfaceWay:
+    """Return how the surface is solved, and state it if it is not the ordinary way."""
+    size = processing.find_normals(normals, max_pixels=max_pixels).size
     wanted = {"--prior": prior is not None, **options.whole_surface()}
     way = surface_way(
         memory,

@@ -19,7 +19,6 @@ from processing import (
     normal_residual,
     read_normals,
     residual_of_rows,
-    size_of_normals,
     store_normals,
     write_mesh,
     write_mesh_rows,
@@ -87,7 +86,6 @@ def test_a_stored_map_is_that_in_memory(tmp_path, monkeypatch, make, green):
     np.testing.assert_array_equal(stored.mask, whole.normal_map.mask)
     assert (stored.warnings, stored.files) == (whole.warnings, whole.files)
     stored.normals.close()
-    assert size_of_normals(path) == SIZE
 
 
 def test_what_holds_no_normals_is_refused(tmp_path):
@@ -97,7 +95,6 @@ def test_what_holds_no_normals_is_refused(tmp_path):
     np.save(tmp_path / "n.npy", noisy().normals)
     with pytest.raises(DataError, match=r"save it as \.exr"):
         store_normals(tmp_path / "n.npy", tmp_path / "n.raw")
-    assert size_of_normals(tmp_path / "n.npy") is None
 
 
 K = np.array([[90.0, 0, 16.5], [0, 90.0, 30.0], [0, 0, 1]])
