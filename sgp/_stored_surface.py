@@ -59,8 +59,8 @@ def stored_surface(
     DataError
         If the disk has too little space, besides the errors of the readers and the solver.
     """
-    acquisition.make_folder(out)
-    free = shutil.disk_usage(out).free
+    place = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    free = shutil.disk_usage(place).free
     if free < way.disk:
         raise acquisition.DataError(
             f"{out}: the surface needs about {size_text(way.disk)} of disk while it is computed, "

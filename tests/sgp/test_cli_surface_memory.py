@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from acquisition import CameraModel, read_image, write_camera, write_exr, write_mask
+from acquisition import (
+    BandFile,
+    BandStore,
+    CameraModel,
+    read_image,
+    write_camera,
+    write_exr,
+    write_mask,
+)
+from acquisition._storage import disk
 from processing import NormalMap, write_normals
 from processing._blocks import memory
 from sgp import _surface_memory
@@ -92,3 +105,40 @@ def test_the_least_memory_works(sgp, given) -> None:
     least = error.rpartition("--memory ")[2]
     assert "give at least" in error
     assert sgp("surface", *given, "--out", "x", "--memory", least).code == 0
+
+
+def test_what_is_interrupted_leaves_nothing_and_is_repeated(sgp, given, monkeypatch) -> None:
+    """Ctrl-C and a full disk; files of a process that was killed are written again."""
+    command = ["surface", *given, "--out", "x", "--memory"]
+    for error, code in ((KeyboardInterrupt(), 130), (OSError(errno.ENOSPC, "no space left"), 3)):
+        with monkeypatch.context() as patched:
+            patched.setattr(BandFile, "__setitem__", stopped(error))
+            assert sgp(*command, LITTLE).code == code
+        assert not Path("x").exists()
+    for enough in (LITTLE, "1G"):
+        leave_of_killed(Path("x"))
+        assert sgp(*command, enough).code == 0
+        assert not Path("x/.part-surface").exists()
+        shutil.rmtree("x")
+
+
+def stopped(error: BaseException) -> Callable[..., None]:
+    def write(*_: object) -> None:
+        with disk(Path("height.raw"), "write"):
+            raise error
+
+    return write
+
+
+def leave_of_killed(out: Path) -> None:
+    form = {"curl": ((3, 3), np.float32)}
+    BandStore(out / "surface", {"command": "sgp surface"}, form).close()
+    (out / ".part-surface" / "normals.raw").write_bytes(b"cut short")
+
+
+def test_a_disk_that_is_too_small_is_refused_at_once(sgp, given, monkeypatch) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+    answer = sgp("surface", *given, "--out", "x", "--memory", LITTLE)
+    assert answer.code == 4
+    assert "of disk while it is computed, 1M are free" in answer.err
+    assert not Path("x").exists()
