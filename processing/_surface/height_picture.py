@@ -67,8 +67,8 @@ def height_scale(lowest: float, highest: float) -> HeightScale:
     Examples
     --------
     >>> from processing import height_scale
-    >>> height_scale(0.0, 6553.4)
-    HeightScale(base=-0.1, step=0.1)
+    >>> height_scale(0.0, 131068.0)
+    HeightScale(base=-2.0, step=2.0)
     """
     step = (highest - lowest) / (_TOP - 1) or 1.0
     return HeightScale(lowest - step, step)
