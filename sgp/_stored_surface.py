@@ -19,10 +19,10 @@ from sgp._camera_doubts import camera_notices
 from sgp._console import Stages, shown
 from sgp._exit import UsageError
 from sgp._memory_limit import size_text
-from sgp._metrics import SurfaceMetrics
 from sgp._output import claim_folder
 from sgp._result import Result
 from sgp._sigma_map import store_sigma
+from sgp._stage_metrics import SurfaceMetrics
 from sgp._stage_options import SurfaceOptions
 from sgp._surface_memory import SurfaceWay
 from sgp._write_surface import (

@@ -11,10 +11,10 @@ import numpy.typing as npt
 import acquisition
 import processing
 from sgp._console import Stages, shown
-from sgp._metrics import NormalsMetrics, SeparationMetrics
 from sgp._output import provenance
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
+from sgp._stage_metrics import NormalsMetrics, SeparationMetrics
 from sgp._stage_options import MapOptions
 from sgp._uncertainty import Normals, add_uncertainty, sigma_lines
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 import acquisition
 import processing
-from sgp._metrics import SurfaceMetrics
+from sgp._stage_metrics import SurfaceMetrics
 
 # The picture of the curl is saturated at this many robust standard deviations.
 _SATURATED = 4

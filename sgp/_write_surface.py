@@ -11,8 +11,8 @@ import acquisition
 import processing
 import rig
 from sgp._console import shown
-from sgp._metrics import SurfaceMetrics
 from sgp._result import Result
+from sgp._stage_metrics import SurfaceMetrics
 from sgp._stage_options import SurfaceOptions
 from sgp._write_doubts import add_height_sigma, height_sigma_lines, write_curl
 from sgp._write_jumps import write_jumps
