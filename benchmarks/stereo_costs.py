@@ -49,6 +49,7 @@ _ROWS = 128
 # Megapixels, and from which size on one round is enough.
 _SIZES = (0.3, 1.0, 5.0, 20.0)
 _LARGE = 10.0
+_TABLES = ("kernels", "kernels-96", "command", "linear")
 _BLACK, _PER_SIGNAL = 100, 3500
 # Bytes of the maps of one pixel: normal, albedo, residual and number of samples.
 _OF_MAPS = 4 * 3 + 4 + 4 + 2
@@ -265,20 +266,27 @@ def main() -> None:
     parser.add_argument("--lights", type=int, default=36, help="number of images")
     parser.add_argument("--largest", type=float, default=20.0, help="megapixels, largest image")
     parser.add_argument("--rounds", type=int, default=3, help="rounds, of which the least counts")
+    parser.add_argument(
+        "--tables", nargs="+", choices=_TABLES, default=_TABLES, help="tables to print"
+    )
     options = parser.parse_args()
     side = round(math.sqrt(options.megapixels * 1e6))
     dict(kernels(6, 128, METHODS, _LIMITS))["ls, matte"].work()  # compiles
-    for count, of_side, methods, limits in (
-        (options.lights, side, METHODS, _LIMITS),
-        (96, side // 2, ("best",), _LIMITS_96),
+    for name, count, of_side, methods, limits in (
+        ("kernels", options.lights, side, METHODS, _LIMITS),
+        ("kernels-96", 96, side // 2, ("best",), _LIMITS_96),
     ):
+        if name not in options.tables:
+            continue
         rows = dict(kernels(count, of_side, methods, limits))
         stack = np.ones((count, of_side, of_side), np.float32)
         print(f"\n{count} lights, {of_side**2 / 1e6:.2f} megapixels", flush=True)
         table(rows, stack, options.rounds)
         del rows, stack
-    whole_command(options.lights, options.megapixels, options.rounds)
-    linear(options.lights, options.largest, options.rounds)
+    if "command" in options.tables:
+        whole_command(options.lights, options.megapixels, options.rounds)
+    if "linear" in options.tables:
+        linear(options.lights, options.largest, options.rounds)
 
 
 if __name__ == "__main__":

@@ -29,9 +29,15 @@ from processing._uncertainty.tangents import (
     tangent_part,
     tangent_trace,
 )
+from processing._uncertainty.tile_light_errors import (
+    add_light_errors,
+    write_light_errors,
+    write_parts,
+)
 from processing._uncertainty.tile_reference import (
     APART,
     DARK,
+    MOVED2,
     NOT_NOISE,
     ROW,
     SETTLED,
@@ -40,6 +46,7 @@ from processing._uncertainty.tile_reference import (
     add_lights,
     add_products,
     load,
+    move,
     ordinary,
     product,
     write_residuals,
@@ -51,16 +58,14 @@ from processing._uncertainty.tile_reference import (
 # Compiled in: processing/_uncertainty/light_table.py 62cfc3cb4f29
 # Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
 # Compiled in: processing/_uncertainty/reflectance_left.py ec5e1270ad5f
-# Compiled in: processing/_uncertainty/tile_reference.py b48c5fddba0e
+# Compiled in: processing/_uncertainty/tile_light_errors.py 3681c91c20ba
+# Compiled in: processing/_uncertainty/tile_reference.py a32060cfca99
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Kinds = npt.NDArray[np.uint8]
 
 _STEPS = 4
-# The errors of the lights are those at the given solution, or at one that is further away than 1
-# degree from it.
-_MOVED2 = 3e-4
 # As in `pixel_algebra`: trace(A) trace(A^-1) is at most 9 times the squared condition number.
 _CONDITION2 = 9.0 * MAX_CONDITION**2
 _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
@@ -170,7 +175,7 @@ def _pixel(
         z = inverse[2] * sums[6] + inverse[4] * sums[7] + inverse[5] * sums[8]
         change2 = (x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2
         m[0], m[1], m[2] = x, y, z
-        moved = change2 > _MOVED2
+        moved = change2 > MOVED2
         size2 = SETTLED * (inverse[0] + inverse[3] + inverse[5])
         if dim == 0 and change2 <= size2:
             break
@@ -215,21 +220,29 @@ def _solve_row(
 ) -> None:  # fmt: skip
     """Solve the pixels of a row of the image, tile by tile."""
     lights = values.shape[1]
-    quick = least == np.float32(1) and not errors and len(kinds) == 0
+    quick = least == np.float32(1) and len(kinds) == 0
     for begin in range(first, last, TILE):
         count = min(TILE, last - begin)
         load(begin, count, values, vectors, law, normals, albedo, places, rows, state)
+        if quick and errors:
+            write_light_errors(begin, count, near, table, points, view, places, rows, state)
         if quick:
             add_lights(count, rows, state, work)
+        if quick and errors:
+            if move(count, state, work):
+                add_lights(count, rows, state, work)
+            add_light_errors(rows, state)
         for k in range(count):
             p = begin + k
-            lit = ordinary(state, k, work, reference[p], parts[p]) if quick else 0
-            if lit:
-                counts[p, LIT], counts[p, ATTACHED] = lit, lights - lit
-                continue
             at = places[p]
             for c in range(3):
                 start[c] = normals[at, c] * albedo[at]
+            lit = ordinary(state, k, start, work, reference[p], parts[p]) if quick else 0
+            if lit:
+                if errors:
+                    write_parts(state, k, work, parts[p])
+                counts[p, LIT], counts[p, ATTACHED] = lit, lights - lit
+                continue
             of_pixel = kinds[p] if len(kinds) else own_kinds
             good = False
             residuals[:] = 0

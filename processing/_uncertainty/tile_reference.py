@@ -28,17 +28,20 @@ TILE = 32
 # Pixels between neighbours whose residuals are compared: demosaicing makes the noise of closer ones
 # similar.
 APART = 4
-# Elements of a row of one light: vector, sample, variance without light and per value, normalised
-# residuals, those of the pixels before the tile first.
-ROW = 7 * TILE + APART
-_RESIDUALS = 6 * TILE
+# Elements of a row of one light: vector, sample, variance without light and per value, variance by
+# the errors of the light, change by the height, normalised residuals, those of the pixels before
+# the tile first.
+BY_LIGHTS, HIGHER = 6, 7
+ROW = 9 * TILE + APART
+_RESIDUALS = 8 * TILE
 # Parts of the state of the pixels: given solution, solution without dark samples, least variance,
 # limit of dark samples, and whether all samples are there; sums of the matrix (6) and of its
 # right-hand side (3); sum of squares and number of the residuals of lit samples, number of dark
-# ones, largest square of all, and sum of products with the residuals of a neighbour.
-_OTHER, _LEAST, _DARK, _COMPLETE, _SUMS = 3, 6, 7, 8, 9
-_CHI2, _LIT, _DIM, _WORST, _PRODUCTS = 18, 19, 20, 21, 22
-STATE = 23 * TILE
+# ones, largest square of all, sum of products with the residuals of a neighbour, and what the
+# errors of the lights need (12).
+_OTHER, LEAST, _DARK, _COMPLETE, _SUMS = 3, 6, 7, 8, 9
+_CHI2, _LIT, _DIM, _WORST, _PRODUCTS, OF_ERRORS = 18, 19, 20, 21, 22, 23
+STATE = 35 * TILE
 # Samples below this share of the mean may be in a shadow; only the first step needs it.
 DARK = 0.05
 # Distances beyond this square do not agree, see `judged_samples`.
@@ -51,6 +54,9 @@ _ALBEDOS2 = (1e-12, 1e12)
 _MOST_CONDITION = 1000.0
 # The solution is settled if the square of its change is below this share of its variance.
 SETTLED = 0.01
+# The errors of the lights are those at the given solution, or at one that is further away than 1
+# degree from it.
+MOVED2 = 3e-4
 # Residuals beyond this many standard deviations of their sum of squares are not noise.
 NOT_NOISE = 4.0
 
@@ -65,7 +71,8 @@ def _add_light(row: Float, state: Float) -> None:
         x, y, z, v = row[k], row[TILE + k], row[2 * TILE + k], row[3 * TILE + k]
         shading = x * state[k] + y * state[TILE + k] + z * state[2 * TILE + k]
         light = max(shading, zero)
-        variance = row[4 * TILE + k] + row[5 * TILE + k] * light + state[_LEAST * TILE + k]
+        variance = row[4 * TILE + k] + row[5 * TILE + k] * light + state[LEAST * TILE + k]
+        variance += row[BY_LIGHTS * TILE + k]
         per = one / np.sqrt(variance)
         difference = v - light
         distance = difference * per
@@ -102,7 +109,8 @@ def _compare(row: Float, state: Float) -> None:
         other = x * state[_OTHER * TILE + k]
         other += y * state[(_OTHER + 1) * TILE + k] + z * state[(_OTHER + 2) * TILE + k]
         light = max(other, zero)
-        variance = row[4 * TILE + k] + row[5 * TILE + k] * light + state[_LEAST * TILE + k]
+        variance = row[4 * TILE + k] + row[5 * TILE + k] * light + state[LEAST * TILE + k]
+        variance += row[BY_LIGHTS * TILE + k]
         difference = row[3 * TILE + k] - light
         square = difference * difference / variance
         square += _CUT2 + one if (shading > zero) != (other > zero) else zero
@@ -140,7 +148,7 @@ def load(
             part = normals[at, c] * albedo[at]
             state[c * TILE + k] = state[(_OTHER + c) * TILE + k] = part
             length2 += float(part) ** 2
-        state[_LEAST * TILE + k] = _LEAST_VARIANCE * length2
+        state[LEAST * TILE + k] = _LEAST_VARIANCE * length2
         mean = np.float32(0)
         complete = np.int32(length2 > _ALBEDOS2[0]) & np.int32(length2 < _ALBEDOS2[1])
         for i in range(len(rows)):
@@ -202,7 +210,8 @@ def _sums_without_dark(rows: Float, state: Float, k: int, sums: Double) -> None:
             x, y, z = float(rows[i, k]), float(rows[i, TILE + k]), float(rows[i, 2 * TILE + k])
             light = x * state[k] + y * state[TILE + k] + z * state[2 * TILE + k]
             floor, slope = rows[i, 4 * TILE + k], rows[i, 5 * TILE + k]
-            weight = 1.0 / (floor + slope * light + state[_LEAST * TILE + k])
+            variance = floor + slope * light + state[LEAST * TILE + k]
+            weight = 1.0 / (variance + rows[i, BY_LIGHTS * TILE + k])
             difference = v - light
             sums[0] -= weight * x * x
             sums[1] -= weight * x * y
@@ -242,6 +251,38 @@ def _step(sums: Double, step: Double, inverse: Double) -> bool:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
+def _settled(step: Double, inverse: Double) -> bool:
+    change2 = step[0] ** 2 + step[1] ** 2 + step[2] ** 2
+    return bool(change2 <= SETTLED * (inverse[0] + inverse[3] + inverse[5]))
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
+def move(count: int, state: Float, work: Double) -> bool:
+    """Move pixels that are not settled by one step, and clear the sums; return whether any moved.
+
+    A pixel that does not move has the same sums again.
+    """
+    step, inverse, sums = work[0:3], work[3:9], work[9:18]
+    moved = False
+    for k in range(count):
+        if not _agrees(state, k):
+            continue
+        _sums_of(state, k, sums)
+        if not _step(sums, step, inverse) or _settled(step, inverse):
+            continue
+        change2 = step[0] ** 2 + step[1] ** 2 + step[2] ** 2
+        length2 = float(state[k]) ** 2 + state[TILE + k] ** 2 + state[2 * TILE + k] ** 2
+        if change2 <= MOVED2 * length2:
+            moved = True
+            for c in range(3):
+                state[c * TILE + k] += step[c]
+                state[(_OTHER + c) * TILE + k] = state[c * TILE + k]
+    if moved:
+        state[_SUMS * TILE : _WORST * TILE] = 0
+    return moved
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
 def add_products(rows: Float, state: Float) -> None:
     """Compute the products of the residuals with those of the pixel 4 places before."""
     for i in range(len(rows)):
@@ -262,29 +303,26 @@ def write_residuals(rows: Float, k: int, residuals: Float) -> None:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def ordinary(state: Float, k: int, work: Double, reference: Double, parts: Float) -> int:
+def ordinary(
+    state: Float, k: int, given: Double, work: Double, reference: Double, parts: Float
+) -> int:
     """Write the reference of a pixel of the tile and its variances, see `reference_solutions`.
 
     Return the number of lit samples, 0 if the pixel is not ordinary.
     """
-    step, inverse, sums = work[0:3], work[3:9], work[9:18]
-    start, m = work[18:21], work[21:24]
+    step, inverse, sums, m = work[0:3], work[3:9], work[9:18], work[21:24]
     if not _agrees(state, k):
         return 0
     _sums_of(state, k, sums)
-    if not _step(sums, step, inverse):
-        return 0
-    trace = inverse[0] + inverse[3] + inverse[5]
-    if not step[0] ** 2 + step[1] ** 2 + step[2] ** 2 <= SETTLED * trace:
+    if not _step(sums, step, inverse) or not _settled(step, inverse):
         return 0
     for c in range(3):
-        start[c] = state[c * TILE + k]
-        m[c] = start[c] + step[c]
+        m[c] = state[c * TILE + k] + step[c]
     length2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2]
     total = tangent_part(inverse, m, length2) / length2
     lit = int(state[_LIT * TILE + k])
     chi2, free = float(state[_CHI2 * TILE + k]), lit - 3.0
-    away2 = squared_angle(m, start, length2)
+    away2 = squared_angle(m, given, length2)
     if away2 > total and chi2 > free + NOT_NOISE * math.sqrt(2 * free):
         return 0
     reference[0], reference[1], reference[2] = m[0], m[1], m[2]
