@@ -24,11 +24,10 @@ Whole = npt.NDArray[np.int32]
 _CANDIDATES = 4800
 # The largest factor on slopes that makes a filled hole as steep as its surroundings.
 _MOST_GAIN = 1.5
-# The surroundings reach this many patches at first, and further until they have enough places.
+# The surroundings reach this many patches at first, and further until they have enough places. A
+# hole becomes as steep as what is within the first reach.
 _REACH_PATCHES = 3
 _PLACES = 1000
-# A hole becomes as steep as what is within this many patches.
-_NEAR_PATCHES = 2
 # Each hole is filled with its windows at this many positions along both axes; the filling with the
 # smallest step at the rim is kept.
 _SHIFTS = 4
@@ -87,7 +86,7 @@ def fill_detail(
         else:
             exemplar = prepare_exemplar(part, patch, rotate=False, mirror=False)
             given, known, inside = normals[box], detail.mask[box], group[box]
-            near = known & (_away(inside) <= _NEAR_PATCHES * patch)
+            near = known & (_away(inside) <= _REACH_PATCHES * patch)
             angle = _mean_angle(given[near])
             attempts = (
                 _filled(
