@@ -88,11 +88,12 @@ def fill_detail(
             given, known, inside = normals[box], detail.mask[box], group[box]
             near = known & (_away(inside) <= _REACH_PATCHES * patch)
             angle = _mean_angle(given[near])
+            shifts = range(0, patch, -(-patch // _SHIFTS))
             attempts = (
                 _filled(
                     given, known, inside, exemplar, angle, patch, overlap, shift, seed, blend_px
                 )
-                for shift in product(range(0, patch, -(-patch // _SHIFTS)), repeat=2)
+                for shift in product(shifts, shifts)
             )
             everything = known | inside
             normals[box] = min(attempts, key=lambda made: _rim_step_deg(made, everything, inside))
