@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import product
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._detail.seam import blend_from
+from processing._detail.seam import blend_from, seam_steps
 from processing._fill.hole_kernels import HOLE, KNOWN, MADE, quilt_holes
 from processing._normal_map import NormalMap
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
@@ -23,9 +24,15 @@ Whole = npt.NDArray[np.int32]
 _CANDIDATES = 4800
 # The largest factor on slopes that makes a filled hole as steep as its surroundings.
 _MOST_GAIN = 1.5
-# The surroundings reach this many patches at first, and further until they have enough places.
-_REACH_PATCHES = 2
+# The surroundings reach this many patches at first, and further until they have enough places. A
+# hole becomes as steep as what is within the first reach.
+_REACH_PATCHES = 3
 _PLACES = 1000
+# Each hole is filled with its windows at this many positions along both axes; the filling with the
+# smallest step at the rim is kept.
+_SHIFTS = 4
+# The factor that makes a hole as steep as its surroundings is found again after the blend.
+_BLENDS = 2
 # As in `prepare_exemplar`: a smaller mean angle is not texture.
 _FLAT_DEG = 0.01
 _STEPS = ((0, 1), (0, -1), (1, 1), (1, -1))
@@ -78,9 +85,18 @@ def fill_detail(
             normals[box][group[box]] = (0, 0, 1)
         else:
             exemplar = prepare_exemplar(part, patch, rotate=False, mirror=False)
-            normals[box] = _filled(
-                normals[box], detail.mask[box], group[box], exemplar, patch, overlap, seed, blend_px
+            given, known, inside = normals[box], detail.mask[box], group[box]
+            near = known & (_away(inside) <= _REACH_PATCHES * patch)
+            angle = _mean_angle(given[near])
+            shifts = range(0, patch, -(-patch // _SHIFTS))
+            attempts = (
+                _filled(
+                    given, known, inside, exemplar, angle, patch, overlap, shift, seed, blend_px
+                )
+                for shift in product(shifts, shifts)
             )
+            everything = known | inside
+            normals[box] = min(attempts, key=lambda made: _rim_step_deg(made, everything, inside))
         used[box] |= around
         done += int(np.count_nonzero(group))
         on_progress("filling", done, total)
@@ -108,8 +124,7 @@ def _surroundings(
             slice(max(box[0].start - reach, 0), min(box[0].stop + reach, group.shape[0])),
             slice(max(box[1].start - reach, 0), min(box[1].stop + reach, group.shape[1])),
         )
-        away = cv2.distanceTransform((~group[wide]).astype(np.uint8), cv2.DIST_L2, 3)
-        around = known[wide] & (away <= reach)
+        around = known[wide] & (_away(group[wide]) <= reach)
         kernel = np.ones((patch, patch), np.uint8)
         room = cv2.erode(around.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT)
         places = int(np.count_nonzero(room))
@@ -125,13 +140,20 @@ def _surroundings(
         reach *= 2
 
 
+def _away(holes: Mask) -> Float:
+    """Return the distance of each pixel to holes in pixels."""
+    return np.asarray(cv2.distanceTransform((~holes).astype(np.uint8), cv2.DIST_L2, 3))
+
+
 def _filled(
     normals: Float,
     known: Mask,
     holes: Mask,
     exemplar: Exemplar,
+    angle: float,
     patch: int,
     overlap: int,
+    shift: tuple[int, int],
     seed: int,
     blend_px: float,
 ) -> Float:
@@ -139,10 +161,11 @@ def _filled(
     state[known], state[holes] = KNOWN, HOLE
     sheet, sources = normals.copy(), np.full(holes.shape, -1, np.int32)
     vectors = exemplar.vectors[0]
+    windows = _windows(known, holes, patch, overlap, shift)
     quilt_holes(
-        sheet, state, sources, _windows(known, holes, patch, overlap), overlap, patch, vectors,
-        exemplar.slopes[0], exemplar.starts, exemplar.classes[0], exemplar.shares,
-        exemplar.mean_energy, _CANDIDATES, seed,
+        sheet, state, sources, windows, overlap, patch, vectors, exemplar.slopes[0],
+        exemplar.starts, exemplar.classes[0], exemplar.shares, exemplar.mean_energy, _CANDIDATES,
+        seed,
     )  # fmt: skip
     # At the rim: what the exemplar has next to the pixel that a pixel of the hole was copied from.
     rim = np.zeros(holes.shape, np.bool_)
@@ -158,9 +181,18 @@ def _filled(
         sheet[found] = beyond[found]
         rim |= found
     region, holes = rim | (state == MADE), state == MADE
-    gain = _mean_angle(vectors[vectors.any(axis=2)]) / max(_mean_angle(sheet[holes]), 1e-9)
-    sheet[region] = _scaled(sheet[region], min(max(gain, 1 / _MOST_GAIN), _MOST_GAIN))
-    return blend_from(sheet, normals, rim, region, blend_px)
+    blended = sheet
+    for _ in range(_BLENDS):
+        gain = angle / max(_mean_angle(blended[holes]), 1e-9)
+        sheet[region] = _scaled(sheet[region], min(max(gain, 1 / _MOST_GAIN), _MOST_GAIN))
+        blended = blend_from(sheet, normals, rim, region, blend_px)
+    return blended
+
+
+def _rim_step_deg(normals: Float, known: Mask, holes: Mask) -> float:
+    """Return the mean step across the rim of filled holes, or 0 if they have no rim."""
+    step = seam_steps(NormalMap.of_unit_vectors(normals, known), holes).seam_deg
+    return 0.0 if math.isnan(step) else step
 
 
 def _mean_angle(vectors: Float) -> float:
@@ -175,10 +207,15 @@ def _scaled(vectors: Float, factor: float) -> Float:
     return np.asarray(longer / np.linalg.norm(longer, axis=1, keepdims=True), np.float32)
 
 
-def _windows(known: Mask, holes: Mask, patch: int, overlap: int) -> Whole:
-    """Return the windows to fill, from the rim inwards, with the bands that they share."""
+def _windows(known: Mask, holes: Mask, patch: int, overlap: int, shift: tuple[int, int]) -> Whole:
+    """Return the windows to fill, from the rim inwards, with the bands that they share.
+
+    Their positions are shifted upwards and to the left by up to `shift` pixels.
+    """
     tops, lefts = (
-        _positions(np.flatnonzero(holes.any(axis=1 - axis)), holes.shape[axis], patch, overlap)
+        _positions(
+            np.flatnonzero(holes.any(axis=1 - axis)), holes.shape[axis], patch, overlap, shift[axis]
+        )
         for axis in (0, 1)
     )
     far = cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, 3)
@@ -203,9 +240,12 @@ def _windows(known: Mask, holes: Mask, patch: int, overlap: int) -> Whole:
     return windows
 
 
-def _positions(inside: npt.NDArray[np.intp], length: int, patch: int, overlap: int) -> Whole:
+def _positions(
+    inside: npt.NDArray[np.intp], length: int, patch: int, overlap: int, shift: int
+) -> Whole:
     """Return the first pixels of windows that cover holes and an overlap around them."""
-    first, last = max(int(inside[0]) - overlap, 0), min(int(inside[-1]) + 1 + overlap, length)
+    first = max(int(inside[0]) - overlap - shift, 0)
+    last = min(int(inside[-1]) + 1 + overlap, length)
     count = max(-(-(last - first - overlap) // (patch - overlap)), 1)
     excess = count * (patch - overlap) + overlap - (last - first)
     start = min(max(first - excess // 2, 0), length - patch)

@@ -79,8 +79,9 @@ def synthesize(
     Patches of the exemplar are placed in rows and columns so that they agree where they overlap,
     and are joined along cuts where they differ least (Efros and Freeman, *Image Quilting for
     Texture Synthesis and Transfer*, 2001). Flat and steep parts of the exemplar are used as often
-    as they occur, so that the sheet is as steep as the exemplar. No vectors are averaged at cuts;
-    one filter removes the power that cuts add to the spectrum.
+    as they occur, so that the sheet is as steep as the exemplar. Where the mean step across cuts is
+    larger than inside patches, the two pixels at each cut take a small share of each other. One
+    filter gives the sheet the spectrum of the exemplar. All vectors have unit length.
 
     Parameters
     ----------

@@ -15,7 +15,8 @@ Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 BANDS = 16
-_BLOCKS = (64, 32)
+MOST_BLOCK = 64
+_BLOCKS = (MOST_BLOCK, 32)
 # Of a relief of 1024 x 1024 pixels, 400 blocks left an error of 4 %.
 _MOST_BLOCKS = 1600
 

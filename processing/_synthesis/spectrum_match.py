@@ -9,6 +9,7 @@ from scipy.fft import fftshift, irfft2, rfft2
 
 from processing._normal_map import NormalMap
 from processing._synthesis.spectrum import (
+    MOST_BLOCK,
     band_counts,
     band_power,
     banded,
@@ -82,9 +83,9 @@ def _mean_angle(vectors: Float) -> float:
 
 
 def _inner(sheet: SheetRows) -> Mask:
-    """Return a mask of the sheet without its margins."""
-    height, width = sheet.shape[:2]
-    return np.ones((max(height - 2 * _REACH, 0), max(width - 2 * _REACH, 0)), np.bool_)
+    """Return a part of the mask of the sheet without its margins, as large as a block or less."""
+    height, width = (min(max(side - 2 * _REACH, 0), MOST_BLOCK) for side in sheet.shape[:2])
+    return np.ones((height, width), np.bool_)
 
 
 def _measured(sheet: SheetRows, block: int) -> tuple[Double, Complex, Float]:
