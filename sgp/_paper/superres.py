@@ -24,7 +24,7 @@ from sgp._superres.presets import REPORTED
 
 _SCALES = (4, 2)
 _COST_PX = 1000
-_RANDOM_PX, _QUICK_RANDOM = 240, 32
+_RANDOM_PX, _QUICK_RANDOM = 240, 12
 
 _PREFACE = (
     "# Super-resolution\n\n"

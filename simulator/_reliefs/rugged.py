@@ -47,7 +47,7 @@ def crusted(random: Random, size: int) -> Array:
 def faceted(random: Random, size: int) -> Array:
     """Return chipped stone: tilted planes that meet at edges, small ones on large ones."""
     height = np.zeros((size, size))
-    places = np.stack(np.mgrid[:size, :size], -1).reshape(-1, 2)
+    places = np.mgrid[:size, :size].transpose(1, 2, 0).reshape(-1, 2)
     side = logarithmic(random, 5, 40)
     for _ in range(random.integers(1, 4)):
         points = random.uniform(-side, size + side, (max(8, int((size / side) ** 2)), 2))
