@@ -77,7 +77,7 @@ class Preset:
 RUGGED_SCALES: tuple[Scale, ...] = (4,)
 
 PRESETS: dict[PresetName, Preset] = {
-    # Twelve to fourteen CPU minutes at scale 4, nine to ten at scale 2.
+    # Up to fifteen CPU minutes at scale 4, nine to ten at scale 2.
     "small": Preset(5, 3, 32, 32, "direct", 900, 600, 24, True, 8, 8400, 5 / 7, 1e-3, True),
     # The settings of the paper, and the network as published. The paper names no number of steps.
     "paper": Preset(16, 8, 64, 64, "convolved", 353, 0, 192, False, 16, 200_000, 1, 1e-4, False),
