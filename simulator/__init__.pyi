@@ -14,6 +14,7 @@ from ._owned_folder import OwnedFolder as OwnedFolder
 from ._owned_folder import remove_abandoned as remove_abandoned
 from ._reliefs.random_normals import random_normals as random_normals
 from ._reliefs.random_normals import random_relief as random_relief
+from ._reliefs.rugged_normals import rugged_normals as rugged_normals
 from ._render.board_view import board_view as board_view
 from ._render.chrome import MirroredLights as MirroredLights
 from ._render.chrome import find_mirrored_lights as find_mirrored_lights

@@ -14,8 +14,6 @@ Float = npt.NDArray[np.float32]
 _CHANNELS = 5
 _PROBE_PX = (12, 16)
 _SYMMETRIES = 8
-# The mean of 8 copies is at most this much better than one, in mean-square error.
-_LEAST_ERROR = np.float32(1 / _SYMMETRIES)
 
 
 class Network:
@@ -75,19 +73,14 @@ class Network:
     def run_turned(self, low: Float) -> Float:
         """Run all mirrored and turned copies and return their mean, as `run` does.
 
-        The mean-square error of a mean is the mean of the mean-square errors, less the variance
-        between the copies.
+        The mean-square errors are means, too, which is a limit: that of a mean result is smaller by
+        the variance between the copies. This variance is not subtracted, because errors that the
+        network predicts too small would become much too small.
         """
         copies = (_turned_back(self.run(turned(low, k)), k) for k in range(_SYMMETRIES))
-        # Sums of the residual, of the mean-square errors, and of the residual's square.
-        total = sum(
-            np.dstack([c[..., :3], np.exp(c[..., 3:]), (c[..., :3] ** 2).sum(axis=2)])
-            for c in copies
-        )
+        total = sum(np.dstack([c[..., :3], np.exp(c[..., 3:])]) for c in copies)
         mean = np.asarray(total, np.float32) / _SYMMETRIES
-        spread = mean[..., 5] - (mean[..., :3] ** 2).sum(axis=2)
-        own = np.maximum(mean[..., 3] - np.maximum(spread, 0), _LEAST_ERROR * mean[..., 3])
-        return np.dstack([mean[..., :3], np.log(own), np.log(mean[..., 4])])
+        return np.dstack([mean[..., :3], np.log(mean[..., 3:])])
 
     def _error(self, reason: str) -> DataError:
         return DataError(

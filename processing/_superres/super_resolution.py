@@ -44,6 +44,8 @@ class SuperResolution:
         Factor of the resolution.
     model
         The network; None for bicubic interpolation.
+    self_ensemble
+        Whether the results of turned copies were averaged.
     """
 
     normal_map: NormalMap
@@ -54,6 +56,7 @@ class SuperResolution:
     method: SuperResolutionMethod
     scale: int
     model: SuperResolutionModel | None
+    self_ensemble: bool
 
     def __repr__(self) -> str:
         return f"SuperResolution({self.normal_map!r}, {self.method}, x{self.scale})"

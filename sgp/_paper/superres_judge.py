@@ -25,7 +25,8 @@ class Judgement:
     bicubic_deg, own_deg
         Mean angular errors of bicubic interpolation, and of the network of the program.
     by_domain
-        For each domain, the mean angular errors of the compared networks in degrees.
+        For each domain, the mean angular errors of the compared networks in degrees, without
+        turned copies.
     heights
         Root mean square errors of the heights after integration in pixels, for ``bicubic``,
         ``own``, and the first compared network of each domain.
@@ -89,7 +90,9 @@ def judge(
     by_domain: dict[Domain, list[float]] = {}
     for domain, models in compared.items():
         for model in models:
-            other = processing.super_resolve(low, scale, model=model, mask=truth.mask).normal_map
+            other = processing.super_resolve(
+                low, scale, model=model, self_ensemble=False, mask=truth.mask
+            ).normal_map
             error = processing.angular_error(other, truth)
             by_domain.setdefault(domain, []).append(error.mae_deg)
             maps.setdefault(domain, other)

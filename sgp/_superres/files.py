@@ -106,7 +106,7 @@ def _description(
     import onnx
     import torch
 
-    size, seeds = task.size, task.surfaces
+    size, seeds, rugged = task.size, task.surfaces, task.rugged
     return {
         "format": _FORMAT,
         "name": model.name,
@@ -124,7 +124,8 @@ def _description(
             "steps": task.steps,
             "preset": task.preset_name,
             "settings": asdict(task.preset),
-            "data": f"random surfaces of the simulator, seeds {seeds[0]} to {seeds[-1]}",
+            "data": f"random surfaces of the simulator, seeds {seeds[0]} to {seeds[-1]}"
+            + (f", and rugged ones, {rugged[0]} to {rugged[-1]}" if rugged else ""),
             "deviations": f"measured on seeds {CORRECTED[0]} to {CORRECTED[-1]}",
             "held_out": {"seeds": f"{HELD_OUT[0]} to {HELD_OUT[-1]}", **asdict(judgement)},
             "software": {

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 import processing
 import rig
-import simulator
 from sgp._superres.pairs import Float
+from sgp._superres.surfaces import surface
 
 _EVERY = 2  # one row and column in so many counts toward the deviations
 _DECILES = 10
@@ -72,6 +72,8 @@ def measure(
     side: int,
     name: str,
     on_progress: rig.Progress,
+    *,
+    self_ensemble: bool | None = None,
 ) -> Measured:
     """Reduce random surfaces, enlarge them as `sgp detail superres` does, and compare.
 
@@ -87,15 +89,19 @@ def measure(
         Stage of the progress.
     on_progress
         Receives the stage `name`, one step per surface.
+    self_ensemble
+        As in `processing.super_resolve`.
     """
     means: list[tuple[float, float]] = []
     predicted, actual = [], []
     on_progress(name, 0, len(seeds))
     for done, seed in enumerate(seeds, 1):
-        truth = processing.NormalMap.from_vectors(simulator.random_normals(seed, side))
+        truth = processing.NormalMap.from_vectors(surface(seed, side, model.scale))
         low = processing.low_resolution(truth, model.scale)
         plain = processing.super_resolve(low, model.scale, method="bicubic", mask=truth.mask)
-        made = processing.super_resolve(low, model.scale, model=model, mask=truth.mask)
+        made = processing.super_resolve(
+            low, model.scale, model=model, self_ensemble=self_ensemble, mask=truth.mask
+        )
         angles = processing.angle_deg(made.normal_map.normals, truth.normals)
         bicubic = processing.angle_deg(plain.normal_map.normals, truth.normals)
         means.append((float(bicubic.mean()), float(angles.mean())))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 import acquisition
 import rig
-import simulator
 from sgp._superres.pairs import Domain, Float, pair
 
 _PER_FILE = 30
@@ -35,6 +34,10 @@ class PairFiles:
     def __len__(self) -> int:
         return len(self.low)
 
+    def joined(self, other: PairFiles) -> PairFiles:
+        """Return the pairs of both."""
+        return PairFiles([*self.low, *other.low], [*self.high, *other.high])
+
     def crop(self, index: int, top: int, left: int, side: int) -> tuple[Float, Float]:
         """Return a square of low resolution, `side` pixels wide, and the same at high."""
         low, high = self.low[index], self.high[index]
@@ -52,6 +55,7 @@ class PairFiles:
 
 def make_pairs(
     name: str,
+    normals: Callable[[int, int], Float],
     seeds: range,
     folder: Path,
     side: int,
@@ -65,6 +69,8 @@ def make_pairs(
     ----------
     name
         Stage of the progress; the names of the files begin with it.
+    normals
+        Makes the normals of a surface from its seed and its side.
     seeds
         Seeds of the surfaces.
     folder
@@ -89,7 +95,7 @@ def make_pairs(
         chosen = seeds[first : first + _PER_FILE]
         paths = [folder / f"{start}-{kind}-{first:05}.npy" for kind in ("low", "high")]
         if not all(path.is_file() for path in paths):
-            pairs = [pair(simulator.random_normals(seed, side), scale, domain) for seed in chosen]
+            pairs = [pair(normals(seed, side), scale, domain) for seed in chosen]
             for path, images in zip(paths, zip(*pairs, strict=True), strict=True):
                 _write(path, images)
         low += list(np.load(paths[0], mmap_mode="r"))

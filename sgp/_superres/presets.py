@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from sgp._superres.pairs import Domain
@@ -20,8 +20,9 @@ class Preset:
     ----------
     blocks, convolutions, growth, features, upsampling
         As in `RdnSize`.
-    surfaces
-        Number of random surfaces, of `side` x `side` pixels each.
+    surfaces, rugged
+        Number of random surfaces, and of rugged ones for the second part of the training, of
+        `side` x `side` pixels each.
     crop
         Side of a crop in pixels of high resolution, for each factor of `scale` if
         `crop_of_low` is set.
@@ -29,10 +30,14 @@ class Preset:
         Crops per step.
     steps
         Steps of Adam (Kingma and Ba 2015).
+    first
+        Share of the steps in the first part, on the random surfaces. In the second part, all
+        surfaces are used, Adam starts again, and the rate is halved.
     rate
         Learning rate.
     falling
-        The rate rises for 50 steps and falls to 0 as half a cosine; otherwise it is constant.
+        In each part, the rate rises for 50 steps and falls to 0 as half a cosine; otherwise it is
+        constant.
     """
 
     blocks: int
@@ -41,13 +46,21 @@ class Preset:
     features: int
     upsampling: Literal["convolved", "direct"]
     surfaces: int
+    rugged: int
     crop: int
     crop_of_low: bool
     batch: int
     steps: int
+    first: float
     rate: float
     falling: bool
     side: int = 240
+
+    def at(self, scale: Scale) -> Preset:
+        """Return the preset of a scale: without a second part where it is not used."""
+        if scale in RUGGED_SCALES:
+            return self
+        return replace(self, rugged=0, steps=round(self.first * self.steps), first=1.0)
 
     def size(self, scale: Scale) -> RdnSize:
         """Return the sizes of the network for a scale."""
@@ -60,11 +73,14 @@ class Preset:
         return self.crop if self.crop_of_low else self.crop // scale
 
 
+# Networks of these scales are trained and judged on rugged surfaces, too.
+RUGGED_SCALES: tuple[Scale, ...] = (4,)
+
 PRESETS: dict[PresetName, Preset] = {
-    # Nine to ten CPU minutes.
-    "small": Preset(5, 3, 32, 32, "direct", 900, 24, True, 8, 6000, 1e-3, True),
+    # Up to fifteen CPU minutes at scale 4, nine to ten at scale 2.
+    "small": Preset(5, 3, 32, 32, "direct", 900, 600, 24, True, 8, 8400, 5 / 7, 1e-3, True),
     # The settings of the paper, and the network as published. The paper names no number of steps.
-    "paper": Preset(16, 8, 64, 64, "convolved", 353, 192, False, 16, 200_000, 1e-4, False),
+    "paper": Preset(16, 8, 64, 64, "convolved", 353, 0, 192, False, 16, 200_000, 1, 1e-4, False),
 }
 
 # Seeds of random surfaces. Each surface belongs to one of these sets; crops never divide it.
@@ -98,8 +114,8 @@ class Task:
 
     @property
     def preset(self) -> Preset:
-        """The preset."""
-        return PRESETS[self.preset_name]
+        """The preset, at the scale."""
+        return PRESETS[self.preset_name].at(self.scale)
 
     @property
     def size(self) -> RdnSize:
@@ -109,5 +125,18 @@ class Task:
     @property
     def surfaces(self) -> range:
         """Seeds of the surfaces to train on; they differ between seeds of trainings."""
-        first = FIRST_TRAINED + TRAINED_PER_SEED * self.seed
-        return range(first, first + self.preset.surfaces)
+        return range(self._first, self._first + self.preset.surfaces)
+
+    @property
+    def rugged(self) -> range:
+        """Seeds of the rugged surfaces to train on."""
+        return range(self._first, self._first + self.preset.rugged)
+
+    @property
+    def first_steps(self) -> int:
+        """Steps of the first part."""
+        return round(self.preset.first * self.steps)
+
+    @property
+    def _first(self) -> int:
+        return FIRST_TRAINED + TRAINED_PER_SEED * self.seed

@@ -15,7 +15,7 @@ import rig
 from sgp._superres.batches import batch
 from sgp._superres.losses import loss
 from sgp._superres.pair_files import PairFiles
-from sgp._superres.presets import Preset, Task
+from sgp._superres.presets import Task
 from sgp._superres.torch_layers import as_images, first_weights, forward
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _SAVE_EVERY_S = 30.0
 _WARMING = 50  # steps with a rising rate
 _LEAST_SHARE = 1e-3  # of the rate, at the last step
+_SECOND_RATE = 0.5  # of the rate, in the second part
 
 Clock = Callable[[], float]
 
@@ -31,6 +32,7 @@ Clock = Callable[[], float]
 def train(
     task: Task,
     pairs: PairFiles,
+    rugged: PairFiles,
     checkpoint: Path,
     on_progress: rig.Progress,
     clock: Clock = time.monotonic,
@@ -45,8 +47,8 @@ def train(
     ----------
     task
         What to train.
-    pairs
-        What to train on.
+    pairs, rugged
+        What to train on; the rugged surfaces in the second part only.
     checkpoint
         File of weights and optimiser, written every 30 seconds; a training with such a file
         continues from it.
@@ -69,14 +71,18 @@ def train(
     preset, size = task.preset, task.size
     weights = {name: one.to(device) for name, one in first_weights(size, task.seed).items()}
     optimizer = torch.optim.Adam(list(weights.values()), lr=preset.rate)
+    every = pairs.joined(rugged)
     done = _load(checkpoint, weights, optimizer) if checkpoint.is_file() else 0
     for one in weights.values():
         one.requires_grad_()
     side, saved_s = preset.low_crop(task.scale), clock()
     on_progress("training", done, task.steps)
     for step in range(done, task.steps):
-        optimizer.param_groups[0]["lr"] = preset.rate * _share(preset, step, task.steps)
-        crops = batch(pairs, preset.batch, side, (task.seed, step))
+        if step == task.first_steps:
+            optimizer = torch.optim.Adam(list(weights.values()), lr=preset.rate)
+        optimizer.param_groups[0]["lr"] = preset.rate * _share(task, step)
+        chosen = pairs if step < task.first_steps else every
+        crops = batch(chosen, preset.batch, side, (task.seed, step))
         low, high = (as_images(one).to(device) for one in crops)
         lost = loss(low, high, forward(size, weights, low), task.scale)
         optimizer.zero_grad()
@@ -89,12 +95,15 @@ def train(
     return {name: one.detach().cpu() for name, one in weights.items()}
 
 
-def _share(preset: Preset, step: int, steps: int) -> float:
+def _share(task: Task, step: int) -> float:
     """Return the rate of a step as a share of the preset's."""
-    if not preset.falling:
+    if not task.preset.falling:
         return 1.0
+    most, steps = 1.0, task.first_steps
+    if step >= steps:
+        most, step, steps = _SECOND_RATE, step - steps, task.steps - steps
     warm = min(1.0, (step + 1) / _WARMING)
-    return max(_LEAST_SHARE, warm * (0.5 + 0.5 * math.cos(math.pi * step / steps)))
+    return most * max(_LEAST_SHARE, warm * (0.5 + 0.5 * math.cos(math.pi * step / steps)))
 
 
 def _save(path: Path, weights: dict[str, torch.Tensor], optimizer: Any, done: int) -> None:

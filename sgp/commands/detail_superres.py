@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 import acquisition
 import processing
@@ -30,7 +32,7 @@ def superres(
     out: Path,
     method: processing.SuperResolutionMethod | None = None,
     model: str | None = None,
-    self_ensemble: bool = False,
+    self_ensemble: Annotated[bool | None, Parameter(negative="--no-self-ensemble")] = None,
     sampling: processing.PixelSampling | None = None,
     pixel_mm: Positive | None = None,
     camera: OptionalInput = None,
@@ -66,7 +68,8 @@ def superres(
         Network: the name of one that comes with the program, or a .onnx file with its description
         (.json) next to it; default: the one that comes with the program.
     self_ensemble
-        Average the results of 8 mirrored and turned copies: more accurate, eight times the time.
+        Average the results of 8 mirrored and turned copies: more accurate, eight times the time;
+        default: at scale 4.
     sampling
         area (each normal is the mean over its pixel, as a camera records it) or points (the normal
         at the centre of the pixel, as a projection or a rendering draws it); default: points if the
@@ -131,6 +134,7 @@ def superres(
     if network is not None:
         result.inputs += [network.path, network.path.with_suffix(".json")]
         result.parameters = {"model": network.name, "method": network.domain, "sampling": used}
+        result.parameters["self_ensemble"] = made.self_ensemble
     result.outputs["picture"] = out / "superres.png"
     write_superres_picture(result.outputs["picture"], normals.name, read.normal_map, made)
     return result

@@ -6,6 +6,7 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+import simulator
 from sgp._console import Stages
 from sgp._detail_metrics import TrainMetrics
 from sgp._exit import UsageError
@@ -71,17 +72,27 @@ def train(
     from sgp._superres.judgement import fitted_deviations, judged, measure
     from sgp._superres.training import train as run
 
-    chosen = PRESETS[preset]
+    chosen = PRESETS[preset].at(scale)
     task = Task(scale, domain, seed, preset, steps or chosen.steps)
     work = out.with_suffix(".training")
     claim_work(work, task)
     with Stages() as progress:
-        pairs = make_pairs("surfaces", task.surfaces, work, chosen.side, scale, domain, progress)
-        weights = run(task, pairs, work / "checkpoint.pt", progress)
+        pairs, rugged = (
+            make_pairs(name, normals, seeds, work, chosen.side, scale, domain, progress)
+            for name, normals, seeds in (
+                ("surfaces", simulator.random_normals, task.surfaces),
+                ("rugged surfaces", simulator.rugged_normals, task.rugged),
+            )
+        )
+        weights = run(task, pairs, rugged, work / "checkpoint.pt", progress)
         raw = network_model(out, task, weights)
-        measured = measure(raw, CORRECTED, chosen.side, "deviations", progress)
+        measured = measure(raw, CORRECTED, chosen.side, "deviations", progress, self_ensemble=False)
         model = replace(raw, deviations=fitted_deviations(measured))
-        judgement = judged(measure(model, HELD_OUT, chosen.side, "held-out surfaces", progress))
+        judgement = judged(
+            measure(
+                model, HELD_OUT, chosen.side, "held-out surfaces", progress, self_ensemble=False
+            )
+        )
     description = write_network(model, task, judgement)
     remove_work(work)
     ratios = judgement.actual_over_predicted

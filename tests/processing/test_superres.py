@@ -255,6 +255,18 @@ def test_a_turned_map_gives_the_turned_result(symmetry, seed):
     np.testing.assert_allclose(again.normal_map.normals, expected, atol=1e-4)
 
 
+def test_turned_copies_are_averaged_at_scale_4_unless_refused():
+    low = rough(12, 16, seed=5)
+    for scale, default in ((4, True), (2, False)):
+        made = super_resolve(low, scale)
+        same = super_resolve(low, scale, self_ensemble=default)
+        other = super_resolve(low, scale, self_ensemble=not default)
+        np.testing.assert_array_equal(made.normal_map.normals, same.normal_map.normals)
+        np.testing.assert_array_equal(made.sigma_deg, same.sigma_deg)
+        assert (made.self_ensemble, other.self_ensemble) == (default, not default)
+        assert np.abs(made.normal_map.normals - other.normal_map.normals).max() > 1e-4
+
+
 def test_a_mask_of_the_higher_resolution_is_used_near_the_map():
     low = masked(rough(), disc(40, 52))
     wanted = np.ones((160, 208), np.bool_)

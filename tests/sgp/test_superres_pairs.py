@@ -20,7 +20,8 @@ from sgp._superres.pair_files import make_pairs
 from sgp._superres.pairs import averaged, pair
 from sgp._superres.presets import CORRECTED, HELD_OUT, PRESETS, REPORTED, Task
 from sgp._superres.rdn import OUTPUTS, RdnSize, weight_shapes
-from simulator import random_normals
+from sgp._superres.surfaces import surface
+from simulator import random_normals, rugged_normals
 
 MODELS = Path(processing.__file__).parent / "_superres" / "models"
 
@@ -71,20 +72,21 @@ def test_a_turned_map_belongs_to_the_turned_surface(symmetry, seed):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("pairs")
-    make_pairs("surfaces", range(100, 104), folder, 48, 4, "normals", no_progress)
+    make_pairs("surfaces", random_normals, range(100, 104), folder, 48, 4, "normals", no_progress)
     return folder
 
 
 def pairs_of(folder: Path):
-    return make_pairs("surfaces", range(100, 104), folder, 48, 4, "normals", no_progress)
+    return make_pairs(
+        "surfaces", random_normals, range(100, 104), folder, 48, 4, "normals", no_progress
+    )
 
 
-def test_pairs_are_made_once(folder, monkeypatch):
+def test_pairs_are_made_once(folder):
     def refuse(*_: object) -> None:
         raise AssertionError("made again")
 
-    monkeypatch.setattr("simulator.random_normals", refuse)
-    pairs = pairs_of(folder)
+    pairs = make_pairs("surfaces", refuse, range(100, 104), folder, 48, 4, "normals", no_progress)
     low, high = pairs.crop(2, 3, 1, 8)
     normals = random_normals(102, 48)
     np.testing.assert_allclose(high, normals[12:44, 4:36], atol=2e-5)
@@ -109,6 +111,17 @@ def test_surfaces_of_different_sets_differ():
     trained = [set(Task(4, "detail", seed, "small", 1).surfaces) for seed in range(3)]
     sets = [*trained, set(HELD_OUT), set(CORRECTED), set(REPORTED)]
     assert len(set().union(*sets)) == sum(map(len, sets)) == 3 * 900 + 2 * 128 + 256
+
+
+def test_only_networks_of_scale_4_have_a_second_part_on_rugged_surfaces():
+    four, two = (PRESETS["small"].at(scale) for scale in (4, 2))
+    assert (four.steps, two.steps) == (8400, 6000)
+    tasks = Task(4, "detail", 0, "small", 700), Task(2, "detail", 0, "small", 700)
+    assert [task.first_steps for task in tasks] == [500, 700]
+    assert [len(task.rugged) for task in tasks] == [600, 0]
+    assert surface(3, 32, 4).tolist() == rugged_normals(3, 32).tolist()
+    for seed, scale in ((2, 4), (3, 2)):
+        assert surface(seed, 32, scale).tolist() == random_normals(seed, 32).tolist()
 
 
 def test_sizes_of_the_published_network():

@@ -22,6 +22,7 @@ from rig import no_progress
 from sgp._superres.pair_files import make_pairs
 from sgp._superres.presets import PRESETS, Task
 from sgp._superres.rdn import RdnSize, weight_shapes
+from simulator import random_normals, rugged_normals
 
 pytestmark = [
     pytest.mark.slow,
@@ -32,7 +33,15 @@ pytestmark = [
 ]
 
 TINY = replace(
-    PRESETS["small"], blocks=1, convolutions=2, growth=8, features=8, surfaces=6, side=48, crop=8
+    PRESETS["small"],
+    blocks=1,
+    convolutions=2,
+    growth=8,
+    features=8,
+    surfaces=6,
+    rugged=4,
+    side=48,
+    crop=8,
 )
 
 
@@ -106,8 +115,13 @@ def test_a_killed_training_continues_to_the_same_weights(tmp_path):
     from sgp._superres.training import train
 
     task = Task(4, "detail", 0, "small", 12)
-    pairs = make_pairs("p", task.surfaces, tmp_path, TINY.side, 4, "detail", no_progress)
-    whole = train(task, pairs, tmp_path / "whole.pt", no_progress)
+    pairs = make_pairs(
+        "p", random_normals, task.surfaces, tmp_path, TINY.side, 4, "detail", no_progress
+    )
+    few = make_pairs(
+        "r", rugged_normals, task.rugged, tmp_path, TINY.side, 4, "detail", no_progress
+    )
+    whole = train(task, pairs, few, tmp_path / "whole.pt", no_progress)
 
     def kill(stage: str, done: int, total: int) -> None:
         if done == 8:
@@ -116,10 +130,10 @@ def test_a_killed_training_continues_to_the_same_weights(tmp_path):
     seconds = iter(range(0, 10**6, 11))  # every third step writes a checkpoint
     checkpoint = tmp_path / "checkpoint.pt"
     with pytest.raises(KilledError):
-        train(task, pairs, checkpoint, kill, lambda: next(seconds))
+        train(task, pairs, few, checkpoint, kill, lambda: next(seconds))
     assert checkpoint.is_file()
     steps = []
-    again = train(task, pairs, checkpoint, lambda stage, done, total: steps.append(done))
+    again = train(task, pairs, few, checkpoint, lambda stage, done, total: steps.append(done))
     assert 0 < steps[0] < 8
     for name, one in whole.items():
         np.testing.assert_array_equal(one.numpy(), again[name].numpy(), name)
@@ -133,14 +147,16 @@ def test_damaged_checkpoints_are_named(tmp_path, damage):
     from sgp._superres.training import train
 
     task = Task(4, "normals", 0, "small", 2)
-    pairs = make_pairs("p", task.surfaces, tmp_path, TINY.side, 4, "normals", no_progress)
+    pairs = make_pairs(
+        "p", random_normals, task.surfaces, tmp_path, TINY.side, 4, "normals", no_progress
+    )
     path = tmp_path / "checkpoint.pt"
     if damage is None:
         torch.save({"weights": {}}, path)
     else:
         path.write_bytes(damage)
     with pytest.raises(DataError, match=r"checkpoint\.pt: the checkpoint cannot be read"):
-        train(task, pairs, path, no_progress)
+        train(task, pairs, pairs, path, no_progress)
 
 
 def test_the_likelihood_leads_to_the_mean_square_error():
@@ -192,7 +208,7 @@ from dataclasses import replace
 import sgp
 from sgp._superres import presets, training
 from sgp.commands import detail_train
-sizes = dict(blocks=1, convolutions=2, growth=8, features=8, surfaces=6, side=48, crop=8)
+sizes = dict(blocks=1, convolutions=2, growth=8, features=8, surfaces=6, rugged=4, side=48, crop=8)
 presets.PRESETS["small"] = replace(presets.PRESETS["small"], **sizes)
 detail_train.HELD_OUT, detail_train.CORRECTED = range(3), range(3, 6)
 training._SAVE_EVERY_S = -1.0
@@ -202,7 +218,7 @@ sgp.main()
 
 def test_a_process_killed_on_the_way_leads_to_the_same_files(tmp_path):
     def command(out: Path) -> list[str | Path]:
-        words = ["detail", "train", "--scale", "2", "--steps", "12", "--out", out]
+        words = ["detail", "train", "--scale", "4", "--steps", "12", "--out", out]
         return [sys.executable, "-c", CHILD, *words]
 
     alone = os.environ | {"OMP_NUM_THREADS": "1"}  # several threads round differently each time

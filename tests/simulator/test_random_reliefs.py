@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from acquisition import DataError
-from simulator import random_normals, random_relief
+from simulator import random_normals, random_relief, rugged_normals
 
 SIZE = 48
 
@@ -56,11 +56,27 @@ def test_maps_without_errors_are_the_slopes_of_the_relief(reliefs, normals):
     assert 7 <= exact <= 21
 
 
+def test_rugged_normals_are_fixed_unit_and_steeper(normals):
+    rugged = [rugged_normals(seed, SIZE) for seed in range(40)]
+    np.testing.assert_array_equal(rugged_normals(7, SIZE), rugged[7])
+    for first, second in itertools.pairwise(rugged):
+        assert np.abs(first - second).max() > 0.1
+    for one in rugged:
+        assert (one.dtype, one.shape) == (np.float32, (SIZE, SIZE, 3))
+        np.testing.assert_allclose(np.linalg.norm(one, axis=2), 1, atol=2e-7)
+    # The angle to the mean normal does not depend on the tilt.
+    spreads = [
+        np.median([1 - np.linalg.norm(one.mean(axis=(0, 1))) for one in each])
+        for each in (normals, rugged)
+    ]
+    assert spreads[1] > 1.2 * spreads[0]
+
+
 @pytest.mark.parametrize(
     ("seed", "size", "words"),
     [(-1, 64, "seed of -1"), (2**63, 64, "seed"), (0, 15, "size of 15"), (0, 5000, "size of 5000")],
 )
-@pytest.mark.parametrize("make", [random_relief, random_normals])
+@pytest.mark.parametrize("make", [random_relief, random_normals, rugged_normals])
 def test_numbers_out_of_range_are_refused(make, seed, size, words):
     with pytest.raises(DataError, match=words):
         make(seed, size)

@@ -1,0 +1,66 @@
+"""What random surfaces have in common: their slope, and the errors of a measurement."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import gaussian_filter
+
+from simulator._errors import DataError
+from simulator._reliefs.noise import power_noise
+
+Array = npt.NDArray[np.float64]
+Random = np.random.Generator
+
+_LEAST, _MOST = 16, 4096
+
+
+def random_source(stream: int, seed: int, size: int) -> Random:
+    """Return the source of random numbers of one function and seed.
+
+    Parameters
+    ----------
+    stream
+        Keeps these random numbers apart from those of other functions with the same seed.
+    seed, size
+        Seed, and side of the square in pixels.
+
+    Raises
+    ------
+    DataError
+        If the size or the seed is out of range.
+    """
+    if not 0 <= seed < 2**63:
+        raise DataError(f"a seed of {seed} is out of range: use 0 to 2^63 - 1")
+    if not _LEAST <= size <= _MOST:
+        raise DataError(f"a size of {size} pixels is out of range: use {_LEAST} to {_MOST}")
+    return np.random.default_rng([stream, seed])
+
+
+def errors(random: Random, size: int) -> Array:
+    """Return errors of n_x and n_y relative to the mean slope, ``(size, size, 2)``."""
+    strength, power = logarithmic(random, 0.05, 1.0), random.uniform(0, 1.6)
+    texture = np.ones((size, size))
+    if random.random() < 0.6:
+        texture = np.exp(random.uniform(0, 1.2) * power_noise(random, size, 1.5))
+    noise = [
+        gaussian_filter(power_noise(random, size, power), random.uniform(0, 0.8)) for _ in range(2)
+    ]
+    return np.asarray(strength * np.dstack(noise) * (texture / texture.mean())[..., None])
+
+
+def slope(height: Array) -> float:
+    """Return the mean slope of a surface."""
+    return float(np.hypot(*np.gradient(height)).mean()) + 1e-12
+
+
+def logarithmic(random: Random, low: float, high: float) -> float:
+    """Return a random number, evenly distributed on a logarithmic scale."""
+    return math.exp(random.uniform(math.log(low), math.log(high)))
+
+
+def unit(vectors: Array) -> Array:
+    """Return vectors of unit length."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
