@@ -12,7 +12,7 @@ from sgp._report.html import Html, tag
 _WIDTH: Final = 360
 _HEIGHT: Final = 140
 _LEFT, _TOP, _BOTTOM = 44, 26, 20
-_LETTER: Final = 6.5  # width of a letter of a label
+_LETTER: Final = 7  # width of a letter of a label
 
 
 def bar_chart(title: str, names: Sequence[str], values: Sequence[float]) -> Html:
