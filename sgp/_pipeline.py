@@ -33,11 +33,10 @@ from sgp._stages import Stopwatch, compute_normals, with_scale
 from sgp._write import (
     normals_metrics,
     separation_metrics,
-    surface_metrics,
     write_normals_stage,
     write_separation,
-    write_surface,
 )
+from sgp._write_surface import surface_metrics, write_surface
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

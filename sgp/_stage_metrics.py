@@ -236,6 +236,17 @@ class SurfaceMetrics(MeshMetrics):
             float, "1", "the same relative to the standard deviations of the normals: 1 for noise"
         ]
     ]
+    blocks: NotRequired[
+        Annotated[int, "", "`--memory`: blocks of rows in which the surface was solved"]
+    ]
+    block_rounds: NotRequired[
+        Annotated[int, "", "rounds in which the blocks were corrected by their neighbours"]
+    ]
+    block_error: NotRequired[
+        Annotated[
+            float, "`unit`", "estimated largest difference from the surface solved as a whole"
+        ]
+    ]
     height_sigma: NotRequired[
         Annotated[
             float,

@@ -80,6 +80,33 @@ def is_unfinished(path: Path) -> bool:
     return (part_path(path) / _IDENTITY).is_file()
 
 
+def remove_unfinished(path: Path) -> None:
+    """Remove unfinished maps, if there are any, of a result that was computed without them.
+
+    Raises
+    ------
+    SessionInUseError
+        If another process writes them.
+    StorageError
+        If the disk refuses.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import remove_unfinished
+    >>> remove_unfinished(Path("normals"))
+    """
+    if not is_unfinished(path):
+        return
+    folder = part_path(path)
+    lock = lock_folder(folder, _DOING)
+    try:
+        with disk(folder, "remove"):
+            shutil.rmtree(folder)
+    finally:
+        os.close(lock)
+
+
 class BandStore(Mapping[str, BandFile]):
     """File-backed maps of a long computation, with a journal of the rows that are complete.
 
