@@ -6,14 +6,19 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, Literal
 
+import numpy as np
+import numpy.typing as npt
+
 import acquisition
 import processing
 import rig
 from sgp._record import ResultRecord
-from sgp._report.folder import ResultFolder
+from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.inputs import Inputs, changed_notice
+from sgp._report.large_maps import Values, large_normals
 
 Green = Literal["up", "down"]
+Companion = tuple[str, Values, npt.NDArray[np.bool_]]
 
 # By command: parameters that name a normal map, and what the page calls it.
 _COMPANIONS: Final = {
@@ -40,8 +45,8 @@ _GREEN: Final = {
 
 def companions(
     folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]
-) -> Iterator[tuple[str, processing.NormalMap]]:
-    """Yield names and normal maps of the inputs of a result; those that changed are left out.
+) -> Iterator[Companion]:
+    """Yield names, normals and masks of the inputs of a result; those that changed are left out.
 
     Maps of its own that its picture does not show follow.
     """
@@ -68,14 +73,20 @@ def companions(
 
 def _read(
     name: str, path: Path, green: Green, max_pixels: int, notices: list[rig.Notice]
-) -> Iterator[tuple[str, processing.NormalMap]]:
+) -> Iterator[Companion]:
+    file = path / "normals.exr" if path.is_dir() else path
     try:
+        if file.is_file():
+            large = large_normals(read_folder(file.parent), file, max_pixels)
+            if large is not None:
+                yield name, *large
+                return
         found = processing.read_normals(path, green=green, max_pixels=max_pixels)
     except (acquisition.DataError, acquisition.MissingPathError) as error:
         title = name.partition(":")[0]
         notices.append(rig.Notice("map-unreadable", f"“{title}” is not shown: {error}"))
         return
-    yield name, found.normal_map
+    yield name, found.normal_map.normals, found.normal_map.mask
 
 
 def _green(record: ResultRecord, parameter: str) -> Green:

@@ -8,9 +8,11 @@ import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
+from sgp._report import large_maps
 from sgp._report.companions import companions
 from sgp._report.folder import ResultFolder
 from sgp._report.recording import Image, Recording
@@ -133,12 +135,29 @@ def test_maps_that_a_result_was_computed_from_are_next_to_it(recorded, command):
     )
     notices = []
     folder = ResultFolder(recorded, {"record.json": record})
-    assert [name for name, _ in companions(folder, MAX_PIXELS, notices)] == expected
+    assert [name for name, *_ in companions(folder, MAX_PIXELS, notices)] == expected
     assert notices == []
     # The picture of a result with normals of its own shows them.
     folder = ResultFolder(recorded / "result", {"record.json": record})
-    shown = [name for name, _ in companions(folder, MAX_PIXELS, notices)]
+    shown = [name for name, *_ in companions(folder, MAX_PIXELS, notices)]
     assert ("Normals: normals.exr" in shown) is False
+
+
+def test_large_maps_next_to_a_result_are_read_in_bands(tmp_path, monkeypatch):
+    before = write_folder(tmp_path / "before")
+    record = SimpleNamespace(
+        command="sgp compare", parameters={"a": str(before), "b": str(before / "shape.exr")}
+    )
+    record.inputs = record.outputs = {}
+    folder = ResultFolder(tmp_path, {"record.json": record})
+    whole = list(companions(folder, MAX_PIXELS, []))
+    monkeypatch.setattr(large_maps, "LARGE", 0)
+    for (name, normals, mask), (other, rows, inside) in zip(
+        whole, companions(folder, MAX_PIXELS, []), strict=True
+    ):
+        assert (name, isinstance(rows, np.ndarray)) == (other, False)
+        np.testing.assert_array_equal(inside, mask)
+        np.testing.assert_allclose(rows[: len(mask)][mask], normals[mask], atol=1e-6)
 
 
 def test_maps_of_numbers_without_a_mask_are_cut_out(tmp_path):
