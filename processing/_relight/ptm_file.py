@@ -108,7 +108,7 @@ def write_ptm(path: str | Path, image: RelightableImage) -> RelightableImage:
         f"{width}",
         f"{height}",
         " ".join(f"{scale:.9g}" for scale in _WHITE * made.scale[_TO_FILE]),
-        " ".join(f"{bias:.0f}" for bias in made.bias[_TO_FILE]),
+        " ".join(f"{round(bias)}" for bias in made.bias[_TO_FILE].tolist()),
     ]
     head = "".join(f"{line}\n" for line in lines).encode()
     rows = [*blocks, *([] if colour is None else [colour])]

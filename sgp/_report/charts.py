@@ -8,9 +8,11 @@ from typing import Final
 
 from sgp._report.html import Html, tag
 
-_WIDTH: Final = 560
-_HEIGHT: Final = 110
-_LEFT, _TOP, _BOTTOM = 44, 20, 20
+# As wide as a phone: letters have about the size of the page's on all windows.
+_WIDTH: Final = 360
+_HEIGHT: Final = 140
+_LEFT, _TOP, _BOTTOM = 44, 26, 20
+_LETTER: Final = 7  # width of a letter of a label
 
 
 def bar_chart(title: str, names: Sequence[str], values: Sequence[float]) -> Html:
@@ -24,14 +26,16 @@ def bar_chart(title: str, names: Sequence[str], values: Sequence[float]) -> Html
     def down(value: float) -> float:
         return round(_TOP + tall * (1 - value / top), 1)
 
-    parts = [tag("text", title, x=0, y=11, class_="title")]
+    parts = [tag("text", title, x=0, y=13, class_="title")]
     for place in range(round(top / step) + 1):
         y = down(place * step)
         parts += [
             tag("line", x1=_LEFT, x2=_WIDTH, y1=y, y2=y, class_="grid"),
-            tag("text", f"{place * step:.4g}", x=_LEFT - 5, y=y + 3, text_anchor="end"),
+            tag("text", f"{place * step:.4g}", x=_LEFT - 5, y=y + 4, text_anchor="end"),
         ]
-    every = max(1, math.ceil(len(names) / 14))
+    labels = [name if len(name) <= 8 else f"…{name[-6:]}" for name in names]
+    longest = max(map(len, labels), default=0)
+    every = max(1, math.ceil(_LETTER * (longest + 1) / wide))
     for place, (name, value) in enumerate(zip(names, values, strict=True)):
         x = _LEFT + place * wide
         if math.isfinite(value):
@@ -48,9 +52,8 @@ def bar_chart(title: str, names: Sequence[str], values: Sequence[float]) -> Html
                 )
             )
         if place % every == 0:
-            label = name if len(name) <= 8 else f"…{name[-6:]}"
             middle = round(x + wide / 2, 1)
-            parts.append(tag("text", label, x=middle, y=_HEIGHT - 7, text_anchor="middle"))
+            parts.append(tag("text", labels[place], x=middle, y=_HEIGHT - 6, text_anchor="middle"))
     return tag(
         "svg",
         parts,

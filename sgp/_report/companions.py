@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Final, Literal
+
+import numpy as np
+import numpy.typing as npt
 
 import acquisition
 import processing
 import rig
 from sgp._record import ResultRecord
-from sgp._report.folder import ResultFolder
+from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.inputs import Inputs, changed_notice
+from sgp._report.large_maps import Values, large_normals
+
+Green = Literal["up", "down"]
+Companion = tuple[str, Values, npt.NDArray[np.bool_]]
 
 # By command: parameters that name a normal map, and what the page calls it.
 _COMPANIONS: Final = {
@@ -21,7 +29,12 @@ _COMPANIONS: Final = {
     "sgp detail transfer": {"target": "Target", "source": "Source of the detail"},
     "sgp detail synthesize": {"onto": "Target", "exemplar": "Exemplar"},
     "sgp detail properties": {"normals": "The map", "targets": "Target"},
+    "sgp curvature": {"normals": "Normals"},
+    "sgp surface": {"normals": "Normals"},
+    "sgp compare": {"a": "First map", "b": "Second map"},
 }
+# By command: outputs that the picture of the result does not show.
+_OWN: Final = {"sgp detail separate": {"shape": "Shape component"}}
 # Options that state the direction of green, by parameter.
 _GREEN: Final = {
     "target": "target_green",
@@ -32,11 +45,16 @@ _GREEN: Final = {
 
 def companions(
     folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]
-) -> Iterator[tuple[str, processing.NormalMap]]:
-    """Yield names and normal maps of the inputs of a result; those that changed are left out."""
+) -> Iterator[Companion]:
+    """Yield names, normals and masks of the inputs of a result; those that changed are left out.
+
+    Maps of its own that its picture does not show follow.
+    """
     inputs = Inputs(folder)
-    for record in folder.records.values():
+    for name, record in folder.records.items():
         for parameter, title in _COMPANIONS.get(record.command, {}).items():
+            if title == "Normals" and folder.file("normals.exr"):
+                continue
             named = record.parameters.get(parameter)
             paths = named if isinstance(named, list) else [named]
             for path in (folder.located(one) for one in paths if isinstance(one, str)):
@@ -45,18 +63,33 @@ def companions(
                 if changed and path.exists():
                     notices.append(changed_notice(changed, f"“{title}” is not shown"))
                     continue
-                try:
-                    found = processing.read_normals(
-                        path, green=_green(record, parameter), max_pixels=max_pixels
-                    )
-                except (acquisition.DataError, acquisition.MissingPathError) as error:
-                    text = f"“{title}” is not shown: {error}"
-                    notices.append(rig.Notice("map-unreadable", text))
-                    continue
-                yield f"{title}: {path.name}", found.normal_map
+                green = _green(record, parameter)
+                yield from _read(f"{title}: {path.name}", path, green, max_pixels, notices)
+        for output, title in _OWN.get(record.command, {}).items():
+            if output in record.outputs:
+                path = (folder.path / name).parent / record.outputs[output]
+                yield from _read(title, path, "up", max_pixels, notices)
 
 
-def _green(record: ResultRecord, parameter: str) -> Literal["up", "down"]:
+def _read(
+    name: str, path: Path, green: Green, max_pixels: int, notices: list[rig.Notice]
+) -> Iterator[Companion]:
+    file = path / "normals.exr" if path.is_dir() else path
+    try:
+        if file.is_file():
+            large = large_normals(read_folder(file.parent), file, max_pixels)
+            if large is not None:
+                yield name, *large
+                return
+        found = processing.read_normals(path, green=green, max_pixels=max_pixels)
+    except (acquisition.DataError, acquisition.MissingPathError) as error:
+        title = name.partition(":")[0]
+        notices.append(rig.Notice("map-unreadable", f"“{title}” is not shown: {error}"))
+        return
+    yield name, found.normal_map.normals, found.normal_map.mask
+
+
+def _green(record: ResultRecord, parameter: str) -> Green:
     stated = record.parameters.get(_GREEN.get(parameter, "green"))
     stated = record.parameters.get("green") if stated is None else stated
     return "down" if stated == "down" else "up"

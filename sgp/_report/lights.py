@@ -52,10 +52,14 @@ def lights_section(folder: ResultFolder, lights: acquisition.Lights) -> Html:
         ),
         tag(
             "div",
-            (
-                bar_chart(title, lights.ids, columns[title].tolist())
-                for title in _CHARTS
-                if title in columns
+            tag(
+                "div",
+                (
+                    bar_chart(title, lights.ids, columns[title].tolist())
+                    for title in _CHARTS
+                    if title in columns
+                ),
+                class_="charts",
             ),
             tag(
                 "details",

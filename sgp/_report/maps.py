@@ -148,16 +148,21 @@ def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedd
 
 
 def embed_beside(
-    normal_map: processing.NormalMap, result: Embedded, most_pixels: float, *, full: bool = False
+    values: Values,
+    mask: npt.NDArray[np.bool_],
+    result: Embedded,
+    most_pixels: float,
+    *,
+    full: bool = False,
 ) -> Embedded:
     """Return the planes of a map that a result was computed from.
 
     They show the same rectangle as those of the result if the result is as large, or larger by a
     whole number.
     """
-    factor = _factor(result.full, normal_map.size)
+    factor = _factor(result.full, mask.shape)
     if factor is None:
-        crop = _reduced(Crop.around(normal_map.mask), most_pixels)
+        crop = _reduced(Crop.around(mask), most_pixels)
         factor = 1
     else:
         rows, columns = (
@@ -167,14 +172,12 @@ def embed_beside(
         crop = Crop(rows, columns)
         crop = replace(crop, most_px=max(crop.size) / max(1.0, result.crop.step / factor))
     tiles: list[Tile] = []
-    planes = _planes(
-        "normals", normal_map.normals, normal_map.mask, crop, "", tiles if full else None
-    )
+    planes = _planes("normals", values, mask, crop, "", tiles if full else None)
     size = result.pixel_size / result.crop.step * factor * crop.step
-    return Embedded(planes, normal_map.size, crop, size, result.unit, [], tiles)
+    return Embedded(planes, (mask.shape[0], mask.shape[1]), crop, size, result.unit, [], tiles)
 
 
-def _factor(result: tuple[int, int], size: tuple[int, int]) -> int | None:
+def _factor(result: tuple[int, int], size: tuple[int, ...]) -> int | None:
     factor = round(result[0] / size[0])
     same = factor >= 1 and result == (factor * size[0], factor * size[1])
     return factor if same else None

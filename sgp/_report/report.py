@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import acquisition
-import processing
 import rig
-from sgp._report.companions import companions
+from sgp._report.companions import Companion, companions
 from sgp._report.differences import camera_of, height_differences
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
@@ -119,7 +118,7 @@ class _Folder:
         self._maps = FolderMaps(folder, max_pixels)
         self._recording: Recording | None = None
         self._notices: list[rig.Notice] = []
-        self._beside: list[tuple[str, processing.NormalMap]] = []
+        self._beside: list[Companion] = []
 
     def parts(self, first: int, pixels: float, full: bool) -> Iterator[_Part]:
         """Yield the result, and the maps that it was computed from."""
@@ -139,8 +138,8 @@ class _Folder:
         name = path.name or str(path)
         yield _Part(next(numbers), name, maps, folder, self._recording, notices)
         if maps is not None:
-            for name, normal_map in self._beside:
-                beside = embed_beside(normal_map, maps, pixels, full=full)
+            for name, values, mask in self._beside:
+                beside = embed_beside(values, mask, maps, pixels, full=full)
                 yield _Part(next(numbers), name, beside)
 
 

@@ -331,6 +331,7 @@ def test_the_written_bytes(tmp_path):
     write_ptm(tmp_path / "a.ptm", RelightableImage("ptm", coefficients, colour))
     *head, body = (tmp_path / "a.ptm").read_bytes().split(b"\n", 6)
     assert head[:4] == [b"PTM_1.2", b"PTM_FORMAT_LRGB", b"1", b"2"]
+    assert all(bias.isdigit() for bias in head[5].split())
     scale, bias = (np.array(line.split(), float) for line in head[4:])
     samples = np.frombuffer(body, np.uint8).astype(float)
     values = (samples[:12].reshape(2, 6) - bias) * scale

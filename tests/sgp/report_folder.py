@@ -88,6 +88,7 @@ def write_folder(
         "vertices": int(mask.sum()),
         "parts": 1,
         "iterations": 5,
+        "image_residuals": [0.01 * number for number in range(8)],
     }
     write_record(path / "surface.json", command, parameters, result)
     return path
@@ -162,7 +163,7 @@ def shaded(
     direction = light_vector(*light)
     ways, strength = _near(planes, direction) if near else (direction, 1.0)
     lit = strength * np.maximum((n * ways).sum(-1, keepdims=True), 0)
-    albedo = _linear(planes["albedo"].samples.astype(float))
+    albedo = _linear(planes["albedo"].samples.astype(float)) if "albedo" in planes else 1.0
     if mode == "shaded":
         found = _srgb(lit * albedo)
     elif mode == "specular":

@@ -8,12 +8,16 @@ import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
+from sgp._report import large_maps
 from sgp._report.companions import companions
 from sgp._report.folder import ResultFolder
+from sgp._report.recording import Image, Recording
 from sgp._report.report import make_report
+from sgp._report.sections import sections
 from tests.sgp.report_folder import write_folder, write_recording
 
 
@@ -104,10 +108,16 @@ def test_a_filled_map_is_shown_next_to_the_one_before(tmp_path, fault):
 
 SHAPE, DETAIL = "normals.exr", "shape.exr"
 COMPANIONS = {
-    "separate": {"Before": ("normals", SHAPE)},
-    "combine": {"Shape component": ("shape", SHAPE), "Detail component": ("detail", DETAIL)},
-    "properties": {"The map": ("normals", SHAPE), "Target": ("targets", [DETAIL])},
-    "transfer": {"Target": ("target", SHAPE), "Source of the detail": ("source", DETAIL)},
+    "detail separate": {"Before": ("normals", SHAPE)},
+    "detail combine": {
+        "Shape component": ("shape", SHAPE),
+        "Detail component": ("detail", DETAIL),
+    },
+    "detail properties": {"The map": ("normals", SHAPE), "Target": ("targets", [DETAIL])},
+    "detail transfer": {"Target": ("target", SHAPE), "Source of the detail": ("source", DETAIL)},
+    "curvature": {"Normals": ("normals", SHAPE)},
+    "surface": {"Normals": ("normals", SHAPE)},
+    "compare": {"First map": ("a", SHAPE), "Second map": ("b", DETAIL)},
 }
 
 
@@ -118,11 +128,36 @@ def test_maps_that_a_result_was_computed_from_are_next_to_it(recorded, command):
         paths = [str(recorded / "result" / one) for one in ([files] if key != "targets" else files)]
         parameters[key] = paths if key == "targets" else paths[0]
         expected += [f"{title}: {Path(one).name}" for one in paths]
-    record = SimpleNamespace(command=f"sgp detail {command}", parameters=parameters, inputs={})
+    outputs = {"shape": f"result/{DETAIL}"} if command == "detail separate" else {}
+    expected += ["Shape component"] * len(outputs)
+    record = SimpleNamespace(
+        command=f"sgp {command}", parameters=parameters, inputs={}, outputs=outputs
+    )
     notices = []
     folder = ResultFolder(recorded, {"record.json": record})
-    assert [name for name, _ in companions(folder, MAX_PIXELS, notices)] == expected
+    assert [name for name, *_ in companions(folder, MAX_PIXELS, notices)] == expected
     assert notices == []
+    # The picture of a result with normals of its own shows them.
+    folder = ResultFolder(recorded / "result", {"record.json": record})
+    shown = [name for name, *_ in companions(folder, MAX_PIXELS, notices)]
+    assert ("Normals: normals.exr" in shown) is False
+
+
+def test_large_maps_next_to_a_result_are_read_in_bands(tmp_path, monkeypatch):
+    before = write_folder(tmp_path / "before")
+    record = SimpleNamespace(
+        command="sgp compare", parameters={"a": str(before), "b": str(before / "shape.exr")}
+    )
+    record.inputs = record.outputs = {}
+    folder = ResultFolder(tmp_path, {"record.json": record})
+    whole = list(companions(folder, MAX_PIXELS, []))
+    monkeypatch.setattr(large_maps, "LARGE", 0)
+    for (name, normals, mask), (other, rows, inside) in zip(
+        whole, companions(folder, MAX_PIXELS, []), strict=True
+    ):
+        assert (name, isinstance(rows, np.ndarray)) == (other, False)
+        np.testing.assert_array_equal(inside, mask)
+        np.testing.assert_allclose(rows[: len(mask)][mask], normals[mask], atol=1e-6)
 
 
 def test_maps_of_numbers_without_a_mask_are_cut_out(tmp_path):
@@ -154,3 +189,22 @@ def test_a_recording_without_a_result_is_shown(sgp, recorded, tmp_path):
     assert html.count("data:image/jpeg;base64,") == 8
     assert "Directions of 8 lights" in html
     assert "is a recording without a result" in html
+
+
+def test_the_contact_sheet_names_exposures_and_rejected_images(tmp_path):
+    def image(name, **others):
+        given = {"light_id": name, "role": "light", "exposure_us": 20_000.0, "status": "kept"}
+        return Image(name=f"{name}.tif", known=True, jpeg="AAAA", **given | others)
+
+    images = [
+        image("L00"),
+        image("L01", exposure_us=500.0, status="rejected"),
+        image("D", role="dark", exposure_us=None),
+    ]
+    recording = Recording(images=images, total=4)
+    html = "".join(sections(7, ResultFolder(tmp_path, {}), None, recording, [], ""))
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", html)
+    assert captions == ["L00, 20 ms", "L01, 500 µs, REJECTED", "D dark"]
+    assert re.findall(r'<figure class="(.*?)">', html) == ["kept", "rejected", "kept"]
+    assert "3 of 4 images, 1 of them rejected. " in html
+    assert re.findall(r'alt="(.*?)" id="(.*?)"', html)[1] == ("Image L01.tif", "image-7-1")

@@ -4,6 +4,7 @@ import base64
 import re
 import zlib
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +14,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from processing import angle_deg
 from sgp._report.charts import bar_chart
 from sgp._report.html import Html, joined, script_json, tag, text
+from sgp._report.page import colour_maps
 from sgp._report.planes import VECTOR_STEPS, Plane, colour_plane, scalar_plane, vectors_plane
 from sgp._report.scripts import LinkError, linked
 
@@ -150,3 +152,17 @@ def test_charts_have_a_bar_for_each_known_value_and_round_ticks(values, ticks):
     assert re.findall(r'text-anchor="end">([^<]*)<', chart) == ticks
     assert "<a>" not in chart
     assert "&lt;a&gt;" in chart
+
+
+def test_colour_maps_are_read_by_their_lightness():
+    for name, encoded in colour_maps().items():
+        samples = np.frombuffer(base64.b64decode(encoded), np.uint8).reshape(1, 256, 3)
+        lab = cv2.cvtColor((samples / 255).astype(np.float32), cv2.COLOR_RGB2LAB)[0, ::-5][::-1]
+        steps = np.diff(lab[:, 0])
+        if name == "signed":  # lightest at 0, and equally dark at both ends
+            assert (steps[:25] > 0).all()
+            assert (steps[26:] < 0).all()
+            assert abs(lab[0, 0] - lab[-1, 0]) < 3
+        else:
+            assert (steps > 0).all()
+            assert lab[-1, 0] - lab[0, 0] > 70

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import json
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -193,6 +194,9 @@ def test_figures_of_typed_places_are_those_of_the_data(browser, page, data, tmp_
     assert point["height"] == pytest.approx(float(height((2.5, 1.5))), rel=1e-3)
     shown = browser.value(f"{VIEW}.querySelector('.mark dl').textContent")
     assert f"Distance{found[0]['distance']:.5g} mm" in shown
+    # The deviation of a figure does not shorten it.
+    difference = re.search(r"Height difference(\S+) ±", shown)[1].replace("\u2212", "-")
+    assert float(difference) == pytest.approx(found[0]["difference"], rel=1e-3)
     quiet(browser, page)
 
 

@@ -258,3 +258,102 @@ def test_fingers_turn_the_light_zoom_and_set_marks_on_a_phone(browser, page):
     finally:
         browser.call("Emulation.setTouchEmulationEnabled", enabled=False)
         browser.resize(*WINDOW)
+
+
+def test_a_glossy_result_without_albedo_is_white(browser, tmp_path):
+    folder = write_folder(tmp_path / "ball")
+    (folder / "albedo.png").unlink()
+    planes = embed(FolderMaps(read_folder(folder), MAX_PIXELS), 1e6).planes
+    page = tmp_path / "page.html"
+    page.write_text(make_report([folder], max_pixels=MAX_PIXELS).html, encoding="utf-8")
+    opened(browser, page)
+    size = planes["normals"].samples.shape[:2]
+    found = at_map(show(browser, "specular", (60, 40)), size)[..., :3]
+    expected = shaded(planes, "specular", (60, 40))
+    assert expected.max() > 200
+    assert np.abs(found - expected).max() <= 2
+    quiet(browser, page)
+
+
+FOLDED = "document.querySelectorAll('details:not([open])').length"
+
+
+def test_a_printed_page_is_on_white_paper_and_has_all_tables(browser, page):
+    opened(browser, page)
+    folded = browser.value(FOLDED)
+    assert folded > 3
+    browser.value(f"window.addEventListener('beforeprint', () => (window.left = {FOLDED}))")
+    browser.call("Page.printToPDF")
+    assert browser.value("window.left") == 0
+    assert browser.value(FOLDED) == folded
+    try:
+        browser.resize(794, 1100, dark=True)
+        scheme = {"name": "prefers-color-scheme", "value": "dark"}
+        browser.call("Emulation.setEmulatedMedia", media="print", features=[scheme])
+        browser.value(FRAME)
+        colours = "(({color, backgroundColor}) => [color, backgroundColor])"
+        assert browser.value(f"{colours}(getComputedStyle(document.body))") == [
+            "rgb(0, 0, 0)",
+            "rgb(255, 255, 255)",
+        ]
+        seen = "one.getClientRects().length > 0"
+        for selector, count in {".prerendered img": 8, ".contact img": 8, ".controls": 0}.items():
+            elements = f"[...document.querySelectorAll('{selector}')]"
+            assert browser.value(f"{elements}.filter((one) => {seen}).length") == count, selector
+        assert browser.value("document.documentElement.scrollWidth") <= 794
+    finally:
+        browser.call("Emulation.setEmulatedMedia", media="")
+        browser.resize(*WINDOW)
+    quiet(browser, page)
+
+
+TEXTS = """(() => {
+  const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+  const luminance = (colour) => {
+    const part = (c) => (c <= 10 ? c / 3294 : ((c / 255 + 0.055) / 1.055) ** 2.4);
+    const [r, g, b] = numbers(colour).map(part);
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const behind = (one) => {
+    for (let at = one; at; at = at.parentElement) {
+      const colour = getComputedStyle(at).backgroundColor;
+      if ((numbers(colour)[3] ?? 1) > 0.5) return colour;
+    }
+    return "rgb(255, 255, 255)";
+  };
+  const found = [];
+  for (const one of document.querySelectorAll("body *")) {
+    const own = [...one.childNodes].some((node) => node.nodeType === 3 && node.data.trim());
+    if (!own || one.getClientRects().length === 0 || one.closest("script")) continue;
+    const style = getComputedStyle(one);
+    const matrix = one.ownerSVGElement?.getScreenCTM();
+    const size = parseFloat(style.fontSize) * (matrix ? Math.hypot(matrix.a, matrix.b) : 1);
+    const [a, b] = [luminance(matrix ? style.fill : style.color), luminance(behind(one))];
+    const contrast = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+    found.push([one.textContent.trim().slice(0, 40), size, contrast]);
+  }
+  return found;
+})()"""
+
+
+def test_texts_are_large_and_dark_enough(browser, page):
+    opened(browser, page)
+    try:
+        for width, height in ((1280, 800), (390, 844)):
+            for dark in (False, True):
+                browser.resize(width, height, mobile=width < 800, dark=dark)
+                browser.value(FRAME)
+                texts = browser.value(TEXTS)
+                assert len(texts) > 60
+                assert [one for one in texts if one[1] < 10.5] == []
+                assert [one for one in texts if one[2] < 4.5] == []
+    finally:
+        browser.resize(*WINDOW)
+
+
+def test_an_address_of_the_open_page_chooses_the_view(browser, page):
+    opened(browser, page)
+    for view in ("surface3d", "relight"):
+        browser.value(f"location.hash = 'view={view}'")
+        browser.until(f"!document.getElementById('view-{view}').hidden")
+    quiet(browser, page)

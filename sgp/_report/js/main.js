@@ -7,6 +7,7 @@ import { label, mount } from "./relight.js";
 import { Result } from "./result.js";
 
 export function start(views) {
+  printDetails();
   const report = JSON.parse(document.getElementById("report").textContent);
   const results = report.results.map((description) => new Result(description));
   const place = document.getElementById("views");
@@ -34,7 +35,23 @@ export function start(views) {
   choose(panels[0]);
   const asked = panels.find((one) => one.id === remembered("view"));
   if (asked) choose(asked);
+  // Views send events without an address to each other.
+  window.addEventListener("hashchange", ({ newURL }) => {
+    const wanted = newURL && panels.find((one) => one.id === remembered("view", newURL));
+    if (wanted) choose(wanted);
+  });
   drawMaps(results, report.colourMaps);
+}
+
+/** Open what is folded while the page is printed. */
+function printDetails() {
+  let folded = [];
+  const open = (value) => folded.forEach((one) => (one.open = value));
+  window.addEventListener("beforeprint", () => {
+    folded = [...document.querySelectorAll("details:not([open])")];
+    open(true);
+  });
+  window.addEventListener("afterprint", () => open(false));
 }
 
 function panel(view, tabs, results, report) {

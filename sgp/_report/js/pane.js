@@ -106,6 +106,7 @@ export class Pane {
       uReference: light.distance * diagonal,
       uHasShape: result.has("shape"),
       uHasHeight: Boolean(height),
+      uHasAlbedo: result.has("albedo"),
       uHeightStep: height ? [(height.low - (height.shown[0] + height.shown[1]) / 2) / pixelSize, height.step / pixelSize] : [0, 0],
       uOffset: offset,
       uWhole: wide,

@@ -34,7 +34,7 @@ uniform vec2 uOrigin;           // of the map on the canvas, from its top left c
 uniform float uZoom;            // pixels of the canvas for each pixel of the map
 uniform float uCanvasHeight;
 uniform vec3 uLight;            // unit vector, or a position in pixels of the map for a near light
-uniform bool uNear, uHasShape, uHasHeight, uMark;
+uniform bool uNear, uHasShape, uHasHeight, uHasAlbedo, uMark;
 uniform float uReference;       // distance at which a near light has strength 1
 uniform float uExaggeration, uGain, uGloss, uShine, uPixelSize;
 uniform vec2 uScalarRange;      // samples at the ends of the colour scale
@@ -96,6 +96,7 @@ vec2 scalarAt(usampler2D map) {
   return vec2(known > 0.0 ? sum / known : 0.0, known);
 }
 vec3 albedoAt() {
+  if (!uHasAlbedo) return vec3(1.0);
   // Pixels outside the mask are black in it.
   vec3 sum = vec3(0.0);
   float known = 0.0;

@@ -1,13 +1,15 @@
 // Figures as text, with their standard deviations.
 
 const SIGNIFICANT = 5;
+const LEAST = 4; // significant digits of a value whose standard deviation is larger
 
 /** Write a length or an area; with two digits of its standard deviation, if that is known. */
 export function quantity(value, unit, sigma = NaN) {
   if (Number.isNaN(value)) return "not known";
   if (!(sigma > 0)) return `${sign(Number(value.toPrecision(SIGNIFICANT)).toString())} ${unit}`;
   const digits = Math.min(9, Math.max(0, 1 - Math.floor(Math.log10(sigma))));
-  return `${sign(value.toFixed(digits))} ± ${sigma.toFixed(digits)} ${unit}`;
+  const own = LEAST - 1 - Math.floor(Math.log10(Math.abs(value) || sigma));
+  return `${sign(value.toFixed(Math.min(9, Math.max(digits, own))))} ± ${sigma.toFixed(digits)} ${unit}`;
 }
 
 const sign = (text) => text.replace("-", "\u2212");
