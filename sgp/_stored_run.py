@@ -85,8 +85,10 @@ def processed_within(
         If the memory is too small, or there is an unfinished run of another command.
     """
     scaled, pixel_mm = with_scale(source, given.surfaces.pixel_mm)
-    ways = _ways(memory, scaled, given)
-    if ways is None and not acquisition.is_unfinished(out / "summary"):
+    in_files, lines = _ways(memory, scaled, given)
+    in_files |= acquisition.is_unfinished(out / "summary")
+    if not in_files:
+        _state(lines if memory is not None else [])
         yield process(
             source,
             files,
@@ -108,16 +110,15 @@ def processed_within(
         for name, value in asdict(group).items()
         if not isinstance(value, Path)  # the hashes of the inputs are those of their contents
     }
-    form = scaled.size, np.float32
-    with (
-        other_maps_refused(),
-        acquisition.BandStore(
-            out / "summary",
-            identity(options, files),
-            {"depth": form, "common": form},
-            replace=force,
-        ) as store,
-    ):
+    depends_on, form = identity(options, files), (scaled.size, np.float32)
+    with other_maps_refused():
+        if not force:
+            acquisition.check_unfinished(out / "summary", depends_on)
+        _state(lines)
+        store = acquisition.BandStore(
+            out / "summary", depends_on, {"depth": form, "common": form}, replace=force
+        )
+    with store:
         run = _Run(memory, scaled, pixel_mm, files, out, given, force, store)
         try:
             results = run.stages(watch)
@@ -136,26 +137,23 @@ def processed_within(
         store.remove()
 
 
-def _ways(memory: int | None, source: acquisition.Source, given: RunOptions) -> SurfaceWay | None:
-    """Return how the surface is solved if the maps of a run do not fit into memory.
-
-    None if everything fits. The ways of all stages are stated if there is a limit.
-    """
-    shape_filter = given.separation.shape_filter()
-    need = separation_need(source.size, shape_filter)
-    normals_on_disk = are_normals_on_disk(memory, source, given.source)
-    in_bands = is_in_bands(memory, need)
+def _ways(
+    memory: int | None, source: acquisition.Source, given: RunOptions
+) -> tuple[bool, list[str]]:
+    """Return whether the maps of a run do not fit into memory, and lines about the stages."""
+    need = separation_need(source.size, given.separation.shape_filter())
+    banded = are_normals_on_disk(memory, source, given.source), is_in_bands(memory, need)
     surface = run_surface_way(memory, source, given.surfaces)
     held = _HELD * source.size[0] * source.size[1]
     fits = max(need.whole, surface.memory) + held <= rig.memory_budget(memory)
-    in_files = normals_on_disk or in_bands or surface.rows is not None or not fits
-    if memory is not None or in_files:
-        words = [
-            "in bands of rows" if found else "as a whole" for found in (normals_on_disk, in_bands)
-        ]
-        note(f"normals {words[0]}, detail {words[1]}")
-        note(surface.line())
-    return surface if in_files else None
+    normals, detail = ("in bands of rows" if found else "as a whole" for found in banded)
+    lines = [f"normals {normals}, detail {detail}", surface.line()]
+    return any(banded) or surface.rows is not None or not fits, lines
+
+
+def _state(lines: list[str]) -> None:
+    for line in lines:
+        note(line)
 
 
 def run_surface_way(

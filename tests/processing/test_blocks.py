@@ -181,7 +181,9 @@ BAD: dict[str, tuple[Callable[[], dict], type[Exception], str]] = {
     "mask": (lambda: {"mask": np.zeros(SIZE, bool)}, DataError, "empty mask"),
     "depth": (lambda: {"depth_mm": np.ones(SIZE)}, DataError, "require a camera"),
     "no depth": (
-        lambda: {"depth_mm": np.full(SIZE, np.nan), "pixel_mm": 1}, DataError, "must be finite"
+        lambda: {"depth_mm": np.full(SIZE, np.nan), "pixel_mm": 1},
+        DataError,
+        "must be finite",
     ),
     "sigma": (lambda: {"sigma_deg": np.full(SIZE, -1.0)}, DataError, "negative or infinite"),
     "sigma size": (lambda: {"sigma_deg": np.ones((2, 2))}, DataError, "do not fit normals"),

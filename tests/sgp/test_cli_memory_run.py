@@ -13,7 +13,7 @@ from acquisition import BandStore, read_image
 from processing._blocks import memory as block_memory
 from processing._detail import rows
 from processing._reconstruction import memory
-from sgp import _stored_run, _surface_memory
+from sgp import _stored_run, _stored_separation, _surface_memory
 from tests.sgp.test_cli_memory import files, stop
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 
@@ -33,6 +33,8 @@ def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
         (_surface_memory, "_PROGRAM"),
     ):
         monkeypatch.setattr(module, name, 0)
+    for module in (_stored_run, _stored_separation):  # the map is too small for several bands
+        monkeypatch.setattr(module, "is_in_bands", lambda memory, need: memory is not None)
 
 
 @pytest.fixture
@@ -64,3 +66,64 @@ def test_bands_give_the_files_and_figures_of_the_whole(sgp, given, tmp_path) -> 
         assert other["metrics"][stage] == one["metrics"][stage]
     assert other["outputs"].keys() == one["outputs"].keys()
     assert other["notices"] == one["notices"]
+
+
+def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -> None:
+    """After Ctrl-C in each stage, and with other options, which are refused by name."""
+    assert sgp(*given, "--out", tmp_path / "whole").code == 0
+    out, written = tmp_path / "out", []
+    command = [*given, "--out", out, "--memory", LITTLE]
+    for name in ("write_normals_stage", "write_separation", "stored_surface"):
+        monkeypatch.setattr(_stored_run, name, noted(getattr(_stored_run, name), name, written))
+    with monkeypatch.context() as patched:
+        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
+        assert sgp(*command).code == 130
+    assert written == []
+    assert (out / "normals" / ".part-normals").is_dir()
+    for name in ("write_separation", "stored_surface", "stored_panels"):
+        with monkeypatch.context() as patched:
+            patched.setattr(_stored_run, name, raises)
+            assert sgp(*command).code == 130
+    line = sgp(*command, "--stl").error_line(2)
+    assert "another stl: repeat that command" in line
+    assert sgp(*command).code == 0
+    assert written == ["write_normals_stage", "write_separation", "stored_surface"]
+    check_equal(out, tmp_path / "whole")
+    assert (out / "summary.json").is_file()
+
+
+def noted(function: Callable, name: str, written: list[str]) -> Callable:
+    def call(*words: object, **options: object) -> object:
+        written.append(name)
+        return function(*words, **options)
+
+    return call
+
+
+def raises(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_what_cannot_be_done_is_refused_before_any_work(sgp, given, tmp_path) -> None:
+    command = [*given, "--out", tmp_path / "out", "--memory"]
+    line = sgp(*command, LITTLE, "--glb").error_line(2)
+    assert "with --glb, which needs the complete surface: give --memory" in line
+    line = sgp(*command, LITTLE, "--semi-calibrated").error_line(2)
+    assert "with --semi-calibrated, which needs the complete maps" in line
+    assert "give at least --memory" in sgp(*command, "10K").error_line(2)
+    assert not (tmp_path / "out").exists()
+
+
+def test_near_lights_and_a_surface_from_files(sgp, tmp_path, monkeypatch) -> None:
+    """Heights above the working plane are those of the whole, in blocks and as a whole."""
+    write_images(tmp_path / "cap", HEIGHT, NORMALS, panel(220.0))
+    lights = tmp_path / "lights.json"
+    given = ["run", tmp_path / "cap", "--lights", lights, "--pixel-mm", PIXEL_MM, "--w", 2]
+    assert sgp(*given, "--out", tmp_path / "whole").code == 0
+    assert sgp(*given, "--out", tmp_path / "blocks", "--memory", LITTLE).code == 0
+    check_equal(tmp_path / "blocks", tmp_path / "whole")
+    monkeypatch.setattr(_surface_memory, "_blocks", lambda *_, **__: {})
+    monkeypatch.setattr(_surface_memory, "_whole", lambda *_, **__: 0)
+    assert sgp(*given, "--out", tmp_path / "files", "--memory", LITTLE).code == 0
+    left, right = files(tmp_path / "files"), files(tmp_path / "whole")
+    assert [n for n in left if n != "overview.png" and left[n] != right[n]] == []
