@@ -44,7 +44,7 @@ _READ = 4_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions:
-    """What the stages of a run are told by the command."""
+    """Options of the stages of a run."""
 
     source: SourceOptions
     maps: MapOptions
