@@ -23,6 +23,8 @@ Green = Literal["up", "down"]
 # decode to a length of 1.73, mid-grey ones to 0.
 _LENGTH_TOLERANCE = 0.5
 _BACKGROUND_LENGTH = 1.7
+# What rounding of the components to float32 changes the length by, at most.
+_ROUNDING = 2.5e-7
 # An image is rejected unless most of its vectors are this close to unit length. One third of the
 # pixels of a random image are, and 98 % of those of an 8-bit JPEG of normals.
 _CLOSE = 0.1
@@ -144,6 +146,9 @@ def decode_normals(
         unit = np.zeros(vectors.shape, np.float32)
         inside = (off < _LENGTH_TOLERANCE) & candidates
         in_threads(directions, len(unit), vectors, inside, unit, known[rows])
+        if not integers:
+            # Unit vectors as floats can hold them are returned as they are.
+            np.copyto(unit, vectors, where=(known[rows] & (off < _ROUNDING))[..., None])
         normals[rows] = unit
         facing += float(unit[..., 2].sum(dtype=np.float64))
     if 2 * close <= count:

@@ -47,10 +47,29 @@ _MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOption
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What the pipeline leaves for one source; `result` has no figures so far.
+    """What the stages leave for one source; `result` has no figures so far.
 
     The pictures are made while the stages run, so that their maps need not stay in memory: of a
     large recording these are several GB.
+
+    Parameters
+    ----------
+    panels
+        The overview pictures that can be drawn for any recording.
+    metrics
+        Figures by stage.
+    result
+        Files, warnings and lines of all stages.
+    """
+
+    panels: list[Panel]
+    metrics: StagesMetrics
+    result: Result
+
+
+@dataclass(frozen=True, eq=False)
+class OutcomeInMemory(Outcome):
+    """What the stages leave if all maps are in memory.
 
     Parameters
     ----------
@@ -60,35 +79,64 @@ class Outcome:
         The height.
     crop
         The rectangle that all pictures show, with its scale if it is known.
-    panels
-        The overview pictures that can be drawn for any recording.
-    metrics
-        Figures by stage.
-    result
-        Files, warnings and lines of all stages.
+    panels, metrics, result
+        As in `Outcome`.
     """
 
     normal_map: processing.NormalMap
     surface: processing.HeightMap
     crop: Crop
-    panels: list[Panel]
-    metrics: StagesMetrics
-    result: Result
 
 
 @dataclass(frozen=True, eq=False)
-class _Normals:
-    """What the stages after the first need of it."""
+class Integrable:
+    """What the surface is computed from: normals, colours, depths and deviations."""
 
     normal_map: processing.NormalMap
     colours: npt.NDArray[np.uint8]
+    depth_mm: npt.NDArray[np.float32] | None
+    sigma_deg: npt.NDArray[np.float32] | None
+    common_sigma_deg: npt.NDArray[np.float32] | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Normals(Integrable):
+    """What the stages after the first need of it."""
+
     crop: Crop
     panels: list[Panel]
     errors: list[Panel]
     metrics: NormalsMetrics
-    depth_mm: npt.NDArray[np.float32] | None
-    sigma_deg: npt.NDArray[np.float32]
-    common_sigma_deg: npt.NDArray[np.float32]
+
+
+class StageRecords:
+    """Writes the folders of the stages with their records, and merges their results."""
+
+    def __init__(
+        self, out: Path, files: list[Path], source: acquisition.Source, *groups: DataclassInstance
+    ) -> None:
+        chosen = {"transfer": source.transfer.record()}
+        given = {name: value for group in groups for name, value in asdict(group).items()}
+        self._out, self._files = out, files
+        self._parameters = {"source": source.path, **given, **chosen}
+        self.merged = Result(inputs=files, parameters=chosen)
+
+    def write(self, name: str, files_of: Callable[[Path], Result]) -> Result:
+        """Let a function write the files of a stage; write their record, and return the result."""
+        record = f"{name}.json"
+        result = files_of(claim_folder(self._out / name, record))
+        result.inputs = self._files
+        path = self._out / name / record
+        write_record(path, "sgp run", self._parameters | result.parameters, result)
+        return result
+
+    def merge(self, name: str, result: Result) -> None:
+        """Add the result of a stage under its name."""
+        merged = self.merged
+        merged.parameters |= result.parameters
+        merged.outputs.update({f"{name}.{key}": path for key, path in result.outputs.items()})
+        merged.warnings += result.warnings
+        merged.summary += [f"{name:<8} {line}" for line in result.summary]
 
 
 def process(
@@ -102,7 +150,7 @@ def process(
     separation: SeparationOptions = _SEPARATION,
     surfaces: SurfaceOptions = _SURFACES,
     true_lights: acquisition.Lights | None = None,
-) -> Outcome:
+) -> OutcomeInMemory:
     """Run every stage on a source and write ``normals/``, ``detail/`` and ``surface/`` in ``out``.
 
     Each folder gets its own record. Outputs and figures of the stages are merged under the
@@ -119,19 +167,10 @@ def process(
     # Before the normals, which take long.
     unit, pixel_size = processing.surface_scale(source.camera, pixel_mm)
     separation.shape_filter().check_size(source.size)
-    chosen = {"transfer": source.transfer.record()}
-    parameters = {"source": source.path, **_recorded(options, maps, separation, surfaces), **chosen}
-    merged = Result(inputs=files, parameters=chosen)
+    records = StageRecords(out, files, source, options, maps, separation, surfaces)
 
     def write(name: str, files_of: Callable[[Path], Result]) -> None:
-        record = f"{name}.json"
-        result = files_of(claim_folder(out / name, record))
-        result.inputs = files
-        write_record(out / name / record, "sgp run", parameters | result.parameters, result)
-        merged.parameters |= result.parameters
-        merged.outputs.update({f"{name}.{key}": path for key, path in result.outputs.items()})
-        merged.warnings += result.warnings
-        merged.summary += [f"{name:<8} {line}" for line in result.summary]
+        records.merge(name, records.write(name, files_of))
 
     with watch.stage("normals"):
         seen = _normals(
@@ -147,7 +186,7 @@ def process(
         "surface": surface_metrics(surface),
     }
     panels = [*seen.panels, *part_panels, *surface_panels, *seen.errors]
-    return Outcome(seen.normal_map, surface, seen.crop, panels, figures, merged)
+    return OutcomeInMemory(panels, figures, records.merged, seen.normal_map, surface, seen.crop)
 
 
 def _normals(
@@ -206,31 +245,8 @@ def _surface(
     options: SurfaceOptions,
     write: _Write,
 ) -> tuple[processing.HeightMap, list[Panel]]:
-    with Stages() as progress:
-        surface = processing.integrate(
-            seen.normal_map,
-            camera=source.camera,
-            pixel_mm=pixel_mm,
-            depth_mm=seen.depth_mm,
-            sigma_deg=seen.sigma_deg,
-            common_sigma_deg=seen.common_sigma_deg,
-            weighted=False,
-            height_errors=options.height_sigma and bool(np.isfinite(seen.sigma_deg).any()),
-            discontinuity=options.discontinuity,
-            k=options.sharpness(),
-            on_progress=progress,
-        )
-    write(
-        "surface",
-        lambda folder: write_surface(
-            folder,
-            surface,
-            seen.normal_map,
-            options,
-            colours=seen.colours,
-            sigma_deg=seen.sigma_deg,
-        ),
-    )
+    surface = integrate(seen, source.camera, pixel_mm, options)
+    write("surface", lambda folder: write_integrated(folder, surface, seen, options))
     shaded = "surface, lit from the upper left"
     return surface, [
         map_panel("height", surface.height, surface.unit, seen.crop),
@@ -238,8 +254,37 @@ def _surface(
     ]
 
 
-def _recorded(*groups: DataclassInstance) -> dict[str, object]:
-    return {name: value for group in groups for name, value in asdict(group).items()}
+def integrate(
+    seen: Integrable,
+    camera: acquisition.CameraModel | None,
+    pixel_mm: float | None,
+    options: SurfaceOptions,
+) -> processing.HeightMap:
+    """Integrate the normals of a run, and show the progress."""
+    known = seen.sigma_deg is not None and bool(np.isfinite(seen.sigma_deg).any())
+    with Stages() as progress:
+        return processing.integrate(
+            seen.normal_map,
+            camera=camera,
+            pixel_mm=pixel_mm,
+            depth_mm=seen.depth_mm,
+            sigma_deg=seen.sigma_deg,
+            common_sigma_deg=seen.common_sigma_deg,
+            weighted=False,
+            height_errors=options.height_sigma and known,
+            discontinuity=options.discontinuity,
+            k=options.sharpness(),
+            on_progress=progress,
+        )
+
+
+def write_integrated(
+    folder: Path, surface: processing.HeightMap, seen: Integrable, options: SurfaceOptions
+) -> Result:
+    """Write the surface of a run."""
+    return write_surface(
+        folder, surface, seen.normal_map, options, colours=seen.colours, sigma_deg=seen.sigma_deg
+    )
 
 
 def _normals_panels(

@@ -51,7 +51,7 @@ def normals_within(
         If the memory is too small.
     """
     path = out / "normals"
-    on_disk = _on_disk(memory, source, options)
+    on_disk = are_normals_on_disk(memory, source, options)
     if not on_disk and (force or not acquisition.is_unfinished(path)):
         yield compute_normals(source, options, pixel_mm)
         acquisition.remove_unfinished(path)
@@ -89,8 +89,16 @@ def normals_within(
         stage.store.remove()
 
 
-def _on_disk(memory: int | None, source: acquisition.Source, options: SourceOptions) -> bool:
-    """Return whether the maps do not fit into memory; refuse a memory that is too small."""
+def are_normals_on_disk(
+    memory: int | None, source: acquisition.Source, options: SourceOptions
+) -> bool:
+    """Return whether the maps do not fit into memory.
+
+    Raises
+    ------
+    UsageError
+        If the memory is too small.
+    """
     in_colour = options.channel in ("rgb", "joint")
     whole = processing.memory_of_reconstruction(source, 3 if in_colour else 1)
     if whole <= rig.memory_budget(memory):

@@ -51,12 +51,7 @@ def separation_within(
     """
     found = processing.find_normals(normals, max_pixels=max_pixels)
     shape_filter, path = options.shape_filter(), out / "detail"
-    height, width = found.size
-    need = Need(
-        processing.memory_of_separation(found.size, shape_filter),
-        processing.least_memory_of_separation(found.size, shape_filter),
-        f"a normal map of {width} x {height} pixels",
-    )
+    need = separation_need(found.size, shape_filter)
     # What is unfinished is continued, even if more memory is free now.
     if not is_in_bands(memory, need) and not acquisition.is_unfinished(path):
         read = read_map(normals, green=green, max_pixels=max_pixels)
@@ -84,3 +79,12 @@ def separation_within(
         doubts = axes_doubts(normals, stored.normals, stored.mask, green)
         yield stored, replace(stored, warnings=(*stored.warnings, *doubts))
         stored.store.remove()
+
+
+def separation_need(size: tuple[int, int], shape_filter: processing.ShapeFilter) -> Need:
+    """Return the memory that the separation of a map needs."""
+    return Need(
+        processing.memory_of_separation(size, shape_filter),
+        processing.least_memory_of_separation(size, shape_filter),
+        f"a normal map of {size[1]} x {size[0]} pixels",
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,6 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
-from sgp._camera_doubts import camera_notices
 from sgp._console import Stages, shown
 from sgp._exit import UsageError
 from sgp._memory_limit import size_text
@@ -37,15 +35,31 @@ _BAND = 1 << 25  # bytes of rows with what is computed of them
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceInputs:
-    """The files from which a surface is computed, as `sgp surface` takes them."""
+    """What a surface is computed from.
+
+    Parameters
+    ----------
+    normals, mask, albedo, sigma, green, max_pixels
+        As `sgp surface` takes them.
+    camera
+        The perspective camera; None for an orthographic surface.
+    pixel_mm
+        Size of a pixel on the object.
+    depth_mm
+        ``(H, W)`` approximate depth, as for `processing.integrate`.
+    weighted
+        Whether normals count by ``sigma``, which otherwise only serves to judge their curl.
+    """
 
     normals: Path
-    mask: Path | None
-    albedo: Path | None
-    camera: Path | None
-    sigma: Path | None
-    mean_depth_mm: Callable[[acquisition.CameraModel | None], float | None]
-    green: Literal["up", "down"]
+    mask: Path | None = None
+    albedo: Path | None = None
+    camera: acquisition.CameraModel | None = None
+    sigma: Path | None = None
+    pixel_mm: float | None = None
+    depth_mm: acquisition.MapRows | None = None
+    weighted: bool = True
+    green: Literal["up", "down"] = "up"
     max_pixels: int
 
 
@@ -110,33 +124,34 @@ def _computed(
         vectors = acquisition.ComputedRows(
             normals.shape, normals.dtype, lambda part: normals[part] * mask[part][..., None]
         )
-    model = None
-    if inputs.camera is not None:
-        model = acquisition.read_camera(inputs.camera, way.size)
-        notices += camera_notices(inputs.camera, model)
-    sigma = None
+    sigma: acquisition.MapRows | None = None
     if inputs.sigma is not None:
-        deviations = store_sigma(inputs.sigma, mask, folder / "sigma.raw", inputs.max_pixels)
-        notices += deviations.notices
-        sigma = deviations.sigma_deg
-        opened.callback(sigma.close)
+        if inputs.weighted:
+            deviations = store_sigma(inputs.sigma, mask, folder / "sigma.raw", inputs.max_pixels)
+            notices += deviations.notices
+            opened.callback(deviations.sigma_deg.close)
+            sigma = deviations.sigma_deg
+        else:
+            sigma = opened.enter_context(
+                acquisition.ImageRows(inputs.sigma, max_pixels=inputs.max_pixels)
+            )
     with Stages() as progress:
         surface = processing.integrate_in_blocks(
             vectors,
             mask,
             folder,
             rows=rows,
-            camera=model,
-            pixel_mm=options.pixel_mm,
-            mean_depth_mm=inputs.mean_depth_mm(model),
-            sigma_deg=sigma,
+            camera=inputs.camera,
+            pixel_mm=inputs.pixel_mm,
+            depth_mm=inputs.depth_mm,
+            sigma_deg=sigma if inputs.weighted else None,
             on_progress=progress,
         )
     opened.callback(surface.close)
     bands = acquisition.rows_in_bands(way.size[0], 400 * way.size[1], _BAND)
     for part in shown("comparing with the normals", bands):
         store["residual"][part] = processing.residual_of_rows(surface, vectors, part)
-    curl = processing.curl_in_rows(vectors, mask, store["curl"], model, sigma)
+    curl = processing.curl_in_rows(vectors, mask, store["curl"], inputs.camera, sigma)
     colours = None
     if inputs.albedo is not None:
         image = opened.enter_context(
@@ -159,8 +174,7 @@ def _computed(
         f"most {surface.error:.2g} {surface.unit} (estimated)",
         *residual_lines(metrics),
     ]
-    given = (inputs.mask, inputs.albedo, inputs.camera, inputs.sigma)
-    result.inputs = [*read.files, *(path for path in given if path is not None)]
+    result.inputs = list(read.files)
     return result
 
 

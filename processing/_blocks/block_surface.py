@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import BandFile, CameraModel, DataError, MapRows
+from acquisition import BandFile, CameraModel, DataError, MapRows, rows_in_bands
 from calibration import EstimateError
 from processing._blocks.plan import Blocks, plan_blocks
 from processing._blocks.relative_variances import relative_variances
@@ -23,6 +23,9 @@ from rig import Notice, Progress, no_progress, short_repr
 
 Mask = npt.NDArray[np.bool_]
 Double = npt.NDArray[np.float64]
+
+# Values that are read at once.
+_READ = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +101,7 @@ def integrate_in_blocks(
     rows: int,
     camera: CameraModel | None = None,
     pixel_mm: float | None = None,
-    mean_depth_mm: float | None = None,
+    depth_mm: MapRows | None = None,
     sigma_deg: MapRows | None = None,
     on_progress: Progress = no_progress,
 ) -> BlockSurface:
@@ -122,8 +125,8 @@ def integrate_in_blocks(
         Most rows of a block; `surface_memory` is what they need.
     camera, pixel_mm
         As for `integrate`.
-    mean_depth_mm
-        Mean depth of each part, from a camera with a working distance, which is the default.
+    depth_mm
+        ``(H, W)`` approximate depth, as for `integrate`.
     sigma_deg
         ``(H, W)`` float32 standard deviations of the normals, as for `integrate`.
     on_progress
@@ -154,7 +157,7 @@ def integrate_in_blocks(
     >>> surface.close()
     """
     scale = scale_of(camera, pixel_mm)
-    size = _check(normals, mask, camera, mean_depth_mm, scale)
+    size = _check(normals, mask, camera, depth_mm, scale)
     blocks = plan_blocks(size[0], rows)
     relative = None if sigma_deg is None else relative_variances(sigma_deg, mask)
     shape = integrability(normals, mask)
@@ -168,7 +171,7 @@ def integrate_in_blocks(
     step = scale.step_px if camera is None else -scale.step_px
     angle_deg = angle_between_deg(step * solved.wanted, step * solved.found)
     height, depth, inside, (lowest, highest) = _placed(
-        solved, blocks, scale, mean_depth_mm, folder, on_progress
+        solved, blocks, scale, depth_mm, folder, on_progress
     )
     per_step = scale.pixel_size if scale.distance is None else scale.distance
     error = solved.rounds.error * per_step
@@ -211,7 +214,7 @@ def _check(
     normals: MapRows,
     mask: Mask,
     camera: CameraModel | None,
-    mean_depth_mm: float | None,
+    depth_mm: MapRows | None,
     scale: Scale,
 ) -> tuple[int, int]:
     """Return the size of the map; raise `DataError` if inputs do not fit."""
@@ -225,18 +228,32 @@ def _check(
             f"a camera of {camera.width} x {camera.height} pixels does not fit a normal map of "
             f"{width} x {height}: crop or replace the camera"
         )
-    if mean_depth_mm is not None and (
-        scale.distance is None or scale.unit != "mm" or not mean_depth_mm > 0
-    ):
-        raise DataError("a mean depth is positive and requires a camera with a working distance")
+    if depth_mm is not None:
+        _check_depths(depth_mm, mask, camera, scale)
     return height, width
+
+
+def _check_depths(depth_mm: MapRows, mask: Mask, camera: CameraModel | None, scale: Scale) -> None:
+    if scale.unit != "mm":
+        raise DataError("approximate depths require a camera with a working distance")
+    height, width = mask.shape
+    kind = "finite" if camera is None else "positive"
+    fits = depth_mm.shape == mask.shape
+    for rows in rows_in_bands(height, width, _READ) if fits else ():
+        values = depth_mm[rows][mask[rows]]
+        fits &= bool((np.isfinite(values) if camera is None else values > 0).all())
+    if not fits:
+        raise DataError(
+            f"approximate depths of shape {depth_mm.shape} must be {kind} at all pixels of a "
+            f"normal map of shape {mask.shape}"
+        )
 
 
 def _placed(
     solved: BlockSolution,
     blocks: Blocks,
     scale: Scale,
-    mean_depth: float | None,
+    near: MapRows | None,
     folder: Path,
     on_progress: Progress,
 ) -> tuple[BandFile, BandFile | None, Mask, tuple[float, float]]:
@@ -244,10 +261,13 @@ def _placed(
     form = solved.u.shape, np.dtype(np.float32)
     height = BandFile(folder / "height.raw", *form)
     depth = None if scale.distance is None else BandFile(folder / "depth.raw", *form)
-    factors = np.ones(len(solved.means))
+    raised, factors = np.zeros(len(solved.means)), np.ones(len(solved.means))
+    near_means = None if near is None else _part_means(solved, blocks, near)
     if scale.distance is not None:
-        wanted = scale.distance if mean_depth is None else mean_depth
+        wanted = scale.distance if near_means is None else near_means
         factors = wanted / _mean_depths(solved, blocks)
+    elif near_means is not None:
+        raised = -near_means
     known = np.zeros(solved.u.shape, np.bool_)
     lowest, highest = math.inf, -math.inf
     on_progress("placing", 0, len(blocks.blocks))
@@ -259,7 +279,7 @@ def _placed(
         u = solved.u[rows][inside] - solved.means[members]
         values = np.full(labels.shape, np.nan, np.float32)
         if depth is None or scale.distance is None:
-            found = scale.pixel_size * u
+            found = scale.pixel_size * u + raised[members]
         else:
             values[inside] = depths = np.exp(u) * factors[members]
             depth[rows] = values
@@ -273,6 +293,16 @@ def _placed(
     solved.u.close()
     solved.u.path.unlink()
     return height, depth, known, (lowest, highest)
+
+
+def _part_means(solved: BlockSolution, blocks: Blocks, values: MapRows) -> Double:
+    """Return the mean over each part of the rows of a map."""
+    sums = np.zeros(len(solved.means))
+    for block in blocks.blocks:
+        labels = solved.parts[block.core]
+        inside = labels >= 0
+        sums += np.bincount(labels[inside], values[block.core][inside], len(sums))
+    return np.asarray(sums / solved.sizes, np.float64)
 
 
 def _mean_depths(solved: BlockSolution, blocks: Blocks) -> Double:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 import numpy.typing as npt
 
+import acquisition
 import processing
 from sgp._overview import Panel, add_scale
 from sgp._panels.crop import Crop
@@ -26,7 +27,9 @@ _MOST_GAIN: Final = 100
 _BAR_SHARE: Final = 0.35  # of the picture's width, at most
 
 
-def image_panel(title: str, image: Image, crop: Crop, mask: Mask | None = None) -> Panel:
+def image_panel(
+    title: str, image: acquisition.MapRows, crop: Crop, mask: Mask | None = None
+) -> Panel:
     """Show a linear image, gray or RGB, with its 99.5 % quantile at white and gamma 2.2.
 
     NaN, which stands for saturation, is white, as is what is outside a mask.
@@ -41,13 +44,23 @@ def image_panel(title: str, image: Image, crop: Crop, mask: Mask | None = None) 
 def normals_panel(title: str, normal_map: processing.NormalMap, crop: Crop | None = None) -> Panel:
     """Show normals as colours: red is right, green is up, blue is toward the camera."""
     crop = crop or Crop.around(normal_map.mask)
-    return _colours(title, crop.picture(normal_map.normals, normal_map.mask), crop)
+    return vectors_panel(title, normal_map.normals, normal_map.mask, crop)
+
+
+def vectors_panel(title: str, vectors: acquisition.MapRows, mask: Mask, crop: Crop) -> Panel:
+    """Show normals as `normals_panel`; they may be in a file."""
+    return _colours(title, crop.picture(vectors, mask), crop)
 
 
 def detail_panel(title: str, detail: processing.NormalMap, crop: Crop | None = None) -> Panel:
     """Show a detail component with amplified slopes; the title states the factor."""
     crop = crop or Crop.around(detail.mask)
-    normals = crop.picture(detail.normals, detail.mask)
+    return slopes_panel(title, detail.normals, detail.mask, crop)
+
+
+def slopes_panel(title: str, vectors: acquisition.MapRows, mask: Mask, crop: Crop) -> Panel:
+    """Show a detail component as `detail_panel`; it may be in a file."""
+    normals = crop.picture(vectors, mask)
     gain = detail_gain(normals)
     normals[..., :2] *= gain
     return _colours(f"{title}, slopes x {gain}", normals, crop)
@@ -71,7 +84,7 @@ def detail_gain(normals: Image) -> int:
 
 def map_panel(
     title: str,
-    values: npt.NDArray[Any],
+    values: acquisition.MapRows,
     unit: str,
     crop: Crop | None = None,
     *,
@@ -84,7 +97,7 @@ def map_panel(
     ``limits`` replaces the limits of the scale, which otherwise leave out the extreme pixels. What
     is outside a mask is white, too.
     """
-    crop = crop or Crop.around(np.isfinite(values))
+    crop = crop or Crop.around(np.isfinite(values[:]))
     part = crop.picture(values, mask)
     finite = part[np.isfinite(part)]
     extend = "neither" if limits else "max" if error else "both"
@@ -104,13 +117,13 @@ def signed_panel(
 
 
 def shaded_panel(
-    title: str, height: Image, crop: Crop | None = None, pixel_size: float = 1.0
+    title: str, height: acquisition.MapRows, crop: Crop | None = None, pixel_size: float = 1.0
 ) -> Panel:
     """Show a height map lit from the upper left, so that raised relief looks raised.
 
     ``height`` is in the unit of ``pixel_size``, NaN outside the object.
     """
-    crop = crop or Crop.around(np.isfinite(height))
+    crop = crop or Crop.around(np.isfinite(height[:]))
     part = crop.picture(height) / np.float32(crop.step * pixel_size)
     # A single row or column has no slope across it.
     down, right = (

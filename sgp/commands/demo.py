@@ -20,7 +20,7 @@ from sgp._output import write_record
 from sgp._overview import source_title, write_overview
 from sgp._panels.lights import spheres_panel
 from sgp._panels.maps import map_panel, signed_panel
-from sgp._pipeline import Outcome, process
+from sgp._pipeline import OutcomeInMemory, process
 from sgp._report.report import write_report
 from sgp._result import Result
 from sgp._stages import Stopwatch
@@ -167,7 +167,7 @@ class _Errors:
     """Errors of the demo's results."""
 
     def __init__(
-        self, lights: acquisition.Lights, outcome: Outcome, rendering: simulator.Rendering
+        self, lights: acquisition.Lights, outcome: OutcomeInMemory, rendering: simulator.Rendering
     ) -> None:
         truth = rendering.truth
         calibrated = np.asarray(lights.positions_mm)

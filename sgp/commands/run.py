@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from sgp._metrics import RunMetrics, TruthMetrics
-from sgp._options import Input, SourceOptions
+from sgp._options import Input, Memory, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import source_title, write_overview
-from sgp._pipeline import process
 from sgp._report.report import write_report
 from sgp._result import Result
 from sgp._spheres import add_sphere_lights
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, open_recording
+from sgp._stored_run import RunOptions, processed_within
 
 _DEFAULTS = SourceOptions()
 _MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()
@@ -28,6 +28,7 @@ def run(
     maps: MapOptions = _MAPS,
     separation: SeparationOptions = _SEPARATION,
     surfaces: SurfaceOptions = _SURFACES,
+    memory: Memory | None = None,
     force: bool = False,
 ) -> Result:
     """Compute normals, shape and detail components, and a surface from a recording.
@@ -51,30 +52,28 @@ def run(
         Low-pass filter between shape and detail.
     surfaces
         Scale and formats of the mesh.
+    memory
+        Memory to use, such as 3G or 500M; default: half of what is free. What does not fit is
+        computed in bands of rows, in files in the output folder; the same command continues if it
+        was interrupted.
     force
         Write into an output folder that already contains files.
     """
     watch = Stopwatch()
     recording = open_recording(source, options)
     opened = recording.source
-    outcome = process(
-        opened,
-        recording.files,
-        out,
-        watch,
-        options,
-        maps=maps,
-        separation=separation,
-        surfaces=surfaces,
-    )
-    result = outcome.result
-    add_sphere_lights(result, claim_folder(out, "summary.json"), recording.lit_by, "sgp run")
-    result.outputs["overview"] = out / "overview.png"
-    with watch.stage("overview"):
-        title = source_title(opened, source.name)
-        write_overview(result.outputs["overview"], title, outcome.panels)
-    with watch.stage("report"):
-        write_report(out / "report.html", out, result, options.max_pixels)
+    given = RunOptions(source=options, maps=maps, separation=separation, surfaces=surfaces)
+    with processed_within(
+        memory, opened, recording.files, out, watch, given, force=force
+    ) as outcome:
+        result = outcome.result
+        add_sphere_lights(result, claim_folder(out, "summary.json"), recording.lit_by, "sgp run")
+        result.outputs["overview"] = out / "overview.png"
+        with watch.stage("overview"):
+            title = source_title(opened, source.name)
+            write_overview(result.outputs["overview"], title, outcome.panels)
+        with watch.stage("report"):
+            write_report(out / "report.html", out, result, options.max_pixels)
     figures = outcome.metrics["normals"]
     known = "mae_deg" in figures
     truth: TruthMetrics = {"normals_mae_deg": figures["mae_deg"]} if known else {}

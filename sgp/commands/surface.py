@@ -102,20 +102,23 @@ def surface(
         raise UsageError("--height-sigma needs deviations of the normals: give --sigma too")
     way = _way(memory, normals, camera, sigma, prior, options, max_pixels)
     if way.rows is not None:
+        model, notices = _camera(camera, way.size)
+        depth = None if height_mm is None else np.float32(_mean_depth(height_mm, model))
         inputs = SurfaceInputs(
             normals=normals,
             mask=mask,
             albedo=albedo,
-            camera=camera,
+            camera=model,
             sigma=sigma,
-            mean_depth_mm=lambda model: (
-                None if height_mm is None else _mean_depth(height_mm, model)
-            ),
+            pixel_mm=options.pixel_mm,
+            depth_mm=None if depth is None else np.broadcast_to(depth, way.size),
             green=green,
             max_pixels=max_pixels,
         )
         result = stored_surface(inputs, options, way, out)
-        result.warnings = [_with_remedy(doubt, green, options) for doubt in result.warnings]
+        doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
+        result.warnings = [*notices, *doubts]
+        result.inputs += [path for path in (mask, albedo, camera, sigma) if path is not None]
         return result
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
     normal_map, notices = read.normal_map, [*read.warnings]
@@ -123,9 +126,8 @@ def surface(
         inside, lost = masked(mask, normal_map.mask, normals)
         notices += lost
         normal_map = processing.NormalMap(normal_map.normals * inside[..., None], inside)
-    model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
-    if camera is not None and model is not None:
-        notices += camera_notices(camera, model)
+    model, doubts_of_camera = _camera(camera, normal_map.size)
+    notices += doubts_of_camera
     deviations = None
     if sigma is not None:
         deviations = read_sigma(sigma, normal_map, max_pixels)
@@ -216,6 +218,16 @@ def _way(
     if memory is not None or way.rows is not None:
         note(way.line())
     return way
+
+
+def _camera(
+    path: Path | None, size: tuple[int, int]
+) -> tuple[acquisition.CameraModel | None, list[rig.Notice]]:
+    """Read a camera, and return notices about it."""
+    if path is None:
+        return None, []
+    model = acquisition.read_camera(path, size)
+    return model, list(camera_notices(path, model))
 
 
 def _mean_depth(height_mm: float, camera: acquisition.CameraModel | None) -> float:

@@ -179,7 +179,12 @@ def test_constants_join_parts_of_blocks():
 BAD: dict[str, tuple[Callable[[], dict], type[Exception], str]] = {
     "size": (lambda: {"mask": np.ones((3, 3), bool)}, DataError, "do not fit a mask"),
     "mask": (lambda: {"mask": np.zeros(SIZE, bool)}, DataError, "empty mask"),
-    "depth": (lambda: {"mean_depth_mm": 5.0}, DataError, "requires a camera"),
+    "depth": (lambda: {"depth_mm": np.ones(SIZE)}, DataError, "require a camera"),
+    "no depth": (
+        lambda: {"depth_mm": np.full(SIZE, np.nan), "pixel_mm": 1},
+        DataError,
+        "must be finite",
+    ),
     "sigma": (lambda: {"sigma_deg": np.full(SIZE, -1.0)}, DataError, "negative or infinite"),
     "sigma size": (lambda: {"sigma_deg": np.ones((2, 2))}, DataError, "do not fit normals"),
     "edges": (lambda: {"mask": np.eye(*SIZE, dtype=bool)}, EstimateError, "face the camera"),

@@ -1,0 +1,333 @@
+"""A run within a limit of memory: each stage leaves its maps in files for the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+import acquisition
+import processing
+import rig
+from sgp._console import note
+from sgp._memory_limit import identity, is_in_bands, other_maps_refused
+from sgp._metrics import StagesMetrics
+from sgp._options import SourceOptions
+from sgp._output import claim_folder
+from sgp._pipeline import (
+    Integrable,
+    Outcome,
+    StageRecords,
+    integrate,
+    process,
+    write_integrated,
+)
+from sgp._result import Result, dumps
+from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
+from sgp._stages import Stopwatch, with_scale
+from sgp._stored_normals import are_normals_on_disk, normals_within
+from sgp._stored_panels import stored_panels
+from sgp._stored_separation import separation_need, separation_within
+from sgp._stored_surface import SurfaceInputs, stored_surface
+from sgp._surface_memory import SurfaceWay, surface_way
+from sgp._write import write_normals_stage, write_separation
+
+# Bytes per pixel that the stages after the normals have in memory besides their own.
+_HELD = 16
+# Values that are read at once.
+_READ = 4_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Options of the stages of a run."""
+
+    source: SourceOptions
+    maps: MapOptions
+    separation: SeparationOptions
+    surfaces: SurfaceOptions
+
+
+@contextmanager
+def processed_within(
+    memory: int | None,
+    source: acquisition.Source,
+    files: list[Path],
+    out: Path,
+    watch: Stopwatch,
+    given: RunOptions,
+    *,
+    force: bool,
+) -> Iterator[Outcome]:
+    """Run every stage on a source with a limited memory, as `process` does.
+
+    What does not fit is computed in bands of rows. The state of the run is then in a hidden folder
+    of ``out`` until the block ends without an error; another call continues it.
+
+    Parameters
+    ----------
+    memory
+        Bytes to use; None for half of what is free.
+    source, files, out, watch
+        As for `process`.
+    given
+        The options.
+    force
+        Whether an unfinished run with other inputs or options is removed.
+
+    Raises
+    ------
+    UsageError
+        If the memory is too small, or there is an unfinished run of another command.
+    """
+    scaled, pixel_mm = with_scale(source, given.surfaces.pixel_mm)
+    in_files, lines = _ways(memory, scaled, given)
+    in_files |= acquisition.is_unfinished(out / "summary")
+    if not in_files:
+        _state(lines if memory is not None else [])
+        yield process(
+            source,
+            files,
+            out,
+            watch,
+            given.source,
+            maps=given.maps,
+            separation=given.separation,
+            surfaces=given.surfaces,
+        )
+        return
+    # Wrong combinations are refused before any work.
+    given.surfaces.sharpness()
+    _, pixel_size = scale = processing.surface_scale(scaled.camera, pixel_mm)
+    given.separation.shape_filter().check_size(scaled.size)
+    options = {
+        name: value
+        for group in (given.source, given.maps, given.separation, given.surfaces)
+        for name, value in asdict(group).items()
+        if not isinstance(value, Path)  # the hashes of the inputs are those of their contents
+    }
+    depends_on, form = identity(options, files), (scaled.size, np.float32)
+    with other_maps_refused():
+        if not force:
+            acquisition.check_unfinished(out / "summary", depends_on)
+        _state(lines)
+        store = acquisition.BandStore(
+            out / "summary", depends_on, {"depth": form, "common": form}, replace=force
+        )
+    with store:
+        run = _Run(memory, scaled, pixel_mm, files, out, given, force, store)
+        try:
+            results = run.stages(watch)
+            excluded = results["normals"].metrics.get("excluded", ())
+            lights = acquisition.exclude(scaled, list(cast("list[str]", excluded))).lights
+            panels = stored_panels(
+                out, lights, results, scale[0], pixel_size, given.source.max_pixels
+            )
+            metrics = cast(
+                "StagesMetrics", {name: result.metrics for name, result in results.items()}
+            )
+            yield Outcome(panels, metrics, run.records.merged)
+        except BaseException:
+            run.leave()
+            raise
+        store.remove()
+
+
+def _ways(
+    memory: int | None, source: acquisition.Source, given: RunOptions
+) -> tuple[bool, list[str]]:
+    """Return whether the maps of a run do not fit into memory, and lines about the stages."""
+    need = separation_need(source.size, given.separation.shape_filter())
+    banded = are_normals_on_disk(memory, source, given.source), is_in_bands(memory, need)
+    surface = run_surface_way(memory, source, given.surfaces)
+    held = _HELD * source.size[0] * source.size[1]
+    fits = max(need.whole, surface.memory) + held <= rig.memory_budget(memory)
+    normals, detail = ("in bands of rows" if found else "as a whole" for found in banded)
+    lines = [f"normals {normals}, detail {detail}", surface.line()]
+    return any(banded) or surface.rows is not None or not fits, lines
+
+
+def _state(lines: list[str]) -> None:
+    for line in lines:
+        note(line)
+
+
+def run_surface_way(
+    memory: int | None, source: acquisition.Source, options: SurfaceOptions
+) -> SurfaceWay:
+    """Return how the surface of a run is solved."""
+    return surface_way(
+        memory,
+        source.size,
+        camera=source.camera is not None,
+        sigma=True,
+        stl=options.stl,
+        whole_for=[name for name, asked in options.whole_surface().items() if asked],
+    )
+
+
+class _Run:
+    """The stages of a run, each of which is done once even if the process is killed."""
+
+    def __init__(
+        self,
+        memory: int | None,
+        source: acquisition.Source,
+        pixel_mm: float | None,
+        files: list[Path],
+        out: Path,
+        given: RunOptions,
+        force: bool,
+        store: acquisition.BandStore,
+    ) -> None:
+        self._memory, self._source, self._pixel_mm = memory, source, pixel_mm
+        self._files, self._out, self._given, self._force = files, out, given, force
+        self._store = store
+        self.records = StageRecords(
+            out, files, source, given.source, given.maps, given.separation, given.surfaces
+        )
+
+    def stages(self, watch: Stopwatch) -> dict[str, Result]:
+        """Compute what is missing; return the results by stage."""
+        results: dict[str, Result] = {}
+        todo: dict[str, Callable[[], Result]] = {
+            "normals": self._normals,
+            "detail": self._detail,
+            "surface": lambda: self._surface(results["normals"]),
+        }
+        for name, compute in todo.items():
+            with watch.stage(name):
+                results[name] = self._kept(name) or compute()
+            # What a kill left after the stage was complete.
+            acquisition.remove_unfinished(self._out / name / name)
+            self.records.merge(name, results[name])
+        return results
+
+    def leave(self) -> None:
+        """Keep what can be continued; otherwise leave nothing."""
+        begun = any((self._out / name).exists() for name in ("normals", "detail", "surface"))
+        self._store.close()
+        if not begun:
+            self._store.remove()
+            with suppress(OSError):
+                self._out.rmdir()
+
+    def _kept(self, name: str) -> Result | None:
+        """Return the result of a stage that is complete."""
+        try:
+            content: Any = rig.parse_json(rig.read_bounded(self._store.folder / f"{name}.json"))
+        except (FileNotFoundError, rig.UnreadableError):
+            return None
+        folder = self._out / name
+        result = Result(
+            outputs={key: folder / file for key, file in content["outputs"].items()},
+            metrics=content["metrics"],
+            warnings=[rig.Notice(**notice) for notice in content["notices"]],
+            summary=content["summary"],
+            parameters=content["parameters"],
+        )
+        complete = all(
+            path.is_file() for path in (folder / f"{name}.json", *result.outputs.values())
+        )
+        return result if complete else None
+
+    def _keep(self, name: str, result: Result) -> Result:
+        """State that a stage is complete, with what the end of the run needs of it."""
+        content = {
+            "outputs": {key: path.name for key, path in result.outputs.items()},
+            "metrics": result.metrics,
+            "notices": [asdict(notice) for notice in result.warnings],
+            "summary": result.summary,
+            "parameters": result.parameters,
+        }
+        acquisition.write_durably(self._store.folder / f"{name}.json", dumps(content).encode())
+        return result
+
+    def _normals(self) -> Result:
+        given, folder = self._given, self._out / "normals"
+        with normals_within(
+            self._memory,
+            self._source,
+            given.source,
+            self._pixel_mm,
+            files=self._files,
+            out=folder,
+            force=self._force,
+        ) as stage:
+            # Results of an earlier run are removed only now.
+            claim_folder(self._out, "summary.json")
+            result = self.records.write(
+                "normals",
+                lambda place: write_normals_stage(
+                    place, stage, given.maps, command="sgp run", files=self._files
+                ),
+            )
+            near = stage.near_height
+            height, width = self._source.size
+            for rows in acquisition.rows_in_bands(height, width, _READ):
+                if near is not None:
+                    self._store["depth"][rows] = near.depth[rows]
+                if given.surfaces.height_sigma:
+                    common = stage.maps["normal_sigma_common_deg"]
+                    self._store["common"][rows] = common[rows]
+            for file in self._store.values():
+                file.sync()
+            return self._keep("normals", result)
+
+    def _detail(self) -> Result:
+        given = self._given
+        with separation_within(
+            self._memory,
+            self._out / "normals",
+            given.separation,
+            green="up",
+            max_pixels=given.source.max_pixels,
+            out=self._out / "detail",
+            force=self._force,
+        ) as (parts, _):
+            result = self.records.write(
+                "detail", lambda place: write_separation(place, parts, given.maps)
+            )
+            return self._keep("detail", result)
+
+    def _surface(self, normals: Result) -> Result:
+        options, most = self._given.surfaces, self._given.source.max_pixels
+        near = normals.metrics["lights"] == "near"
+        sigma_known = normals.metrics["normal_sigma_deg"] is not None
+        depth = self._store["depth"] if near else None
+        way = run_surface_way(self._memory, self._source, options)
+        folder = self._out / "surface"
+        if way.rows is not None:
+            inputs = SurfaceInputs(
+                normals=self._out / "normals",
+                albedo=normals.outputs["albedo_png"],
+                camera=self._source.camera,
+                sigma=normals.outputs["normal_sigma_deg"] if sigma_known else None,
+                pixel_mm=self._pixel_mm,
+                depth_mm=depth,
+                weighted=False,
+                max_pixels=most,
+            )
+            result = self.records.write(
+                "surface", lambda _: stored_surface(inputs, options, way, folder)
+            )
+            return self._keep("surface", result)
+        sigma = acquisition.read_image(normals.outputs["normal_sigma_deg"], max_pixels=most)
+        seen = Integrable(
+            normal_map=processing.read_normals(self._out / "normals", max_pixels=most).normal_map,
+            colours=acquisition.read_image(normals.outputs["albedo_png"], max_pixels=most).astype(
+                np.uint8
+            ),
+            depth_mm=None if depth is None else depth[:],
+            sigma_deg=sigma.astype(np.float32),
+            common_sigma_deg=self._store["common"][:] if options.height_sigma else None,
+        )
+        surface = integrate(seen, self._source.camera, self._pixel_mm, options)
+        result = self.records.write(
+            "surface", lambda place: write_integrated(place, surface, seen, options)
+        )
+        return self._keep("surface", result)

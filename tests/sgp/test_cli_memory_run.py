@@ -1,0 +1,129 @@
+"""``sgp run --memory``: stages in bands of rows give the files of the whole."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from acquisition import BandStore, read_image
+from processing._blocks import memory as block_memory
+from processing._detail import rows
+from processing._reconstruction import memory
+from sgp import _stored_run, _stored_separation, _surface_memory
+from tests.sgp.test_cli_memory import files, stop
+from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
+
+LITTLE = "200K"
+# Files that depend on the surface, which differs a little in blocks, or on the clock.
+LOOSE = ("surface/", "overview.png", "report.html")
+
+
+@pytest.fixture(autouse=True)
+def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interpreter and libraries count as nothing, so that tiny maps do not fit."""
+    for module, name in (
+        (memory, "_FIXED"),
+        (rows, "_FIXED"),
+        (rows, "_MOST_MARGINS"),
+        (block_memory, "_FIXED"),
+        (_surface_memory, "_PROGRAM"),
+    ):
+        monkeypatch.setattr(module, name, 0)
+    for module in (_stored_run, _stored_separation):  # the map is too small for several bands
+        monkeypatch.setattr(module, "is_in_bands", lambda memory, need: memory is not None)
+
+
+@pytest.fixture
+def given(recording: Path, tmp_path: Path) -> list[object]:
+    lights = tmp_path / "lights.json"
+    return ["run", recording, "--lights", lights, "--method", "ls", "--order", 1, "--w", 2]
+
+
+def check_equal(found: Path, expected: Path) -> None:
+    left, right = files(found), files(expected)
+    assert sorted(left) == sorted(right)
+    assert [n for n in left if not n.startswith(LOOSE) and left[n] != right[n]] == []
+    heights = [read_image(folder / "surface" / "height.exr") for folder in (found, expected)]
+    np.testing.assert_array_equal(*(np.isnan(height) for height in heights))
+    assert np.nanmax(np.abs(heights[0] - heights[1])) < 5e-4 * np.nanmax(np.abs(heights[1]))
+    assert not [path.name for path in found.rglob(".part-*")]
+
+
+def test_bands_give_the_files_and_figures_of_the_whole(sgp, given, tmp_path) -> None:
+    whole = sgp(*given, "--out", tmp_path / "whole", "--json")
+    assert whole.code == 0, whole.err
+    banded = sgp(*given, "--out", tmp_path / "bands", "--memory", LITTLE, "--json")
+    assert banded.code == 0, banded.err
+    assert "normals in bands of rows, detail in bands of rows" in banded.err
+    assert "surface of 48 x 40 pixels: in blocks of" in banded.err
+    check_equal(tmp_path / "bands", tmp_path / "whole")
+    one, other = (json.loads(answer.out) for answer in (whole, banded))
+    for stage in ("normals", "detail"):
+        assert other["metrics"][stage] == one["metrics"][stage]
+    assert other["outputs"].keys() == one["outputs"].keys()
+    assert other["notices"] == one["notices"]
+
+
+def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -> None:
+    """After Ctrl-C in each stage, and with other options, which are refused by name."""
+    assert sgp(*given, "--out", tmp_path / "whole").code == 0
+    out, written = tmp_path / "out", []
+    command = [*given, "--out", out, "--memory", LITTLE]
+    for name in ("write_normals_stage", "write_separation", "stored_surface"):
+        monkeypatch.setattr(_stored_run, name, noted(getattr(_stored_run, name), name, written))
+    with monkeypatch.context() as patched:
+        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
+        assert sgp(*command).code == 130
+    assert written == []
+    assert (out / "normals" / ".part-normals").is_dir()
+    for name in ("write_separation", "stored_surface", "stored_panels"):
+        with monkeypatch.context() as patched:
+            patched.setattr(_stored_run, name, raises)
+            assert sgp(*command).code == 130
+    line = sgp(*command, "--stl").error_line(2)
+    assert "another stl: repeat that command" in line
+    assert sgp(*command).code == 0
+    assert written == ["write_normals_stage", "write_separation", "stored_surface"]
+    check_equal(out, tmp_path / "whole")
+    assert (out / "summary.json").is_file()
+
+
+def noted(function: Callable, name: str, written: list[str]) -> Callable:
+    def call(*words: object, **options: object) -> object:
+        written.append(name)
+        return function(*words, **options)
+
+    return call
+
+
+def raises(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
+
+
+def test_what_cannot_be_done_is_refused_before_any_work(sgp, given, tmp_path) -> None:
+    command = [*given, "--out", tmp_path / "out", "--memory"]
+    line = sgp(*command, LITTLE, "--glb").error_line(2)
+    assert "with --glb, which needs the complete surface: give --memory" in line
+    line = sgp(*command, LITTLE, "--semi-calibrated").error_line(2)
+    assert "with --semi-calibrated, which needs the complete maps" in line
+    assert "give at least --memory" in sgp(*command, "10K").error_line(2)
+    assert not (tmp_path / "out").exists()
+
+
+def test_near_lights_and_a_surface_from_files(sgp, tmp_path, monkeypatch) -> None:
+    """Heights above the working plane are those of the whole, in blocks and as a whole."""
+    write_images(tmp_path / "cap", HEIGHT, NORMALS, panel(220.0))
+    lights = tmp_path / "lights.json"
+    given = ["run", tmp_path / "cap", "--lights", lights, "--pixel-mm", PIXEL_MM, "--w", 2]
+    assert sgp(*given, "--out", tmp_path / "whole").code == 0
+    assert sgp(*given, "--out", tmp_path / "blocks", "--memory", LITTLE).code == 0
+    check_equal(tmp_path / "blocks", tmp_path / "whole")
+    monkeypatch.setattr(_surface_memory, "_blocks", lambda *_, **__: {})
+    monkeypatch.setattr(_surface_memory, "_whole", lambda *_, **__: 0)
+    assert sgp(*given, "--out", tmp_path / "files", "--memory", LITTLE).code == 0
+    left, right = files(tmp_path / "files"), files(tmp_path / "whole")
+    assert [n for n in left if n != "overview.png" and left[n] != right[n]] == []
