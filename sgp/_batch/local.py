@@ -30,7 +30,7 @@ class LocalWorkers:
     """
 
     def __init__(self, count: int) -> None:
-        self._count = count
+        self.count = count
 
     def outcomes(
         self, tasks: Sequence[Task], started: Callable[[Task], None]
@@ -43,7 +43,7 @@ class LocalWorkers:
         for task in tasks:
             waiting.put(task)
         ended: queue.SimpleQueue[tuple[Task, Outcome] | BaseException] = queue.SimpleQueue()
-        workers = [_Worker() for _ in range(min(self._count, len(tasks)))]
+        workers = [_Worker() for _ in range(min(self.count, len(tasks)))]
 
         def work(worker: _Worker) -> None:
             try:

@@ -189,7 +189,7 @@ def _due(tasks: list[Task], known: Mapping[str, State]) -> list[Task]:
 
 
 def _work(pool: Workers, due: list[Task], states: States, known: dict[str, State]) -> None:
-    with BatchProgress(len(due)) as progress:
+    with BatchProgress(len(due), pool.count) as progress:
         for task, outcome in pool.outcomes(due, progress.started):
             known[task.name] = states.write(task, outcome)
             progress.ended(task, outcome)

@@ -27,6 +27,7 @@ class Here:
 
     def __init__(self, count: int) -> None:
         """Accept what `LocalWorkers` accepts."""
+        self.count = 1
 
     def outcomes(self, tasks, started):
         for task in tasks:
