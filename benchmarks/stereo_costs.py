@@ -99,9 +99,9 @@ def repeated(rows: Float, side: int) -> Float:
     return rows[..., np.arange(side) % _ROWS, :]
 
 
-def strips(lights: Lights, side: int, *, gloss: bool) -> Float:
+def strips(lights: Lights, side: int, *, gloss: bool, seed: int = 0) -> Float:
     """Return the first rows ``(N, 128, W)`` of `images`."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(seed)
     values = np.zeros((len(lights), min(_ROWS, side), side), np.float32)
     y, x = np.mgrid[: min(_ROWS, side), :side].astype(np.float32)
     normals = np.stack([0.8 * np.sin(x / 9), 0.8 * np.cos(y / 13), np.ones_like(x)], axis=-1)
@@ -160,7 +160,7 @@ def kernels(
             yield name, Row(bars, mask.size, 0.5, f"cauchy, {surface}, near")
 
 
-def session(folder: Path, lights: Lights, side: int, *, gloss: bool = False) -> None:
+def session(folder: Path, lights: Lights, side: int, *, gloss: bool = False, seed: int = 0) -> None:
     """Record a session of images, and write lights and a mask next to it."""
     write_lights(folder.with_suffix(".json"), lights)
     write_mask(folder.with_suffix(".png"), np.ones((side, side), bool))
@@ -178,7 +178,7 @@ def session(folder: Path, lights: Lights, side: int, *, gloss: bool = False) -> 
             bit_depth=12,
         ),
     )
-    values = strips(lights, side, gloss=gloss)
+    values = strips(lights, side, gloss=gloss, seed=seed)
     with SessionWriter.create(folder, content) as writer:
         for shot in writer.missing:
             lit = values[shot.led] if shot.role == "light" else 0 * values[0]

@@ -27,7 +27,7 @@ from sgp._console import note
 from sgp._exit import UsageError
 from sgp._help import usage_complaint
 from sgp._metrics import BatchMetrics
-from sgp._options import Inputs, OptionalInput, Whole
+from sgp._options import Inputs, Memory, OptionalInput, Whole
 from sgp._output import check_output, write_record
 from sgp._result import Result
 from sgp.commands.calibrate import spheres
@@ -44,6 +44,7 @@ def batch(
     out: Path,
     recipe: OptionalInput = None,
     workers: _Workers | None = None,
+    memory: Memory | None = None,
     scheduler: str | None = None,
     retries: _Retries = 1,
 ) -> Result:
@@ -76,6 +77,9 @@ def batch(
         Recipe (.toml); default: the options that `sgp run` has by default.
     workers
         Number of processes on this computer; default: one for each core.
+    memory
+        Most memory of each of these processes, for example 4G; a source that needs more fails.
+        Default: no limit.
     scheduler
         Address of a Dask scheduler, whose workers do the work; they need the same paths and the
         same version of sgp.
@@ -85,6 +89,9 @@ def batch(
     """
     if scheduler is not None and workers is not None:
         raise UsageError("--workers is for this computer and --scheduler for a cluster: give one")
+    if scheduler is not None and memory is not None:
+        text = "--memory is for this computer: start the workers of the cluster with --memory-limit"
+        raise UsageError(text)
     if not source:
         raise UsageError("no source is given: name at least one recording")
     chosen = Recipe() if recipe is None else read_recipe(recipe)
@@ -99,7 +106,7 @@ def batch(
         ]
         _check_options(tasks[0], recipe)
         due = _due(tasks, known)
-        with _pool(scheduler, workers, states.folder) as pool:
+        with _pool(scheduler, workers, memory, states.folder) as pool:
             _work(pool, due, states, known)
         shown = {task.name: known[task.name] for task in tasks}
         result = _written(out, shown, recipe, len(due))
@@ -107,6 +114,7 @@ def batch(
             "source": list(source),
             "recipe": recipe,
             "workers": workers,
+            "memory": memory,
             "scheduler": scheduler,
             "retries": retries,
         }
@@ -120,9 +128,11 @@ def _cores() -> int:
 
 
 @contextmanager
-def _pool(scheduler: str | None, workers: int | None, folder: Path) -> Iterator[Workers]:
+def _pool(
+    scheduler: str | None, workers: int | None, memory: int | None, folder: Path
+) -> Iterator[Workers]:
     if scheduler is None:
-        yield LocalWorkers(workers or _cores())
+        yield LocalWorkers(workers or _cores(), memory)
     else:
         with cluster(scheduler, folder.absolute()) as found:
             yield found

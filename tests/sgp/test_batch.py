@@ -38,7 +38,12 @@ def copy(source: Path, *, out: Path, force: bool = False, text: str = "", fail: 
         (out / "tried").touch()
         raise StorageError("the disk is full")
     if fail not in ("", "once"):
-        raise {"disk": StorageError, "data": DataError, "bug": ZeroDivisionError}[fail](fail)
+        raise {
+            "disk": StorageError,
+            "data": DataError,
+            "bug": ZeroDivisionError,
+            "memory": MemoryError,
+        }[fail](fail)
     files = [path for path in source.iterdir() if path.is_file()]
     out.mkdir(exist_ok=True)
     (out / "copy.txt").write_text(text + "".join(path.read_text() for path in files))
@@ -151,6 +156,7 @@ def test_a_damaged_state_costs_one_source_and_one_of_another_version_is_refused(
         pytest.param("disk", 3, 3, id="an error that stays"),
         pytest.param("data", 4, 1, id="wrong data"),
         pytest.param("bug", 1, 1, id="an error in this program"),
+        pytest.param("memory", 1, 1, id="too little memory"),
     ],
 )
 def test_errors_are_outcomes(task, fail, code, attempts, monkeypatch) -> None:

@@ -25,7 +25,7 @@ SGP = [sys.executable, "-m", "sgp"]
 class Here:
     """Perform tasks in this process, so that tests need not start others."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, memory: int | None = None) -> None:
         """Accept what `LocalWorkers` accepts."""
         self.count = 1
 
@@ -115,6 +115,8 @@ def test_wrong_commands_are_refused_before_any_work(here, sgp, two, recipe, tmp_
     assert "--ful" in sgp(*asked, "--recipe", recipe).error_line(2)
     text = sgp(*asked, "--workers", "2", "--scheduler", "tcp://127.0.0.1:1").error_line(2)
     assert text.endswith("give one")
+    text = sgp(*asked, "--memory", "2G", "--scheduler", "tcp://127.0.0.1:1").error_line(2)
+    assert text.endswith("--memory-limit")
     assert not out.exists() or not any(path.is_file() for path in out.rglob("*"))
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").touch()
@@ -159,6 +161,18 @@ def wait_for(what, limit_s: float = 100.0):
             return found
         time.sleep(0.05)
     raise TimeoutError
+
+
+@pytest.mark.slow
+def test_a_process_gets_no_more_memory_than_allowed(two, recipe, tmp_path) -> None:
+    run = started("batch", *two, "--out", tmp_path / "out", "--workers", 1, "--memory", "1M")
+    printed, _ = run.communicate(timeout=280)
+    assert run.returncode == 4
+    assert "2 failed" in printed
+    code = "import numpy as np; from sgp._batch.local import limit_memory; limit_memory(2**30)"
+    code += "; np.ones(2**22); np.ones(2**28)"
+    one = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "Unable to allocate 2.00 GiB" in one.stderr
 
 
 @pytest.mark.slow
