@@ -50,15 +50,15 @@ class Verdicts:
 
 @dataclass
 class Cluster:
-    """A scheduler and its workers."""
+    """A scheduler and its workers, by their process numbers."""
 
     address: str
-    scheduler: subprocess.Popen[bytes]
-    workers: list[subprocess.Popen[bytes]]
+    scheduler: int
+    workers: list[int]
 
     def cpu_s(self) -> float:
-        """Return the CPU seconds of all its processes so far."""
-        return sum(_cpu_s(one.pid) for one in (self.scheduler, *self.workers))
+        """Return the CPU seconds of these processes so far."""
+        return sum(_cpu_s(pid) for pid in (self.scheduler, *self.workers))
 
 
 @contextmanager
@@ -74,16 +74,17 @@ def cluster(folder: Path) -> Iterator[Cluster]:
         while not file.exists():
             time.sleep(_POLL_S)
         address = json.loads(file.read_text())["address"]
-        one = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", *here]
+        one = [*dask, "worker", address, "--nthreads", "1", *here]
         running += [subprocess.Popen(one, **quiet) for _ in range(2)]
         from distributed import Client
 
         with Client(address) as client:
             client.wait_for_workers(2, timeout=300)
-        yield Cluster(address, running[0], running[1:])
+            workers = list(client.run(os.getpid).values())
+        yield Cluster(address, running[0].pid, workers)
     finally:
         for process in running[::-1]:
-            process.kill()
+            process.terminate()
             process.wait()
 
 
@@ -127,8 +128,8 @@ class Answer:
         return sum(float(row["cpu_seconds"]) for row in self.rows.values())
 
 
-def batch(words: list[str], out: Path, kill: subprocess.Popen[bytes] | None = None) -> Answer:
-    """Run a batch; kill a process when the first source is done."""
+def batch(words: list[str], out: Path, kill: int | None = None) -> Answer:
+    """Run a batch; kill a process of the cluster when the first source is done."""
     before, begun = os.times(), time.perf_counter()
     command = [*SGP, "batch", *words, "--out", str(out), "--json"]
     with subprocess.Popen(
@@ -137,7 +138,7 @@ def batch(words: list[str], out: Path, kill: subprocess.Popen[bytes] | None = No
         if kill is not None:
             while run.poll() is None and not any(out.glob("state/*.json")):
                 time.sleep(_POLL_S)
-            kill.send_signal(signal.SIGKILL)
+            os.kill(kill, signal.SIGKILL)
         printed, errors = run.communicate()
     wall, spent = time.perf_counter() - begun, os.times()
     cpu = spent.children_user + spent.children_system
@@ -174,6 +175,8 @@ def check(root: Path, megapixels: float, count: int) -> int:
     )
     with cluster(root) as found:
         away = [*asked, "--scheduler", found.address]
+        # Both workers load their libraries.
+        batch([*map(str, folders[:2]), *away[count:]], root / "warm")
         before = found.cpu_s()
         answer = batch(away, there)
         workers = found.cpu_s() - before
