@@ -3,6 +3,7 @@ from ._bands.band_store import BandStore as BandStore
 from ._bands.band_store import OtherMapsError as OtherMapsError
 from ._bands.band_store import check_unfinished as check_unfinished
 from ._bands.band_store import is_unfinished as is_unfinished
+from ._bands.band_store import remove_unfinished as remove_unfinished
 from ._bands.map_rows import ComputedRows as ComputedRows
 from ._bands.map_rows import MapRows as MapRows
 from ._bands.map_rows import rows_in_bands as rows_in_bands

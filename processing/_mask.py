@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from acquisition import DataError
 from calibration import EstimateError, check_linear
@@ -162,6 +161,9 @@ def _otsu(image: npt.NDArray[np.float32]) -> tuple[float, float]:
 
 
 def _clean(bright: Mask) -> Mask:
+    # Imported here: it takes .2 s, and most recordings have a mask.
+    from scipy import ndimage
+
     parts, count = ndimage.label(bright)
     area = np.bincount(parts.ravel(), minlength=count + 1)
     area[0] = 0

@@ -98,7 +98,7 @@ class NormalMap:
         double = raw if raw.dtype == np.float32 else raw.astype(np.float64, copy=False)
         vectors, inside = np.ascontiguousarray(double), np.ascontiguousarray(inside)
         normals, known = np.zeros(raw.shape, np.float32), np.zeros(inside.shape, np.bool_)
-        in_threads(_directions, len(inside), vectors, inside, normals, known)
+        in_threads(directions, len(inside), vectors, inside, normals, known)
         return cls(normals, known)
 
     @classmethod
@@ -136,7 +136,7 @@ def _check_shapes(vectors: npt.NDArray[np.generic], mask: npt.NDArray[np.generic
 
 
 @numba.njit(nogil=True, cache=True)
-def _directions(
+def directions(
     first: int, last: int, vectors: npt.NDArray[np.floating], inside: Mask, normals: Float,
     known: Mask,
 ) -> None:  # fmt: skip

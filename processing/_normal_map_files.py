@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import (
+    BandFile,
     ComputedRows,
     DataError,
+    ImageRows,
     MapRows,
     make_folder,
     missing_path,
@@ -21,28 +23,18 @@ from acquisition import (
     write_mask,
     write_png,
 )
+from processing._normal_decoding import GivenMask, Green, PixelsInMemory, decode_normals
 from processing._normal_map import NormalMap, check_normal_map
-from processing._normal_pixels import clear, encode, lengths
-from processing._npy_file import read_npy
-from rig import MAX_PIXELS, Notice, Progress, in_threads, no_progress, pluralize, short_repr
+from processing._normal_pixels import encode
+from processing._npy_file import npy_shape, read_npy
+from rig import MAX_PIXELS, Notice, Progress, in_threads, no_progress, short_repr
 
-Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 Pixels = npt.NDArray[Any]
-Green = Literal["up", "down"]
 
 # In order of preference: `write_normals` writes the same normals as EXR and as PNG.
 _SUFFIXES = (".exr", ".npy", ".tif", ".tiff", ".png", ".jpg", ".jpeg")
 _STEMS = ("normals", "normal_map")
-# Decoded vectors differ from unit length by up to 0.3 in JPEG files. Black and white backgrounds
-# decode to a length of 1.73, mid-grey ones to 0.
-_LENGTH_TOLERANCE = 0.5
-_BACKGROUND_LENGTH = 1.7
-# An image is rejected unless most of its vectors are this close to unit length. One third of the
-# pixels of a random image are, and 98 % of those of an 8-bit JPEG of normals.
-_CLOSE = 0.1
-# Vectors of a map of floats that decide how it is encoded.
-_MOST_COMPARED = 1 << 18
 
 
 class NormalMapFile(NamedTuple):
@@ -54,6 +46,49 @@ class NormalMapFile(NamedTuple):
 
     def __repr__(self) -> str:
         return short_repr(self)
+
+
+class FoundNormals(NamedTuple):
+    """A normal map on disk that was not decoded yet.
+
+    Parameters
+    ----------
+    size
+        (height, width), which the header of the file states.
+    files
+        Image, and mask if there is one.
+    """
+
+    size: tuple[int, int]
+    files: tuple[Path, ...]
+
+
+def find_normals(
+    path: str | Path, *, mask_path: str | Path | None = None, max_pixels: int = MAX_PIXELS
+) -> FoundNormals:
+    """Return the files that `read_normals` would read, and the size of the map.
+
+    Parameters, errors
+        As for `read_normals`, except for damage after the header.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import write_png
+    >>> from processing import find_normals
+    >>> write_png("flat.png", np.full((4, 5, 3), (128, 128, 255), np.uint8))
+    >>> find_normals("flat.png").size
+    (4, 5)
+    """
+    file, mask_file = _files(Path(path), mask_path)
+    if file.suffix.lower() == ".npy":
+        shape = npy_shape(file)
+    else:
+        with ImageRows(file, max_pixels=max_pixels) as rows:
+            shape = rows.shape
+    if len(shape) != 3:
+        raise _not_three(file, shape)
+    return FoundNormals((shape[0], shape[1]), (file,) if mask_file is None else (file, mask_file))
 
 
 def read_normals(
@@ -108,51 +143,90 @@ def read_normals(
     >>> read.normal_map, [notice.code for notice in read.warnings]
     (NormalMap(float32[4, 5, 3], 20 normals), ['normals-8-bit'])
     """
-    file = _find_image(Path(path))
-    pixels, alpha = _read_pixels(file, max_pixels)
-    if pixels.ndim != 3 or pixels.shape[2] != 3:
-        raise DataError(f"{file}: a normal map has three channels, this has shape {pixels.shape}")
-    default = file.parent / "mask.png"
-    mask_file = Path(mask_path) if mask_path is not None else default if default.exists() else None
-    height, width = pixels.shape[:2]
-    mask = None if mask_file is None else read_mask(mask_file, (height, width))
-    eight_bits, finite = pixels.dtype == np.uint8, _finite(pixels)
-    vectors, encoded = _decode(pixels)
-    del pixels
-    notes: list[Notice] = []
-    if alpha is not None:
-        share = _share(alpha)
-        if encoded:
-            _undo_premultiplication(vectors, share)
-        if mask is None:
-            mask, note = _mask_of_alpha(file, share)
-            notes.append(note)
-        elif not np.array_equal(mask, share > 0.5):
-            text = f"the alpha channel is ignored, the mask is {mask_file}"
-            notes.append(Notice("alpha-ignored", text, str(file), "info"))
-    if green == "down":
-        vectors[..., 1] *= -1
-    length = np.zeros((height, width), np.float32)
-    lengths(vectors, length)
-    drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
-    off = np.abs(np.subtract(length, 1, out=length), out=length)
-    unit, near = off < _LENGTH_TOLERANCE, off < _CLOSE
-    # Alpha often includes background: some programs erase only pixels of the object.
-    candidates = drawn if mask is None else mask if mask_file is not None else mask & drawn
-    close = int(np.count_nonzero(candidates & near))
-    count = int(np.count_nonzero(candidates))
-    if 2 * close <= count:
-        decoded = f"{close} of {count} pixels decode" if count else "no pixel decodes"
+    file, mask_file = _files(Path(path), mask_path)
+    pixels = _read_pixels(file, max_pixels)
+    given = _given_mask(file, pixels.shape, mask_file)
+    samples = pixels.pixels
+    # The memory of the image is used again.
+    again = samples.dtype == np.float32 and samples.flags.c_contiguous
+    normals = samples if again else np.zeros(samples.shape, np.float32)
+    known, notices = decode_normals(file, pixels, given, green, normals)
+    read = (file,) if given is None else (file, given.file)
+    return NormalMapFile(NormalMap(normals, known), tuple(notices), read)
+
+
+class StoredNormals(NamedTuple):
+    """A normal map in a file.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32 unit vectors, 0 outside the mask. The caller closes the file.
+    mask
+        ``(H, W)`` bool, the pixels with a normal.
+    warnings, files
+        As in `NormalMapFile`.
+    """
+
+    normals: BandFile
+    mask: Mask
+    warnings: tuple[Notice, ...]
+    files: tuple[Path, ...]
+
+    def __repr__(self) -> str:
+        return short_repr(self)
+
+
+def store_normals(
+    path: str | Path,
+    file: Path,
+    *,
+    mask_path: str | Path | None = None,
+    green: Green = "up",
+    max_pixels: int = MAX_PIXELS,
+) -> StoredNormals:
+    """Read a normal map that is larger than memory into a file of unit vectors.
+
+    Parameters
+    ----------
+    path, mask_path, green, max_pixels
+        As for `read_normals`, as are the errors. Numbers of a .npy file are refused.
+    file
+        File of the vectors, of 12 bytes per pixel. An existing one is replaced.
+
+    Returns
+    -------
+    StoredNormals
+        The vectors and the mask of `read_normals`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from acquisition import write_png
+    >>> from processing import store_normals
+    >>> write_png("flat.png", np.full((4, 5, 3), (128, 128, 255), np.uint8))
+    >>> stored = store_normals("flat.png", Path("flat.raw"))
+    >>> stored.normals[1:3].shape, int(stored.mask.sum())
+    ((2, 5, 3), 20)
+    """
+    image, mask_file = _files(Path(path), mask_path)
+    if image.suffix.lower() == ".npy":
         raise DataError(
-            f"{file}: {decoded} to a unit vector: this is not a normal map, or the mask belongs to "
-            "another image"
+            f"{image}: a .npy file is read at once, and does not fit into memory: save it as .exr"
         )
-    normal_map = NormalMap.from_vectors(vectors, unit & candidates)
-    read = (file,) if mask_file is None else (file, mask_file)
-    if eight_bits:
-        notes.append(_eight_bits(file))
-    notes += _warnings(str(file), finite, normal_map, mask)
-    return NormalMapFile(normal_map, tuple(notes), read)
+    with ImageRows(image, max_pixels=max_pixels) as pixels:
+        given = _given_mask(image, pixels.shape, mask_file)
+        normals = BandFile(file, pixels.shape, np.dtype(np.float32))
+        try:
+            known, notices = decode_normals(image, pixels, given, green, normals)
+            if not known.any():
+                raise DataError(f"{image}: holds no normal: check its mask")
+        except BaseException:
+            normals.close()
+            raise
+    read = (image,) if given is None else (image, given.file)
+    return StoredNormals(normals, known, tuple(notices), read)
 
 
 def write_normals(
@@ -276,120 +350,29 @@ def _find_image(path: Path) -> Path:
     )
 
 
-def _read_pixels(file: Path, max_pixels: int) -> tuple[Pixels, Pixels | None]:
-    """Return the colours and the alpha channel, or None without alpha."""
+def _files(path: Path, mask_path: str | Path | None) -> tuple[Path, Path | None]:
+    """Return the files of an image of normals and of its mask."""
+    file = _find_image(path)
+    default = file.parent / "mask.png"
+    return file, Path(mask_path) if mask_path is not None else default if default.exists() else None
+
+
+def _read_pixels(file: Path, max_pixels: int) -> PixelsInMemory:
     if file.suffix.lower() != ".npy":
-        return read_image_with_alpha(file, max_pixels=max_pixels)
+        return PixelsInMemory(*read_image_with_alpha(file, max_pixels=max_pixels))
     array: Pixels = read_npy(file, 4 * max_pixels)
     if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
         raise DataError(f"{file}: numbers of type {array.dtype}, expected float, uint8 or uint16")
     if array.ndim == 3 and array.shape[2] == 4:
-        return array[..., :3], array[..., 3]
-    return array, None
+        return PixelsInMemory(array[..., :3], array[..., 3])
+    return PixelsInMemory(array, None)
 
 
-def _finite(pixels: Pixels) -> Mask | None:
-    """Return where all components are finite, or None for integers."""
-    if pixels.dtype.kind != "f":
-        return None
-    x, y, z = (np.isfinite(pixels[..., k]) for k in range(3))
-    finite: Mask = x & y & z
-    return finite
+def _given_mask(file: Path, shape: tuple[int, ...], mask_file: Path | None) -> GivenMask | None:
+    if len(shape) != 3 or shape[2] != 3:
+        raise _not_three(file, shape)
+    return None if mask_file is None else GivenMask(read_mask(mask_file, shape[:2]), mask_file)
 
 
-def _share(alpha: Pixels) -> Float:
-    full = float(np.iinfo(alpha.dtype).max) if np.issubdtype(alpha.dtype, np.integer) else 1.0
-    share: Float = np.nan_to_num(alpha.astype(np.float32) / np.float32(full))
-    return share
-
-
-def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
-    """Return the mask given by the alpha channel, and a note about it."""
-    inside = share > 0.5
-    if not inside.any():
-        raise DataError(
-            f"{file}: the alpha channel is below half everywhere: save the image without alpha, "
-            "or put a mask.png into its folder"
-        )
-    if inside.all():
-        text = "the alpha channel is opaque everywhere and is ignored"
-        return None, Notice("alpha-opaque", text, str(file), "info")
-    text = f"the alpha channel is the mask, {np.count_nonzero(inside)} of {inside.size} pixels"
-    return inside, Notice("alpha-is-mask", text, str(file), "info")
-
-
-def _undo_premultiplication(vectors: Float, share: Float) -> None:
-    """Divide encoded colours by alpha if they are multiplied by it.
-
-    Files do not state this reliably. Vectors that are stored without an encoding would only change
-    their length.
-    """
-    partly = (share > 0) & (share < 1)
-    stored = vectors[partly]
-    divided = (stored + 1) / share[partly][:, None] - 1
-    if _distance_to_unit(divided) < _distance_to_unit(stored):
-        vectors[partly] = divided
-
-
-def _decode(pixels: Pixels) -> tuple[Float, bool]:
-    """Return the vectors, and whether they were encoded as ``n / 2 + 0.5``.
-
-    An array of float32 is changed in place.
-    """
-    if np.issubdtype(pixels.dtype, np.integer):
-        most = np.iinfo(pixels.dtype).max
-        # A table, because the samples of an image in float64 take much memory.
-        table = (np.arange(most + 1) * (2.0 / most) - 1.0).astype(np.float32)
-        return table[pixels], True
-    with np.errstate(over="ignore"):
-        stored = np.ascontiguousarray(pixels, np.float32)
-    # A pixel of zeros is background in either reading and must not influence the choice.
-    drawn = np.zeros(pixels.shape[:2], np.bool_)
-    clear(stored, drawn)
-    count = int(np.count_nonzero(drawn))
-    every = 1 + count // _MOST_COMPARED
-    some = np.arange(0, count, every) if drawn.all() else np.flatnonzero(drawn)[::every]
-    vectors = stored.reshape(-1, 3)[some]
-    if _distance_to_unit(vectors) <= _distance_to_unit(vectors * 2 - 1):
-        return stored, False
-    return stored * 2 - 1, True
-
-
-def _distance_to_unit(vectors: Float) -> float:
-    with np.errstate(over="ignore"):
-        length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
-    return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
-
-
-def _eight_bits(file: Path) -> Notice:
-    cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
-    text = f"8-bit normals are quantised, an error of about {cost} degree"
-    return Notice("normals-8-bit", text, str(file))
-
-
-def _warnings(
-    where: str, finite: Mask | None, normal_map: NormalMap, mask: Mask | None
-) -> list[Notice]:
-    warnings = []
-    not_finite = np.zeros(1, np.bool_) if finite is None else ~finite
-    if finite is not None and mask is not None:
-        not_finite &= mask
-    if not_finite.any():
-        words = (
-            "pixel has a NaN or infinite vector and is",
-            "pixels have a NaN or infinite vector and are",
-        )
-        text = f"{pluralize(int(not_finite.sum()), *words)} left out of the mask"
-        warnings.append(Notice("normals-not-finite", text, where))
-    lost = 0 if mask is None else np.count_nonzero(mask) - np.count_nonzero(normal_map.mask)
-    if lost:
-        words = (
-            "pixel of the mask has no unit vector and is",
-            "pixels of the mask have no unit vector and are",
-        )
-        text = f"{pluralize(int(lost), *words)} left out"
-        warnings.append(Notice("normals-not-unit", text, where))
-    if np.mean(normal_map.normals[..., 2][normal_map.mask]) < 0:
-        text = "most normals face away from the camera: check the sign of z"
-        warnings.append(Notice("normals-face-away", text, where))
-    return warnings
+def _not_three(file: Path, shape: tuple[int, ...]) -> DataError:
+    return DataError(f"{file}: a normal map has three channels, this has shape {shape}")

@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, MissingPathError
-from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded
+from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head
 
 _MAGIC: Final = b"\x93NUMPY"
+_MOST_HEADER: Final = 10_000  # NumPy also rejects longer ones
 _KEYS: Final = {
     "descr": re.compile(r"""['"]descr['"]\s*:\s*['"]([<>|=][a-zA-Z][0-9]{1,2})['"]"""),
     "order": re.compile(r"""['"]fortran_order['"]\s*:\s*(True|False)"""),
@@ -51,14 +52,30 @@ def read_npy(path: Path, max_numbers: int) -> npt.NDArray[Any]:
         raise DataError(f"{path}: not a readable array of numbers: {error}") from error
 
 
-def _array(data: bytes, max_numbers: int) -> npt.NDArray[Any]:
+def npy_shape(path: Path) -> tuple[int, ...]:
+    """Return the shape that the header of a file states; raises as `read_npy`."""
+    try:
+        return _header(read_head(path, _MOST_HEADER)[0]).shape
+    except FileNotFoundError as error:
+        raise MissingPathError(f"{path}: no such file") from error
+    except UnreadableError as error:
+        raise DataError(f"{path}: not a readable array of numbers: {error}") from error
+
+
+class _Header(NamedTuple):
+    dtype: np.dtype[Any]
+    order: Literal["C", "F"]
+    shape: tuple[int, ...]
+    end: int
+
+
+def _header(data: bytes) -> _Header:
     version, width = data[6:7], 2 if data[6:7] == b"\x01" else 4
     if data[:6] != _MAGIC or version not in (b"\x01", b"\x02", b"\x03"):
         raise UnreadableError("the file does not begin with the header of a .npy file")
     begin = 8 + width
     end = begin + int.from_bytes(data[8:begin], "little")
-    # NumPy also rejects longer headers.
-    if not begin < end <= min(len(data), 10_000):
+    if not begin < end <= min(len(data), _MOST_HEADER):
         raise UnreadableError("the header is truncated or damaged")
     text = data[begin:end].decode("latin-1")
     matches = {name: pattern.search(text) for name, pattern in _KEYS.items()}
@@ -69,14 +86,18 @@ def _array(data: bytes, max_numbers: int) -> npt.NDArray[Any]:
     if kind[1] not in "iuf" or kind[2:] not in ("1", "2", "4", "8") or kind[1:] == "f1":
         name = {"c": "complex", "b": "bool", "O": "object"}.get(kind[1], kind)
         raise UnreadableError(f"elements of type {name}")
-    dtype = np.dtype(kind)
-    sides = [int(side) for side in re.findall(r"[0-9]+", shape[1][:60])]
+    sides = tuple(int(side) for side in re.findall(r"[0-9]+", shape[1][:60]))
+    return _Header(np.dtype(kind), "F" if order[1] == "True" else "C", sides, end)
+
+
+def _array(data: bytes, max_numbers: int) -> npt.NDArray[Any]:
+    dtype, order, sides, end = _header(data)
     count = math.prod(sides)
     if count > max_numbers:
         raise UnreadableError(f"{count} numbers, at most {max_numbers} are allowed")
     if len(data) - end != count * dtype.itemsize:
         raise UnreadableError(
-            f"{len(data) - end} bytes for the shape {tuple(sides)}: truncated or damaged"
+            f"{len(data) - end} bytes for the shape {sides}: truncated or damaged"
         )
     values = np.frombuffer(data, dtype, count, end)
-    return values.reshape(sides, order="F" if order[1] == "True" else "C").copy()
+    return values.reshape(sides, order=order).copy()

@@ -6,6 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+import numpy.typing as npt
+
+import acquisition
 import processing
 import rig
 
@@ -29,9 +33,20 @@ def read_map(
         Largest allowed number of pixels.
     """
     read = processing.read_normals(path, green=green, max_pixels=max_pixels)
-    doubts = processing.axes_notices(read.normal_map)
-    named = [replace(with_remedy(doubt, green, option), where=str(path)) for doubt in doubts]
+    named = axes_doubts(path, read.normal_map.normals, read.normal_map.mask, green, option)
     return read._replace(warnings=(*read.warnings, *named))
+
+
+def axes_doubts(
+    path: Path,
+    normals: acquisition.MapRows,
+    mask: npt.NDArray[np.bool_],
+    green: Green = "up",
+    option: str | None = "--green",
+) -> list[rig.Notice]:
+    """Return notices if normals, in memory or on disk, are a surface only with other axes."""
+    doubts = processing.axes_notices_of_rows(normals, mask)
+    return [replace(with_remedy(doubt, green, option), where=str(path)) for doubt in doubts]
 
 
 def with_remedy(notice: rig.Notice, green: Green, option: str | None = "--green") -> rig.Notice:

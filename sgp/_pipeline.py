@@ -13,7 +13,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 from sgp._console import Stages
-from sgp._metrics import NormalsMetrics, SeparationMetrics, StagesMetrics
+from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
 from sgp._overview import Panel
@@ -27,16 +27,16 @@ from sgp._panels.maps import (
     shaded_panel,
 )
 from sgp._result import Result
+from sgp._stage_metrics import NormalsMetrics, SeparationMetrics
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, compute_normals, with_scale
 from sgp._write import (
     normals_metrics,
     separation_metrics,
-    surface_metrics,
     write_normals_stage,
     write_separation,
-    write_surface,
 )
+from sgp._write_surface import surface_metrics, write_surface
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

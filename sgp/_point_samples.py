@@ -12,13 +12,21 @@ _PROJECT = "sgp project"
 def points_notices(read: processing.NormalMapFile) -> list[rig.Notice]:
     """Name a map that has the normals at the centres of pixels, by the record next to it.
 
-    The normals alone do not show it: means over pixels look like points of a smoother surface.
+    The normals alone do not show it: means over pixels look like points of a smoother surface. A
+    map without a record is named, too.
     """
-    text = (
-        f"{_PROJECT} draws the normals at the centres of the pixels: they are averaged over the "
-        "pixels first"
-    )
-    for file in read.files:
-        if any(record.command == _PROJECT for _, record in records_of(file)):
-            return [rig.Notice("superres-points", text, str(file), "info")]
+    commands = {record.command for file in read.files for _, record in records_of(file)}
+    where = str(read.files[0])
+    if _PROJECT in commands:
+        text = (
+            f"{_PROJECT} draws the normals at the centres of the pixels: they are averaged over "
+            "the pixels first"
+        )
+        return [rig.Notice("superres-points", text, where, "info")]
+    if not commands:
+        text = (
+            "no record says what the normals are: they count as means over pixels, as a camera "
+            "records them; for a rendering or a projection, give --sampling points"
+        )
+        return [rig.Notice("superres-means-assumed", text, where, "info")]
     return []

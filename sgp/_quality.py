@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 import processing
-from sgp._metrics import QualityMetrics
+from sgp._stage_metrics import QualityMetrics
 
 
 def add_quality(metrics: QualityMetrics, quality: processing.ImageQuality) -> None:

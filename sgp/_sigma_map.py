@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,8 @@ from sgp._record import records_of
 
 _NAME = "normal_sigma_deg"
 _LARGEST_DEG = 90.0
+# Values that are read at once.
+_READ = 4_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,27 +43,65 @@ def read_sigma(path: Path, normal_map: processing.NormalMap, max_pixels: int) ->
     """Read standard deviations of normals in degrees."""
     common_deg = _common_deg(path)
     image = acquisition.read_image(path, max_pixels=max_pixels)
-    rows, columns = normal_map.size
-    if image.shape != (rows, columns) or not np.issubdtype(image.dtype, np.floating):
+    notices = _checked(path, image, normal_map.mask)
+    return SigmaMap(image.astype(np.float32), common_deg, notices)
+
+
+class StoredSigma(NamedTuple):
+    """Standard deviations of normals in a file ``(H, W)`` float32, and notices about gaps."""
+
+    sigma_deg: acquisition.BandFile
+    notices: list[rig.Notice]
+
+
+def store_sigma(
+    path: Path, mask: npt.NDArray[np.bool_], file: Path, max_pixels: int
+) -> StoredSigma:
+    """Read standard deviations of normals into a file, band by band."""
+    _common_deg(path)
+    with acquisition.ImageRows(path, max_pixels=max_pixels) as image:
+        notices = _checked(path, image, mask)
+        sigma = acquisition.BandFile(file, image.shape, np.dtype(np.float32))
+        height, width = mask.shape
+        for rows in acquisition.rows_in_bands(height, width, _READ):
+            sigma[rows] = image[rows]
+    return StoredSigma(sigma, notices)
+
+
+def _checked(
+    path: Path, image: acquisition.MapRows, mask: npt.NDArray[np.bool_]
+) -> list[rig.Notice]:
+    """Return notices about gaps; refuse a map that is not one of standard deviations."""
+    height, width = mask.shape
+    if image.shape != (height, width) or not np.issubdtype(image.dtype, np.floating):
         raise acquisition.DataError(
             f"{path}: {image.dtype} values of shape {image.shape}: give a map of floats of "
-            f"{columns} x {rows} pixels, the standard deviations of these normals in degrees"
+            f"{width} x {height} pixels, the standard deviations of these normals in degrees"
         )
-    inside = image[normal_map.mask]
-    if not (inside > 0).any() or (inside < 0).any() or np.isinf(inside).any():
-        raise acquisition.DataError(
-            f"{path}: inside the mask, standard deviations are negative, infinite, or not known at "
-            "any pixel: leave the file out, or replace it"
-        )
-    largest = float(np.nanmax(inside))
+    unknown, known, count, largest = 0, False, 0, 0.0
+    for rows in acquisition.rows_in_bands(height, width, _READ):
+        inside = image[rows][mask[rows]]
+        if (inside < 0).any() or np.isinf(inside).any():
+            raise _no_deviations(path)
+        known |= bool((inside > 0).any())
+        unknown += int(np.count_nonzero(np.isnan(inside)))
+        count += len(inside)
+        largest = max(largest, float(np.nanmax(inside, initial=0)))
+    if not known:
+        raise _no_deviations(path)
     if largest > _LARGEST_DEG:
         raise acquisition.DataError(
             f"{path}: values up to {largest:.4g} inside the mask are no standard deviations of "
             f"normals, which are 0 to {_LARGEST_DEG:g} degrees: give {_NAME}.exr"
         )
-    unknown = int(np.count_nonzero(np.isnan(inside)))
-    notices = [_gaps(path, unknown, len(inside))] if unknown else []
-    return SigmaMap(image.astype(np.float32), common_deg, notices)
+    return [_gaps(path, unknown, count)] if unknown else []
+
+
+def _no_deviations(path: Path) -> acquisition.DataError:
+    return acquisition.DataError(
+        f"{path}: inside the mask, standard deviations are negative, infinite, or not known at "
+        "any pixel: leave the file out, or replace it"
+    )
 
 
 def _common_deg(path: Path) -> float:

@@ -117,3 +117,16 @@ class SurfaceOptions:
         """Return the suffixes of the meshes to write."""
         wanted = {"glb": self.glb or self.normal_texture, "stl": self.stl, "obj": self.obj}
         return ("ply", *(name for name, asked in wanted.items() if asked))
+
+    def whole_surface(self) -> dict[str, bool]:
+        """Return the options that need the complete surface in memory, and which are given."""
+        return {
+            "--discontinuity": self.discontinuity,
+            "--height-sigma": self.height_sigma,
+            "--glb": self.glb,
+            "--normal-texture": self.normal_texture,
+            "--obj": self.obj,
+            "--triangles": self.triangles is not None,
+            "--close": self.close,
+            "--base": self.base is not None,
+        }

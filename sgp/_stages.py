@@ -29,11 +29,13 @@ def open_source(
     gamma: str = "auto",
     flat: Path | None = None,
     others: Sequence[Path] = (),
+    without: Sequence[str] = (),
     max_pixels: int = rig.MAX_PIXELS,
 ) -> tuple[acquisition.Source, list[Path]]:
     """Read a source with the files given as options; return it and all its files, for hashing.
 
     ``others`` are files that the command reads itself; they may be in the folder of the source.
+    ``without`` names images that are left out.
 
     Raises
     ------
@@ -45,6 +47,7 @@ def open_source(
         lights=None if lights is None else acquisition.read_lights(lights),
         mask_path=mask,
         transfer=transfer_of(gamma),
+        without=without,
         max_pixels=max_pixels,
     )
     if camera is not None:
@@ -123,6 +126,7 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
         gamma=options.gamma,
         others=[] if options.sensor is None else [options.sensor],
         flat=options.flat,
+        without=() if options.spheres else options.excluded_by_name,
         max_pixels=options.max_pixels,
     )
     if options.sensor is not None:
@@ -130,18 +134,18 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     lit_by = None
     if options.spheres:
         places_mm = led_positions(options.rig, source.setup.rig)
-        source, lit_by = light_by_spheres(source, options.radius_mm, places_mm)
+        kept = acquisition.exclude(source, options.excluded_by_name).light_ids
+        # The lights come from all images.
+        lit, lit_by = light_by_spheres(source, options.radius_mm, places_mm)
+        source = acquisition.exclude(lit, [name for name in lit.light_ids if name not in kept])
         compared = rig_notices(lit_by.estimate.lights, options.rig, source.setup.rig)
         lit_by = replace(lit_by, warnings=(*lit_by.warnings, *compared))
-    if options.excluded_by_name:
-        total = len(source.light_ids)
-        source = acquisition.exclude(source, options.excluded_by_name)
-        left = len(source.light_ids)
-        if left < _FEWEST_IMAGES:
-            raise UsageError(
-                f"--exclude leaves {left} of {rig.pluralize(total, 'image')}: normals need at "
-                f"least {_FEWEST_IMAGES}"
-            )
+    left = len(source.light_ids)
+    if options.excluded_by_name and left < _FEWEST_IMAGES:
+        raise UsageError(
+            f"--exclude leaves {rig.pluralize(left, 'image')}: normals need at least "
+            f"{_FEWEST_IMAGES}"
+        )
     if options.crop is not None:
         source = acquisition.crop(source, *options.crop)
     return Recording(acquisition.downscale(source, options.downscale), files, lit_by)

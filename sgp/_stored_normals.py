@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -13,9 +12,8 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._memory_limit import identity, other_maps_refused, size_text, too_small
 from sgp._options import SourceOptions
-from sgp._output import sha256
-from sgp._result import plain
 from sgp._stages import compute_normals, with_answers
 from sgp._uncertainty import Normals
 
@@ -56,17 +54,13 @@ def normals_within(
     on_disk = _on_disk(memory, source, options)
     if not on_disk and (force or not acquisition.is_unfinished(path)):
         yield compute_normals(source, options, pixel_mm)
+        acquisition.remove_unfinished(path)
         return
     given = {name: value for name, value in asdict(options).items() if not _is_file(value)}
-    identity = {
-        **plain(given),
-        "pixel_mm": pixel_mm,
-        "inputs": [sha256(file) for file in files],
-        "software version": acquisition.software_version(),
-    }
-    try:
+    depends_on = identity({**given, "pixel_mm": pixel_mm}, files)
+    with other_maps_refused():
         if not force:
-            acquisition.check_unfinished(path, identity)
+            acquisition.check_unfinished(path, depends_on)
         with Stages() as progress:
             stage = (
                 None
@@ -75,7 +69,7 @@ def normals_within(
                     source,
                     path,
                     memory=max(rig.memory_budget(memory), processing.least_memory(source)),
-                    identity=identity,
+                    identity=depends_on,
                     replace=force,
                     method=options.method,
                     distant=options.distant,
@@ -86,13 +80,9 @@ def normals_within(
                     on_progress=progress,
                 )
             )
-    except acquisition.OtherMapsError as error:
-        raise UsageError(
-            f"{error.folder} contains unfinished maps of a command with another {error.other}: "
-            "repeat that command, choose another folder, or add --force to begin again"
-        ) from error
     if stage is None:
         yield compute_normals(source, options, pixel_mm)
+        acquisition.remove_unfinished(path)
         return
     with stage.store:
         yield replace(stage, warnings=with_answers(stage.warnings, source))
@@ -112,25 +102,15 @@ def _on_disk(memory: int | None, source: acquisition.Source, options: SourceOpti
             return False  # perhaps there is enough
         option = "--semi-calibrated" if options.semi_calibrated else f"--channel {options.channel}"
         raise UsageError(
-            f"--memory {_size(memory)} is too small for {images} with {option}, which needs the "
-            f"complete maps: give --memory {_size(whole)}, or leave {option} out"
+            f"--memory {size_text(memory)} is too small for {images} with {option}, which needs "
+            f"the complete maps: give --memory {size_text(whole)}, or leave {option} out"
         )
     least = processing.least_memory(source)
     if memory is not None and memory < least:
-        raise UsageError(
-            f"--memory {_size(memory)} is too small for {images}: give at least --memory "
-            f"{_size(least)}"
-        )
+        raise too_small(memory, images, least)
     return True
 
 
 def _is_file(value: object) -> bool:
     # The contents of files are in the hashes of the inputs.
     return isinstance(value, Path)
-
-
-def _size(count: int) -> str:
-    """Return bytes as an option of memory, rounded up."""
-    if count < 2**30:
-        return f"{math.ceil(count / 2**20)}M"
-    return f"{math.ceil(count / 2**30 * 100) / 100:g}G"

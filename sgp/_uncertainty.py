@@ -8,7 +8,7 @@ import numpy as np
 
 import acquisition
 import processing
-from sgp._metrics import NormalsMetrics, SampleShares
+from sgp._stage_metrics import NormalsMetrics, SampleShares
 
 Normals = processing.Reconstruction | processing.StoredReconstruction
 

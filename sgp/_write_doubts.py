@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 import acquisition
 import processing
-from sgp._metrics import SurfaceMetrics
+from sgp._stage_metrics import SurfaceMetrics
 
 # The picture of the curl is saturated at this many robust standard deviations.
 _SATURATED = 4
@@ -20,15 +20,23 @@ _PRINTED = (1, 10, 100)
 def write_curl(folder: Path, curl: processing.NormalCurl) -> Path:
     """Write curl.png: white without curl, red positive, blue negative, black outside."""
     limit = max(_SATURATED * np.nan_to_num(curl.spread_deg), 0.1)
-    share = np.clip(np.nan_to_num(curl.curl_deg) / limit, -1, 1)
-    faded = 255 * (1 - np.abs(share))
-    colour = np.stack(
-        [np.where(share > 0, 255, faded), faded, np.where(share < 0, 255, faded)], axis=2
-    )
-    colour[np.isnan(curl.curl_deg)] = 0
+
+    def colours(rows: slice) -> npt.NDArray[np.uint8]:
+        values = curl.curl_deg[rows]
+        share = np.clip(np.nan_to_num(values) / limit, -1, 1)
+        faded = 255 * (1 - np.abs(share))
+        colour = np.stack(
+            [np.where(share > 0, 255, faded), faded, np.where(share < 0, 255, faded)], axis=2
+        )
+        colour[np.isnan(values)] = 0
+        samples: npt.NDArray[np.uint8] = np.rint(colour).astype(np.uint8)
+        return samples
+
     path = folder / "curl.png"
     text = f"curl of the normals, red positive, blue negative, saturated at {limit:.3g} degrees"
-    acquisition.write_png(path, np.rint(colour).astype(np.uint8), srgb=True, description=text)
+    shape = (*curl.curl_deg.shape, 3)
+    pixels = acquisition.ComputedRows(shape, np.dtype(np.uint8), colours)
+    acquisition.write_png(path, pixels, srgb=True, description=text)
     return path
 
 

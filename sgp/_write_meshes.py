@@ -11,7 +11,7 @@ import numpy.typing as npt
 import processing
 import rig
 from sgp._console import shown
-from sgp._metrics import MeshMetrics
+from sgp._stage_metrics import MeshMetrics
 from sgp._stage_options import SurfaceOptions
 
 SOLID = "solid.stl"

@@ -9,7 +9,6 @@ import stat
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final, Self
 
 import numpy as np
@@ -79,6 +78,33 @@ def is_unfinished(path: Path) -> bool:
     False
     """
     return (part_path(path) / _IDENTITY).is_file()
+
+
+def remove_unfinished(path: Path) -> None:
+    """Remove unfinished maps, if there are any, of a result that was computed without them.
+
+    Raises
+    ------
+    SessionInUseError
+        If another process writes them.
+    StorageError
+        If the disk refuses.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import remove_unfinished
+    >>> remove_unfinished(Path("normals"))
+    """
+    if not is_unfinished(path):
+        return
+    folder = part_path(path)
+    lock = lock_folder(folder, _DOING)
+    try:
+        with disk(folder, "remove"):
+            shutil.rmtree(folder)
+    finally:
+        os.close(lock)
 
 
 class BandStore(Mapping[str, BandFile]):
@@ -230,12 +256,7 @@ class BandStore(Mapping[str, BandFile]):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
@@ -47,6 +46,7 @@ class ImageRows:
             self._file, self._spec, self._channels, dtype = image
             self._opened = opened.pop_all()
         size = (self._spec.height, self._spec.width)
+        self._alpha = self._spec.alpha_channel
         self.shape: tuple[int, ...] = size if len(self._channels) == 1 else (*size, 3)
         self.dtype = np.dtype(dtype)
 
@@ -54,6 +54,21 @@ class ImageRows:
         return self.shape[0]
 
     def __getitem__(self, rows: slice) -> npt.NDArray[Any]:
+        return self._colours(self._read(rows))
+
+    def with_alpha(self, rows: slice) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
+        """Return rows as `read_image_with_alpha` does: the colours, and alpha or None."""
+        band = self._read(rows)
+        if self._alpha < 0:
+            return self._colours(band), None
+        return self._colours(band), np.ascontiguousarray(band[..., self._alpha])
+
+    def _colours(self, band: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        pixels = np.ascontiguousarray(band[..., self._channels])
+        return pixels.reshape(len(band), *self.shape[1:])
+
+    def _read(self, rows: slice) -> npt.NDArray[Any]:
+        """Return rows ``(h, W, channels)`` of all channels of the file."""
         first, last, _ = rows.indices(self.shape[0])
         spec = self._spec
         with (
@@ -71,9 +86,8 @@ class ImageRows:
             )
         # Doubles beyond the range of float32 become infinite, as in `read_image`.
         with np.errstate(over="ignore"):
-            pixels = band.reshape(last - first, self.shape[1], spec.nchannels)
-            pixels = pixels[..., self._channels].astype(self.dtype, copy=False)
-        return np.ascontiguousarray(pixels).reshape(last - first, *self.shape[1:])
+            pixels: npt.NDArray[Any] = band.reshape(last - first, self.shape[1], spec.nchannels)
+            return pixels.astype(self.dtype, copy=False)
 
     @property
     def size(self) -> int:
@@ -87,10 +101,5 @@ class ImageRows:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

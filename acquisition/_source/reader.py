@@ -41,6 +41,7 @@ def read_source(
     mask_path: Path | None = None,
     camera: CameraModel | None = None,
     transfer: TransferCurve | None = None,
+    without: Sequence[str] = (),
     max_pixels: int = MAX_PIXELS,
 ) -> Source:
     """Detect the kind of a recording and read everything except its pixels.
@@ -70,6 +71,9 @@ def read_source(
         the one that the metadata of the images state (ICC profile, Exif colour space, chunks of
         PNG); else sRGB for JPEG, WebP and JPEG XL with 8 bits, and linear for all others. A notice
         reports the choice, except linear for more than 8 bits.
+    without
+        Images to leave out, as in `exclude`. They need no light. Lights that are matched by order
+        belong to all images if there are as many, else to those that are left.
     max_pixels
         Largest allowed number of pixels per image, checked before anything is decoded.
 
@@ -114,7 +118,7 @@ def read_source(
             f"{path}: images of {width} x {height} pixels, but a camera of {source.camera.width} x "
             f"{source.camera.height}: give the camera that took them"
         )
-    return _with_matched_lights(source, lights or source.lights)
+    return _with_matched_lights(source, lights or source.lights, without)
 
 
 def _dispatch(
@@ -179,15 +183,20 @@ def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:
     return "folder" if plain else "recording"
 
 
-def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
+def _with_matched_lights(source: Source, lights: Lights | None, without: Sequence[str]) -> Source:
     """Assign one light to each light id of the frames, in their order and with their ids."""
-    ids = source.light_ids
-    if lights is None or not ids:
-        return replace(source, lights=None)
-    unlit = _unlit(ids, lights)
+    everything = source.light_ids
+    source = replace(source, lights=None)
+    if without:
+        source = exclude(source, without)
+    if lights is None or not everything:
+        return source
+    unlit = [name for name in _unlit(everything, lights) if name in source.light_ids]
     if unlit:
         source = _without(source, unlit)
-        ids = source.light_ids
+    if without:
+        lights = _of_the_left(lights, everything, source.light_ids)
+    ids = source.light_ids
     try:
         indices, by_name = lights.match(ids)
     except DataError as error:
@@ -203,6 +212,15 @@ def _with_matched_lights(source: Source, lights: Lights | None) -> Source:
             ),
         )
     return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)
+
+
+def _of_the_left(lights: Lights, ids: Sequence[str], left: Sequence[str]) -> Lights:
+    """Return the lights of the images that are left if all images have one by order."""
+    try:
+        _, by_name = lights.match(ids)
+    except DataError:
+        return lights
+    return lights if by_name else lights.take([i for i, name in enumerate(ids) if name in left])
 
 
 def _unlit(ids: Sequence[str], lights: Lights) -> list[str]:

@@ -11,6 +11,7 @@ from scipy.special import chdtri
 
 from acquisition import DataError, Lights, angle_deg
 from calibration._comparison.difference import covariances_3d, deviations
+from calibration._comparison.matched import matched_lights
 from calibration._comparison.motion import Array, Motion
 from calibration._comparison.notices import explanation_notices
 from calibration._comparison.order import Mirror, explain
@@ -32,7 +33,7 @@ class LightComparison:
     Parameters
     ----------
     ids
-        Names of the lights in A.
+        Names in A of the lights that both have.
     angle_deg
         ``(N,)`` angles between the directions from the origin toward a light of A and of B.
     distance_mm
@@ -116,7 +117,8 @@ def compare_lights(a: Lights, b: Lights) -> LightComparison:
         The reference.
     b
         The other calibration; its lights are matched with those of ``a`` by their ids, or by order
-        with a warning.
+        with a warning. Lights that one calibration left out are not compared, with a warning, if
+        it states with what it was calibrated and at least half of the lights are in both.
 
     Returns
     -------
@@ -146,7 +148,7 @@ def compare_lights(a: Lights, b: Lights) -> LightComparison:
         raise DataError(
             f"the first calibration has {kinds[0]}, the second {kinds[1]}: compare two of one kind"
         )
-    b, by_order = _matched(a, b)
+    a, b, unmatched = matched_lights(a, b)
     vectors = [_vectors(lights) for lights in (a, b)]
     covariances = covariances_3d(a), covariances_3d(b)
     freedom, floor = (3, _FLOOR_MM) if a.near else (2, _FLOOR_RAD)
@@ -179,32 +181,11 @@ def compare_lights(a: Lights, b: Lights) -> LightComparison:
         rest_deg=rest_deg,
         rest_mm=rest_mm,
         warnings=(
-            *by_order,
+            *unmatched,
             *explanation_notices(found, a.ids, rest, unit),
             *_changed(a.ids, rest_sigmas, freedom),
         ),
     )
-
-
-def _matched(a: Lights, b: Lights) -> tuple[Lights, tuple[Notice, ...]]:
-    """Return ``b`` in the order of ``a``, and a warning if the names differ."""
-    if len(a) != len(b):
-        raise DataError(
-            f"the first calibration has {pluralize(len(a), 'light')}, the second {len(b)}: compare "
-            "calibrations of the same lights"
-        )
-    try:
-        order, by_name = b.match(a.ids)
-    except DataError as error:
-        missing = next((name for name in a.ids if name not in b.ids), a.ids[0])
-        raise DataError(
-            f"the calibrations name their lights differently: the second has no {missing}; compare "
-            "calibrations of the same lights"
-        ) from error
-    if by_name:
-        return b.take(order), ()
-    text = f"lights with different names are matched by order ({b.ids[0]} to {a.ids[0]} and so on)"
-    return b, (Notice("lights-matched-by-order", text),)
 
 
 def _vectors(lights: Lights) -> Array:

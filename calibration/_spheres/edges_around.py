@@ -79,30 +79,31 @@ class EdgesAround:
 
     def support(self, outline: Ellipse) -> float:
         """Return the share of the circumference where an edge is close to an outline."""
-        change = [*np.subtract(outline.centre_px, self._circle.centre_px)]
-        trial = np.array([[*change, outline.radius_px - self._circle.radius_px]])
-        return float(self._support(trial, _TOLERANCE_PX)[0])
+        x, y = np.subtract(outline.centre_px, self._circle.centre_px)
+        radius = outline.radius_px - self._circle.radius_px
+        near = self._near(_TOLERANCE_PX)
+        return float(self._supports(near, np.array([x]), np.array([y]), radius)[0])
 
     def leaders(self) -> list[Ellipse]:
         """Return the circles with the most support that are apart from each other."""
         steps = np.linspace(-self._reach, self._reach, 2 * int(np.clip(self._reach, 1, _STEPS)) + 1)
-        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
         step = float(steps[1] - steps[0])
-        score = np.concatenate(
-            [self._support(part, max(_TOLERANCE_PX, step)) for part in np.array_split(grid, 32)]
-        )
-        (x, y), radius = self._circle.centre_px, self._circle.radius_px
+        near = self._near(max(_TOLERANCE_PX, step))
+        changes = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+        x, y = changes[:: len(steps), :2].T
+        scores = np.stack([self._supports(near, x, y, radius) for radius in steps], axis=1)
+        (cx, cy), radius = self._circle.centre_px, self._circle.radius_px
         kept: list[Array] = []
-        for index in np.argsort(-score, kind="stable"):
-            trial = grid[index]
+        for index in np.argsort(-scores.ravel(), kind="stable"):
+            trial = changes[index]
             if all(np.abs(trial - other).max() >= _APART_STEPS * step for other in kept):
                 kept.append(trial)
             if len(kept) == _LEADERS:
                 break
-        return [Ellipse((x + dx, y + dy), (radius + dr, radius + dr)) for dx, dy, dr in kept]
+        return [Ellipse((cx + dx, cy + dy), (radius + dr, radius + dr)) for dx, dy, dr in kept]
 
-    def _support(self, changes: Array, tolerance_px: float) -> Array:
-        """Return the support of circles changed by (x, y, radius) ``(H, 3)``."""
+    def _near(self, tolerance_px: float) -> Array:
+        """Return how close an edge is, ``(angles, offsets)``: 1 at an edge, 0 at the tolerance."""
         reach = max(int(np.ceil(tolerance_px / _OFFSET_STEP_PX)), 1)
         near = self._edges.copy()
         for shift in range(1, reach + 1):
@@ -110,12 +111,20 @@ class EdgesAround:
             for sign in (1, -1):
                 moved = np.roll(self._edges, sign * shift, axis=1)
                 near = np.maximum(near, share * moved)
-        cosine, sine = np.cos(self._angles), np.sin(self._angles)
-        along = np.outer(changes[:, 0], cosine) + np.outer(changes[:, 1], sine)
-        aside = np.outer(changes[:, 1], cosine) - np.outer(changes[:, 0], sine)
-        radius = self._circle.radius_px + changes[:, 2:]
-        offset = along + np.sqrt(np.maximum(radius**2 - aside**2, 0)) - self._circle.radius_px
-        index = np.rint((offset - self._first) / _OFFSET_STEP_PX).astype(int)
-        index = np.clip(index, 0, near.shape[1] - 1)
-        support: Array = near[np.arange(len(self._angles)), index].mean(axis=1)
-        return support
+        return np.asarray(near, np.float64)
+
+    def _supports(self, near: Array, x: Array, y: Array, change: float) -> Array:
+        """Return the support of circles of one radius whose centres are moved by x, y ``(H,)``."""
+        cosine, sine = (f(self._angles).astype(np.float32) for f in (np.cos, np.sin))
+        moves = np.stack([x, y], axis=1).astype(np.float32)
+        # On every ray, the place of the circle relative to the first offset, in steps.
+        place = (moves @ np.stack([-sine, cosine])) ** 2
+        np.subtract(np.float32((self._circle.radius_px + change) ** 2), place, out=place)
+        np.sqrt(np.maximum(place, 0, out=place), out=place)
+        place += moves @ np.stack([cosine, sine])
+        place -= np.float32(self._circle.radius_px + self._first)
+        place *= np.float32(1 / _OFFSET_STEP_PX)
+        index = np.clip(np.rint(place, out=place), 0, near.shape[1] - 1).astype(np.intp)
+        index += np.arange(len(near)) * near.shape[1]
+        supports: Array = near.take(index).mean(axis=1)
+        return supports

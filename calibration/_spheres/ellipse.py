@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,8 +54,15 @@ class Ellipse:
         return float(np.sqrt(self.semi_axes_px[0] * self.semi_axes_px[1]))
 
     @property
+    def is_circle(self) -> bool:
+        """Whether both semi-axes are equal."""
+        return self.semi_axes_px[0] == self.semi_axes_px[1]
+
+    @property
     def matrix(self) -> Array:
         """``(2, 2)`` symmetric matrix from the unit circle to the ellipse around its centre."""
+        if self.is_circle:
+            return np.array([[self.semi_axes_px[0], 0.0], [0.0, self.semi_axes_px[0]]])
         angle = np.radians(self.angle_deg)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         matrix: Array = turn @ np.diag(self.semi_axes_px) @ turn.T
@@ -83,7 +89,13 @@ class Ellipse:
         return pixels
 
     def distance_px(self, pixels: npt.ArrayLike) -> Array:
-        """Return the approximate distance of points ``(..., 2)`` outside (+) or inside (-)."""
+        """Return the approximate distance of points ``(..., 2)`` outside (+) or inside (-).
+
+        That from a circle is exact.
+        """
+        if self.is_circle:
+            offset = np.asarray(pixels, np.float64) - self.centre_px
+            return np.asarray(np.hypot(offset[..., 0], offset[..., 1]) - self.semi_axes_px[0])
         unit = self.unit(pixels)
         radius = np.linalg.norm(unit, axis=-1)
         # First order: deviation of |unit| from 1, divided by the length of its gradient.
@@ -114,7 +126,7 @@ def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse,
     EstimateError
         If fewer than 3 points remain.
     """
-    circle = start or _least_median(points_px, _plain_circle)
+    circle = start or _least_median_circle(points_px)
     weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
     for _ in range(ROUNDS):
         check_enough(weights, 3, "a circle")
@@ -149,7 +161,7 @@ def fit_ellipse(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse
     EstimateError
         If fewer than 5 points remain or they do not form an ellipse.
     """
-    ellipse = start or _least_median(points_px, _plain_ellipse)
+    ellipse = start or _least_median_ellipse(points_px)
     weights = tukey_weights(ellipse.distance_px(points_px), FINEST_PX)
     for _ in range(ROUNDS):
         check_enough(weights, 5, "an ellipse")
@@ -167,20 +179,47 @@ def _moved_px(a: Ellipse, b: Ellipse) -> float:
     return float(np.abs(change).max())
 
 
-def _least_median(points: Array, fit: Callable[[Array, Array], Ellipse]) -> Ellipse:
-    """Return the fit to a few points that has the least median distance from all points.
+def _samples(points: Array) -> tuple[Array, Array]:
+    """Return samples ``(T, S, 2)`` of points, and points that judge the fits to them.
 
     Outliers often form a complete arc (a mount, a shadow), which a least-squares start would
-    follow.
+    follow. The fit to a few points that has the least median distance from all points does not.
     """
     check_enough(np.ones(len(points)), _SAMPLE, "an outline")
     random = np.random.default_rng(0)
-    judges = points[:: -(-len(points) // _JUDGES)]
+    picks = [random.choice(len(points), _SAMPLE, replace=False) for _ in range(_TRIALS)]
+    return points[np.array(picks)], points[:: -(-len(points) // _JUDGES)]
+
+
+def _least_median_circle(points: Array) -> Ellipse:
+    """Return the circle through a few points with the least median distance from all points."""
+    samples, judges = _samples(points)
+    origins = samples.mean(axis=1)
+    offsets = samples - origins[:, None]
+    # About the mean of a sample, the equations of its circle decouple: `_plain_circle` in two rows.
+    square = np.sum(offsets**2, axis=2)
+    (xx, xy), (_, yy) = np.einsum("tsa,tsb->abt", offsets, offsets)
+    x, y = 0.5 * np.einsum("tsa,ts->at", offsets, square)
+    determinant = xx * yy - xy * xy
+    with np.errstate(divide="ignore", invalid="ignore"):
+        centres = np.stack([yy * x - xy * y, xx * y - xy * x]) / determinant
+    radii = np.sqrt(square.mean(axis=1) + np.sum(centres**2, axis=0))
+    centres += origins.T
+    distances = np.hypot(*(judges.T[:, None] - centres[..., None])) - radii[:, None]
+    medians = np.median(np.abs(distances), axis=1)
+    best = int(np.argmin(np.where(np.isfinite(medians), medians, np.inf)))
+    if not np.isfinite(medians[best]):
+        raise EstimateError(_NO_ELLIPSE)
+    return Ellipse((float(centres[0, best]), float(centres[1, best])), (float(radii[best]),) * 2)
+
+
+def _least_median_ellipse(points: Array) -> Ellipse:
+    """Return the ellipse through a few points with the least median distance from all points."""
+    samples, judges = _samples(points)
     best: tuple[float, Ellipse] | None = None
-    for _ in range(_TRIALS):
-        sample = points[random.choice(len(points), _SAMPLE, replace=False)]
+    for sample in samples:
         try:
-            trial = fit(sample, np.ones(_SAMPLE))
+            trial = _plain_ellipse(sample, np.ones(_SAMPLE))
         except EstimateError:
             continue
         median = float(np.median(np.abs(trial.distance_px(judges))))

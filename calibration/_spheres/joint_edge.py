@@ -19,7 +19,7 @@ from calibration._spheres.limb import (
     profile_offsets,
     trial_shifts,
 )
-from calibration._spheres.outline import ALONG_PX, edge_angles, radial_profiles
+from calibration._spheres.outline import ALONG_PX, edge_angles, stack_profiles
 from calibration._spheres.robust import Array
 
 Flags = npt.NDArray[np.bool_]
@@ -159,7 +159,9 @@ class _Edges:
         self.angles = edge_angles(around, most_angles)
         self.every_image = np.ones(len(values), bool)
         self.every_angle = np.ones(len(self.angles), bool)
-        profiles = np.stack([self._profiles(values[k]) for k in range(len(values))])
+        images = (values[k] for k in range(len(values)))
+        profiles = stack_profiles(images, around, self.angles, profile_offsets())
+        profiles = gaussian_filter1d(profiles, ALONG_PX, axis=1, mode="wrap")
         count, angles, samples = profiles.shape
         flat = profiles.reshape(-1, samples)
         power = np.maximum(flat.var(axis=1), 1e-300)
@@ -177,11 +179,6 @@ class _Edges:
         height, width = values.shape[1:]
         self._inside = (np.minimum(x, y) > REACH_PX) & (x < width - 1 - REACH_PX)
         self._inside &= y < height - 1 - REACH_PX
-
-    def _profiles(self, image: npt.NDArray[np.float32]) -> Array:
-        profiles = radial_profiles(image, self.around, self.angles, profile_offsets())
-        smooth: Array = gaussian_filter1d(profiles, ALONG_PX, axis=0, mode="wrap")
-        return smooth
 
     def fit(self, images: Flags, angles: Flags) -> _Fit:
         """Fit a circle to some images and angles."""

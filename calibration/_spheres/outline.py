@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 
 import cv2
@@ -252,14 +253,23 @@ def radial_profiles(
     image: npt.NDArray[np.float32], ellipse: Ellipse, angles: Array, offsets: Array
 ) -> Array:
     """Return the image sampled along radii, ``(angles, offsets)``."""
+    profiles: Array = stack_profiles([image], ellipse, angles, offsets)[0]
+    return profiles
+
+
+def stack_profiles(
+    images: Iterable[npt.NDArray[np.float32]], ellipse: Ellipse, angles: Array, offsets: Array
+) -> Array:
+    """Return images sampled along radii, ``(images, angles, offsets)``."""
     scale = 1 + offsets / ellipse.radius_px
     outward = ellipse.point(angles) - ellipse.centre_px
     place = (outward[:, None] * scale[:, None] + ellipse.centre_px).astype(np.float32)
-    sampled = cv2.remap(
-        image, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
-    profiles: Array = sampled.astype(np.float64)
-    return profiles
+    x, y = np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
+    sampled = [
+        cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for image in images
+    ]
+    return np.array(sampled, np.float64)
 
 
 def _steepest(

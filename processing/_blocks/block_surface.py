@@ -35,6 +35,8 @@ class BlockSurface:
         ``(H, W)`` float32 as in `HeightMap`.
     depth
         ``(H, W)`` float32 as in `HeightMap`; None for an orthographic surface.
+    mask
+        ``(H, W)`` bool as in `HeightMap`.
     parts
         ``(H, W)`` int32 as in `HeightMap`.
     unit, pixel_size, camera
@@ -57,6 +59,7 @@ class BlockSurface:
 
     height: BandFile
     depth: BandFile | None
+    mask: Mask
     parts: BandFile
     unit: Literal["mm", "px"]
     pixel_size: float
@@ -75,6 +78,10 @@ class BlockSurface:
     warnings: tuple[Notice, ...]
 
     __repr__ = short_repr
+
+    @property
+    def jumps(self) -> None:
+        """Jumps in depth are not looked for."""
 
     def close(self) -> None:
         """Close the files; harmless if repeated."""
@@ -160,7 +167,7 @@ def integrate_in_blocks(
         )
     step = scale.step_px if camera is None else -scale.step_px
     angle_deg = angle_between_deg(step * solved.wanted, step * solved.found)
-    height, depth, (lowest, highest) = _placed(
+    height, depth, inside, (lowest, highest) = _placed(
         solved, blocks, scale, mean_depth_mm, folder, on_progress
     )
     per_step = scale.pixel_size if scale.distance is None else scale.distance
@@ -180,6 +187,7 @@ def integrate_in_blocks(
     return BlockSurface(
         height=height,
         depth=depth,
+        mask=inside,
         parts=solved.parts,
         unit=scale.unit,
         pixel_size=scale.pixel_size,
@@ -231,8 +239,8 @@ def _placed(
     mean_depth: float | None,
     folder: Path,
     on_progress: Progress,
-) -> tuple[BandFile, BandFile | None, tuple[float, float]]:
-    """Write heights and depths in their unit; return them and the range of the heights."""
+) -> tuple[BandFile, BandFile | None, Mask, tuple[float, float]]:
+    """Write heights and depths in their unit; return them, their pixels and their range."""
     form = solved.u.shape, np.dtype(np.float32)
     height = BandFile(folder / "height.raw", *form)
     depth = None if scale.distance is None else BandFile(folder / "depth.raw", *form)
@@ -240,12 +248,13 @@ def _placed(
     if scale.distance is not None:
         wanted = scale.distance if mean_depth is None else mean_depth
         factors = wanted / _mean_depths(solved, blocks)
+    known = np.zeros(solved.u.shape, np.bool_)
     lowest, highest = math.inf, -math.inf
     on_progress("placing", 0, len(blocks.blocks))
     for number, block in enumerate(blocks.blocks):
         rows = block.core
         labels = solved.parts[rows]
-        inside = labels >= 0
+        known[rows] = inside = labels >= 0
         members = labels[inside]
         u = solved.u[rows][inside] - solved.means[members]
         values = np.full(labels.shape, np.nan, np.float32)
@@ -263,7 +272,7 @@ def _placed(
         on_progress("placing", number + 1, len(blocks.blocks))
     solved.u.close()
     solved.u.path.unlink()
-    return height, depth, (lowest, highest)
+    return height, depth, known, (lowest, highest)
 
 
 def _mean_depths(solved: BlockSolution, blocks: Blocks) -> Double:

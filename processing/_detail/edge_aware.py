@@ -61,7 +61,7 @@ def leave_within_edges(kind: EdgeAware, normals: Float, mask: Mask, guide: Float
 def edge_reach(kind: FilterKind, w: int) -> int:
     """Return how many pixels `leave_within_edges` reaches."""
     # OpenCV's windows: two boxes in a row, in two passes; 1.5 sigma in three passes.
-    return 4 * round(_GUIDED_REACH * w) if kind == "guided" else 3 * round(1.5 * w)
+    return 4 * round(_GUIDED_REACH * w) if kind == "guided" else 3 * _bilateral_reach(w)
 
 
 def _smooth(kind: EdgeAware, vectors: Float, mask: Mask, guide: Float, w: int) -> Float:
@@ -70,9 +70,30 @@ def _smooth(kind: EdgeAware, vectors: Float, mask: Mask, guide: Float, w: int) -
     smooth = (
         cv2.ximgproc.guidedFilter(guide, vectors, round(_GUIDED_REACH * w), _GUIDED_EPSILON)
         if kind == "guided"
-        else cv2.ximgproc.jointBilateralFilter(
-            guide, vectors, -1, _BILATERAL_RANGE, w, borderType=cv2.BORDER_REFLECT_101
-        )
+        else _bilateral(guide, vectors, w)
     )
     # Smoothing blurs across the border of the mask; the next pass must not use the values outside.
     return np.where(mask[..., None], np.asarray(smooth, np.float32), np.float32(0))
+
+
+def _bilateral(guide: Float, vectors: Float, w: int) -> Float:
+    """Smooth vectors with weights that do not depend on the part of a map that is given."""
+    import cv2
+
+    reach = _bilateral_reach(w)
+    guide, vectors = (
+        np.asarray(
+            cv2.copyMakeBorder(part, reach, reach + 1, reach, reach, cv2.BORDER_REFLECT_101),
+            np.float32,
+        )
+        for part in (guide, vectors)
+    )
+    # OpenCV tabulates its weights over the range of the guide. A row that no pixel reaches makes it
+    # that of all unit vectors.
+    guide[-1], guide[-1, 0] = -1, 1
+    smooth = cv2.ximgproc.jointBilateralFilter(guide, vectors, -1, _BILATERAL_RANGE, w)
+    return np.asarray(smooth, np.float32)[reach : -reach - 1, reach:-reach]
+
+
+def _bilateral_reach(w: int) -> int:
+    return round(1.5 * w)

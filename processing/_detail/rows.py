@@ -12,8 +12,15 @@ from processing._normal_map import NormalMap
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-# Bytes per pixel of a band: normals, shape, detail, and what the filter computes of them.
+# The interpreter, libraries and compiled kernels.
+_FIXED = 330_000_000
+# Bytes per pixel that is separated: normals, shape, detail, and what the filter computes of them.
 _OF_BAND, _OF_EDGE_AWARE_BAND = 50, 160
+# Bytes per pixel: of a map in memory besides that, and of masks while the maps are on disk.
+_MAP, _ON_DISK = 13, 6
+_LEAST_ROWS = 8
+# A band of fewer margins would compute most rows several times.
+_MOST_MARGINS, _MOST_ROWS = 16, 512
 
 
 def separate_rows(
@@ -22,8 +29,7 @@ def separate_rows(
     """Return shape and detail of some rows of a normal map.
 
     The filter is local: it reads `ShapeFilter.margin` rows above and below, too. Rows are equal to
-    those of `separate`, except that those of a bilateral filter differ by rounding (less than
-    1e-5): OpenCV tabulates its weights over the range of the values that it receives.
+    those of `separate`.
 
     Parameters
     ----------
@@ -59,8 +65,7 @@ def separate_rows(
     """
     height, width = mask.shape
     shape_filter.check_size((height, width))
-    # A window that is cut at the border of the map must still fit.
-    margin = max(shape_filter.margin, 2 * shape_filter.w)
+    margin = halo_rows(shape_filter)
     top, bottom = max(0, rows.start - margin), min(height, rows.stop + margin)
     inner = slice(rows.start - top, rows.stop - top)
     if not mask[rows].any():
@@ -71,14 +76,46 @@ def separate_rows(
     return shape.normals[inner], detail.normals[inner]
 
 
+def halo_rows(shape_filter: ShapeFilter) -> int:
+    """Return the rows above and below that `separate_rows` reads."""
+    # A window that is cut at the border of the map must still fit.
+    return max(shape_filter.margin, 2 * shape_filter.w)
+
+
 def memory_of_separation(size: tuple[int, int], shape_filter: ShapeFilter = ShapeFilter()) -> int:
-    """Return the bytes that `separate` needs for a map of (height, width), besides the map.
+    """Return the bytes that a program needs to read and `separate` a map of (height, width).
 
     Examples
     --------
     >>> from processing import memory_of_separation
     >>> memory_of_separation((3000, 4000)) // 1_000_000
-    600
+    1086
     """
-    edge_aware = shape_filter.kind in ("guided", "bilateral")
-    return size[0] * size[1] * (_OF_EDGE_AWARE_BAND if edge_aware else _OF_BAND)
+    return _FIXED + size[0] * size[1] * (_MAP + _pixel_bytes(shape_filter))
+
+
+def least_memory_of_separation(
+    size: tuple[int, int], shape_filter: ShapeFilter = ShapeFilter()
+) -> int:
+    """Return the bytes that `separate_on_disk` needs at least.
+
+    Examples
+    --------
+    >>> from processing import least_memory_of_separation
+    >>> least_memory_of_separation((3000, 4000)) // 1_000_000
+    451
+    """
+    rows = min(_LEAST_ROWS + 2 * halo_rows(shape_filter), size[0])
+    return _FIXED + size[1] * (_ON_DISK * size[0] + rows * _pixel_bytes(shape_filter))
+
+
+def rows_of_band(size: tuple[int, int], shape_filter: ShapeFilter, memory: int) -> int:
+    """Return the rows of a band for which a number of bytes is enough."""
+    halo = halo_rows(shape_filter)
+    free = memory - _FIXED - _ON_DISK * size[0] * size[1]
+    rows = free // (size[1] * _pixel_bytes(shape_filter)) - 2 * halo
+    return max(1, min(rows, max(_MOST_MARGINS * halo, _MOST_ROWS)))
+
+
+def _pixel_bytes(shape_filter: ShapeFilter) -> int:
+    return _OF_EDGE_AWARE_BAND if shape_filter.kind in ("guided", "bilateral") else _OF_BAND

@@ -15,6 +15,8 @@ from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
 from rig import Progress, no_progress
 
+Sums = npt.NDArray[np.float64]
+
 
 @dataclass(frozen=True, eq=False)
 class Separation:
@@ -50,7 +52,14 @@ class Separation:
     @property
     def separability_deg(self) -> float:
         """Mean of `separability_map_deg` over the mask."""
-        return float(np.mean(self.separability_map_deg[self.detail.mask], dtype=np.float64))
+        mask = self.detail.mask
+        return float(sums_of_rows(self.separability_map_deg, mask).sum() / np.count_nonzero(mask))
+
+
+def sums_of_rows(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> Sums:
+    """Return the sum of each row over a mask, which does not depend on the other rows."""
+    sums: Sums = np.where(mask, values, np.float32(0)).sum(axis=1, dtype=np.float64)
+    return sums
 
 
 def separate(

@@ -34,6 +34,7 @@ from processing._uncertainty.pixel_variances import (
     VarianceMaps,
     law_of_errors,
     origin_of,
+    place_of,
     some_of,
 )
 from processing._uncertainty.reference_solver import ReferenceSolver, row_blocks
@@ -226,11 +227,10 @@ class _Solver:
                 frames, model, block, law, maps, rows, solved=plain
             )
             variances.add(block, samples, vectors, known)
-            albedo = maps.albedo.reshape(-1)[block, None]
-            of_block = maps.normals.reshape(-1, 3)[block] * albedo
+            at = place_of(block)
+            of_block = maps.normals.reshape(-1, 3)[at] * maps.albedo.reshape(-1)[at, None]
             of_noise = None if law is None else known
-            above = mean_excess(samples, vectors, of_noise, of_block)
-            specular.reshape(-1)[block] = np.where(albedo[:, 0] > 0, above, np.float32(0))
+            specular.reshape(-1)[at] = mean_excess(samples, vectors, of_noise, of_block)
         for name in ("normals", "albedo", "residual", "used"):
             self._maps[name][band.rows] = getattr(maps, name)[inner]
         self._maps["specular"][band.rows] = specular[inner]

@@ -120,7 +120,10 @@ def excess(
 
 
 def mean_excess(samples: Float, vectors: Float, law: Float | None, scaled: Float) -> Float:
-    """Return `specular_residual` of P pixels with scaled normals ``(P, 3)``; see `Estimator`."""
+    """Return `specular_residual` of P pixels with scaled normals ``(P, 3)``; see `Estimator`.
+
+    It is 0 for pixels without a normal.
+    """
     of_noise, known = law_or_alike(law, samples.shape[1])
     means = np.zeros(len(samples), np.float32)
     in_threads(_above, len(samples), samples, vectors, of_noise, known, scaled, means)
@@ -151,6 +154,8 @@ def _above(
 ) -> None:  # fmt: skip
     """Write the mean excess of each pixel; see `Estimator` for the parameters."""
     for p in range(first, last):
+        if scaled[p, 0] == 0 and scaled[p, 1] == 0 and scaled[p, 2] == 0:
+            continue
         mean[p] = _mean_excess(
             values[p], vectors[p if len(vectors) > 1 else 0], law[p if len(law) > 1 else 0],
             known, scaled[p],

@@ -12,7 +12,7 @@ from processing._superres.interpolation import units
 
 Float = npt.NDArray[np.float32]
 
-# Roughness at which half of the network's result is used, in radians: second differences.
+# Roughness at which half of the network's result is used, in radians: fourth differences.
 _HALF = 0.004
 _BINOMIAL = np.array([0.25, 0.5, 0.25], np.float32)
 _LEAST = np.float32(1e-12)
@@ -38,16 +38,19 @@ class Blend(NamedTuple):
 def roughness_gate(low: Float) -> Float:
     """Return, per pixel of a low resolution, the weight of a network where it is reliable, 0 to 1.
 
-    Where a map is smooth, its second differences vanish, interpolation is exact, and there is
-    nothing to add.
+    Where a map is smooth, its fourth differences vanish, interpolation is exact, and there is
+    nothing to add. Second differences would not do: those of steep waves are large.
 
     Parameters
     ----------
     low
         ``(h, w, 3)`` unit vectors.
     """
-    smooth = cv2.sepFilter2D(low, -1, _BINOMIAL, _BINOMIAL, borderType=cv2.BORDER_REFLECT_101)
-    energy = ((low - smooth) ** 2).sum(axis=2)
+    rough = low
+    for _ in range(2):
+        smooth = cv2.sepFilter2D(rough, -1, _BINOMIAL, _BINOMIAL, borderType=cv2.BORDER_REFLECT_101)
+        rough = rough - smooth
+    energy = (rough**2).sum(axis=2)
     energy = cv2.blur(energy, (5, 5), borderType=cv2.BORDER_REFLECT_101)
     return np.asarray(energy / (energy + _HALF**2), np.float32)
 

@@ -23,11 +23,15 @@ from processing._superres.interpolation import (
 )
 from processing._superres.model import Domain
 from processing._superres.network import Network
-from processing._superres.pixel_means import with_means
+from processing._superres.pixel_means import means_of_points, with_given
+from processing._superres.super_resolution import PixelSampling
 from processing._superres.tiles import Tile, enlarged_window
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+
+# Side of the square whose mean is the normal at the centre of a large pixel.
+_CENTRAL_PX = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,9 @@ class LowMap:
         ``(h, w, 3)`` unit vectors; the combination of shape and detail is the map.
     central
         ``(h, w, 3)`` vectors at the centres of the pixels, whose means the normals are.
+    given, side
+        ``(h, w, 3)`` normals that the result keeps: the means of this many pixels in each direction
+        in the middle of each large pixel.
     gate
         ``(h, w)`` largest weight of a network.
     mask
@@ -52,21 +59,28 @@ class LowMap:
     shape: Float
     detail: Float
     central: Float
+    given: Float
+    side: int
     gate: Float
     mask: Mask
     reach: Mask
 
     @classmethod
-    def of(cls, normal_map: NormalMap, scale: int, halo: int) -> LowMap:
+    def of(
+        cls, normal_map: NormalMap, scale: int, halo: int, sampling: PixelSampling = "area"
+    ) -> LowMap:
         """Separate a map, and continue its components as far as a network can see."""
-        mask = normal_map.mask
+        mask, given, side = normal_map.mask, normal_map.normals, scale
+        if sampling == "points":
+            normal_map, side = means_of_points(normal_map, scale), _CENTRAL_PX
         shape, detail = _components(normal_map)
         normals, shape, detail = (
             filled_outwards(vectors, mask, halo) for vectors in (normal_map.normals, shape, detail)
         )
         near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         central = without_averaging(normals, scale)
-        return cls(normals, shape, detail, central, roughness_gate(normals), mask, near)
+        gate = roughness_gate(normals)
+        return cls(normals, shape, detail, central, given, side, gate, mask, near)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +159,7 @@ def enlarge(
         square = ((sharp - normals) ** 2).sum(axis=2)
         gate = np.clip(bicubic(low.gate[around], scale)[inside], 0, 1)
         normals, variance = blend(plain, sharp, square, np.exp(answer[..., 3:]), gate)
-        normals = with_means(normals, low.normals[tile.core], mask)
+        normals = with_given(normals, low.given[tile.core], mask, low.side)
         known = network.deviations
         high.variance[core] = variance if known is None else known.corrected(variance)
     high.normals[core] = np.where(mask[..., None], normals, 0)

@@ -16,7 +16,7 @@ REACH_PX = 3
 _LEAST_LENGTH = 1e-6
 _FACING = np.array([0, 0, 1], np.float32)
 _LAPLACE = np.array([[0, 1, 0], [1, -4, 1], [0, 1, 0]], np.float32)
-_PLACES = np.arange(-2, 3)
+_PLACES = np.arange(-3, 4)
 
 
 def bicubic(values: Float, scale: int) -> Float:
@@ -72,10 +72,10 @@ def averaged(values: Float, scale: int) -> Float:
 
 
 def smoothly(values: Float, scale: int) -> Float:
-    """Interpolate an image by cubic convolution with a = -0.5, which is exact for parabolas.
+    """Interpolate an image by cubic convolution over six pixels, which is exact for cubics.
 
     Bicubic interpolation with a = -0.75 is sharper at edges, but not exact even for a ramp. From R.
-    Keys, *Cubic convolution interpolation for digital image processing*, 1981.
+    Keys, *Cubic convolution interpolation for digital image processing*, 1981, section VI.
 
     Parameters
     ----------
@@ -119,8 +119,11 @@ def _kernels(scale: int) -> list[Float]:
 
 
 def _weights(offset: float) -> Float:
-    """Return the weights of the five nearest pixels at an offset from the middle one."""
+    """Return the weights of the seven nearest pixels at an offset from the middle one."""
     away = np.abs(offset - _PLACES)
-    near = (1.5 * away - 2.5) * away**2 + 1
-    far = ((-0.5 * away + 2.5) * away - 4) * away + 2
-    return np.where(away <= 1, near, np.where(away < 2, far, 0)).astype(np.float32)
+    pieces = (
+        (4 / 3 * away - 7 / 3) * away**2 + 1,
+        ((-7 / 12 * away + 3) * away - 59 / 12) * away + 15 / 6,
+        ((1 / 12 * away - 2 / 3) * away + 21 / 12) * away - 3 / 2,
+    )
+    return np.asarray(np.select([away <= 1, away <= 2, away < 3], pieces, 0), np.float32)

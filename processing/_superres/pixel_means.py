@@ -1,4 +1,4 @@
-"""Pixels as means over their area: made of points, and kept by a result."""
+"""Pixels as means over their area: made of points, and what a result keeps of the given ones."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def means_of_points(normal_map: NormalMap, scale: int) -> NormalMap:
     return NormalMap.of_unit_vectors(np.where(mask[..., None], means, np.float32(0)), mask)
 
 
-def with_means(high: Float, low: Float, mask: Mask) -> Float:
-    """Turn the normals of each large pixel alike, so that their mean is the given one.
+def with_given(high: Float, low: Float, mask: Mask, side: int) -> Float:
+    """Turn the normals of each large pixel alike, so that the mean of the inner ones is as given.
 
     Small errors that all normals of a pixel have in common add up to large errors of heights. The
     difference of the means is added once, which leaves an error of the second order.
@@ -39,15 +39,18 @@ def with_means(high: Float, low: Float, mask: Mask) -> Float:
     high
         ``(s h, s w, 3)`` unit vectors.
     low
-        ``(h, w, 3)`` unit vectors, their means.
+        ``(h, w, 3)`` unit vectors, the given normals.
     mask
         ``(s h, s w)`` where `high` is part of a map. Large pixels that are not complete stay as
         they are.
+    side
+        Side of the inner square: s for given means, 2 for given normals at the centres.
     """
     height, width = low.shape[:2]
     scale = len(high) // height
     blocks = high.reshape(height, scale, width, scale, 3)
     complete = mask.reshape(height, scale, width, scale).all(axis=(1, 3))
-    difference = low - units(blocks.mean(axis=(1, 3)))
+    inner = slice((scale - side) // 2, (scale + side) // 2)
+    difference = low - units(blocks[:, inner, :, inner].mean(axis=(1, 3)))
     difference[~complete] = 0
     return units((blocks + difference[:, None, :, None]).reshape(high.shape))

@@ -14,7 +14,6 @@ from processing._superres.enlarge import HighMap, LowMap, enlarge
 from processing._superres.interpolation import REACH_PX
 from processing._superres.model import SCALES, SuperResolutionModel, read_superres_model
 from processing._superres.network import Network
-from processing._superres.pixel_means import means_of_points
 from processing._superres.super_resolution import (
     PixelSampling,
     SuperResolution,
@@ -48,8 +47,8 @@ def super_resolve(
     With ``normals``, the network enlarges the normals themselves. The network predicts its
     mean-square error and that of bicubic interpolation; its result counts less where it expects to
     be worse, and where the map is smooth. The rest is interpolated, more accurately than by bicubic
-    interpolation: by cubic convolution with a = -0.5 of the normals at the centres of the pixels,
-    of which the given ones are means. The means of the result are the given normals.
+    interpolation: by cubic convolution over six pixels of the normals at their centres, of which
+    the given ones are means. The result keeps the given normals, as means or at the centres.
 
     Parameters
     ----------
@@ -120,9 +119,7 @@ def super_resolve(
         else:
             used = read_superres_model(model, scale, method)
         network, halo = Network(used), max(used.halo_px, REACH_PX)
-        if sampling == "points":
-            normal_map = means_of_points(normal_map, scale)
-    low = LowMap.of(normal_map, scale, halo)
+    low = LowMap.of(normal_map, scale, halo, "area" if used is None else sampling)
     domain = "normals" if used is None else used.domain
     parts = list(tiles(low.reach, max(TILE_PX, _HALOS * halo), halo))
     on_progress("super-resolution", 0, len(parts))

@@ -7,13 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError
+from acquisition import BandFile, CameraModel, DataError, MapRows
 from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.chord_rule import ChordRule
-from processing._surface.height_map import HeightMap
+from processing._surface.height_map import HeightRows
 from rig import Notice, short_repr
 
 Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+# Rows at a time: the steps of all pixels would take much memory.
+_BAND = 256
 
 # Standard deviation of a normal distribution over its median absolute value.
 _NORMAL = 1.4826
@@ -45,7 +49,7 @@ class NormalCurl:
         explain it. NaN if they are not known.
     """
 
-    curl_deg: Float
+    curl_deg: Float | BandFile
     spread_deg: float
     excess: float
 
@@ -90,8 +94,67 @@ def normal_curl(
         raise DataError(f"a camera of {camera.size} does not fit normals of {size}")
     if sigma_deg is not None and sigma_deg.shape != size:
         raise DataError(f"deviations of {sigma_deg.shape} do not fit normals of {size}")
-    normals, mask = normal_map.normals, normal_map.mask
-    chords = ChordRule((slice(0, size[0]), slice(0, size[1])), camera)
+    curl = np.full(size, np.nan, np.float32)
+    return curl_in_rows(normal_map.normals, normal_map.mask, curl, camera, sigma_deg)
+
+
+def curl_in_rows(
+    normals: MapRows,
+    mask: Mask,
+    curl_deg: Float | BandFile,
+    camera: CameraModel | None = None,
+    sigma_deg: MapRows | None = None,
+) -> NormalCurl:
+    """Write the curl of normals of which rows are read; return it with its figures.
+
+    Parameters
+    ----------
+    normals, mask
+        ``(H, W, 3)`` float32 unit vectors, 0 outside the mask, and ``(H, W)`` bool.
+    curl_deg
+        ``(H, W)`` float32, written.
+    camera, sigma_deg
+        As for `normal_curl`; the deviations may be in a file.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, curl_in_rows
+    >>> slope = NormalMap.from_vectors(np.full((4, 6, 3), [-1.0, 0.0, 1.0]))
+    >>> curl_in_rows(slope.normals, slope.mask, np.zeros((4, 6), np.float32)).spread_deg
+    0.0
+    """
+    rows, columns = mask.shape
+    # Medians of all pixels: 4 bytes for each.
+    sizes, ratios = np.zeros((2, rows * columns), np.float32)
+    count = known = 0
+    for top in range(0, rows, _BAND):
+        band = slice(top, min(top + _BAND, rows))
+        # The curl of a row needs the next one.
+        both = slice(top, min(top + _BAND + 1, rows))
+        curl = np.full((band.stop - band.start, columns), np.nan, np.float32)
+        found = _curl_between(normals[both], mask[both], both, camera)
+        curl[: len(found), :-1] = found
+        curl_deg[band] = curl
+        inside = np.isfinite(found)
+        size = np.abs(found[inside])
+        sizes[count : count + len(size)] = size
+        count += len(size)
+        if sigma_deg is not None:
+            expected = np.sqrt(_mean_of_four(np.square(sigma_deg[both])))[inside]
+            ratio = size[expected > 0] / expected[expected > 0]
+            ratios[known : known + len(ratio)] = ratio
+            known += len(ratio)
+    spread, excess = (
+        _NORMAL * float(np.median(values[:number], overwrite_input=True)) if number else np.nan
+        for values, number in ((sizes, count), (ratios, known))
+    )
+    return NormalCurl(curl_deg, spread, excess)
+
+
+def _curl_between(normals: Float, mask: Mask, rows: slice, camera: CameraModel | None) -> Float:
+    """Return the ``(h-1, W-1)`` curl between the pixels of rows, NaN without one."""
+    chords = ChordRule((rows, slice(0, mask.shape[1])), camera)
     right, down, step_right, step_down = chords.edges(normals, mask)
     here, after, below = np.s_[1:-2, 1:-2], np.s_[1:-2, 2:-1], np.s_[2:-1, 1:-2]
     inside = (right[here] > 0) & (right[below] > 0) & (down[here] > 0) & (down[after] > 0)
@@ -104,16 +167,8 @@ def normal_curl(
     # Of errors of one variance s^2 in each tangent direction, the variance of the sum is
     # s^2 (1 + c^2) / c^4 with the cosine c.
     angle = np.degrees(closure * square * np.sqrt(2 / (1 + square)))
-    curl = np.full(size, np.nan, np.float32)
-    curl[:-1, :-1] = np.where(inside, angle, np.nan)
-    excess = np.nan
-    if sigma_deg is not None:
-        expected = np.sqrt(_mean_of_four(np.square(sigma_deg)))
-        known = inside & (expected > 0)
-        if known.any():
-            excess = _NORMAL * float(np.median(np.abs(angle[known]) / expected[known]))
-    spread = _NORMAL * float(np.median(np.abs(angle[inside]))) if inside.any() else np.nan
-    return NormalCurl(curl, spread, float(excess))
+    found: Float = np.where(inside, angle, np.nan).astype(np.float32)
+    return found
 
 
 def _mean_of_four(values: Float) -> Float:
@@ -121,7 +176,7 @@ def _mean_of_four(values: Float) -> Float:
     return mean * np.float32(0.25)
 
 
-def curl_notices(curl: NormalCurl, height_map: HeightMap) -> list[Notice]:
+def curl_notices(curl: NormalCurl, height_map: HeightRows) -> list[Notice]:
     """Return notices that distinguish normals that contradict each other from a bad integration.
 
     ``curl-not-explained`` if the curl exceeds the standard deviations of the normals nearly

@@ -36,6 +36,13 @@ def faces_of(
         triangles a d b in reading order, then b d e, a d e and a e b. A square of four pixels of
         one part is split along its shorter diagonal, b d if both are equal.
     """
+    return faces_by_kind(parts, vertices, cut_right, cut_down)[0]
+
+
+def faces_by_kind(
+    parts: Ints, vertices: Float, cut_right: Mask | None = None, cut_down: Mask | None = None
+) -> tuple[Ints, Counts]:
+    """Return what `faces_of` returns, and the ``(4,)`` numbers of triangles of each kind."""
     right = np.zeros(parts.shape, bool) if cut_right is None else np.ascontiguousarray(cut_right)
     down = np.zeros(parts.shape, bool) if cut_down is None else np.ascontiguousarray(cut_down)
     per_row = np.count_nonzero(parts >= 0, axis=1)
@@ -45,7 +52,7 @@ def faces_of(
     begins = np.ascontiguousarray((ends - counts.T.ravel()).reshape(_KINDS, -1).T)
     faces = np.zeros((int(ends[-1]) if len(ends) else 0, 3), np.int32)
     _filled(parts, right, down, vertices, first, begins, faces)
-    return faces
+    return faces, counts.sum(axis=0)
 
 
 @numba.njit(cache=True)

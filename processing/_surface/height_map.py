@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel
+from acquisition import CameraModel, MapRows
 from processing._surface.height_errors import HeightUncertainty
 from processing._surface.jumps import Jumps
 from rig import Notice
@@ -84,18 +84,64 @@ class HeightMap:
         rows
             Rows of the map; the default is all of them.
         """
-        height, columns = self.mask.shape
-        inside = self.mask[rows]
-        down = np.arange(height)[rows]
-        points = np.full((*inside.shape, 3), np.nan, np.float32)
-        points[..., 2] = self.height[rows]
-        if self.camera is not None and self.depth is not None:
-            x, y = np.meshgrid(np.arange(columns), down)
-            rays = self.camera.rays(np.stack([x, y], axis=-1))
-            points[..., :2] = rays[..., :2] * self.depth[rows, :, None]
-        else:
-            x = (np.arange(columns) - (columns - 1) / 2) * self.pixel_size
-            y = ((height - 1) / 2 - down) * self.pixel_size
-            points[..., 0] = np.where(inside, x[None, :], np.nan)
-            points[..., 1] = np.where(inside, y[:, None], np.nan)
-        return points
+        first, last, _ = rows.indices(len(self.mask))
+        return points_of_rows(self, slice(first, last))
+
+
+class HeightRows(Protocol):
+    """What a `HeightMap` and a surface in files have in common: maps of which rows are read."""
+
+    @property
+    def height(self) -> MapRows:
+        """``(H, W)`` float32 as in `HeightMap`."""
+
+    @property
+    def depth(self) -> MapRows | None:
+        """``(H, W)`` float32 as in `HeightMap`."""
+
+    @property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        """``(H, W)`` bool as in `HeightMap`."""
+
+    @property
+    def parts(self) -> MapRows:
+        """``(H, W)`` int32 as in `HeightMap`."""
+
+    @property
+    def unit(self) -> Literal["mm", "px"]:
+        """Unit of the heights."""
+
+    @property
+    def pixel_size(self) -> float:
+        """Distance between neighbouring pixels."""
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """The camera of a perspective surface."""
+
+    @property
+    def jumps(self) -> Jumps | None:
+        """Where the surface jumps in depth."""
+
+    @property
+    def disagreement_deg(self) -> float:
+        """Median angle between the given normals and those of the surface."""
+
+
+def points_of_rows(surface: HeightRows, rows: slice) -> Float:
+    """Return the surface points ``(h, W, 3)`` of rows, from ``rows.start`` to ``rows.stop``."""
+    height, columns = surface.mask.shape
+    inside = surface.mask[rows]
+    down = np.arange(rows.start, rows.stop)
+    points = np.full((*inside.shape, 3), np.nan, np.float32)
+    points[..., 2] = surface.height[rows]
+    if surface.camera is not None and surface.depth is not None:
+        x, y = np.meshgrid(np.arange(columns), down)
+        rays = surface.camera.rays(np.stack([x, y], axis=-1))
+        points[..., :2] = rays[..., :2] * surface.depth[rows][..., None]
+    else:
+        x = (np.arange(columns) - (columns - 1) / 2) * surface.pixel_size
+        y = ((height - 1) / 2 - down) * surface.pixel_size
+        points[..., 0] = np.where(inside, x[None, :], np.nan)
+        points[..., 1] = np.where(inside, y[:, None], np.nan)
+    return points

@@ -10,6 +10,8 @@ import numpy.typing as npt
 from processing._surface.height_map import HeightMap
 from rig import check_type, short_repr
 
+Float = npt.NDArray[np.float32]
+
 _TOP = 65535
 
 
@@ -47,9 +49,44 @@ def height_picture(height_map: HeightMap) -> HeightPicture:
     True
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
-    inside = height_map.height[height_map.mask].astype(np.float64)
-    lowest, highest = float(inside.min()), float(inside.max())
+    inside = height_map.height[height_map.mask]
+    scale = height_scale(float(inside.min()), float(inside.max()))
+    return HeightPicture(height_samples(height_map.height, scale), scale.base, scale.step)
+
+
+class HeightScale(NamedTuple):
+    """The height at sample 0 of a picture, and that between two samples."""
+
+    base: float
+    step: float
+
+
+def height_scale(lowest: float, highest: float) -> HeightScale:
+    """Return the scale of a picture of heights.
+
+    Examples
+    --------
+    >>> from processing import height_scale
+    >>> height_scale(0.0, 131068.0)
+    HeightScale(base=-2.0, step=2.0)
+    """
     step = (highest - lowest) / (_TOP - 1) or 1.0
-    pixels = np.zeros(height_map.mask.shape, np.uint16)
-    pixels[height_map.mask] = np.rint(1 + (inside - lowest) / step).astype(np.uint16)
-    return HeightPicture(pixels, lowest - step, step)
+    return HeightScale(lowest - step, step)
+
+
+def height_samples(height: Float, scale: HeightScale) -> npt.NDArray[np.uint16]:
+    """Return the samples of a picture of heights, or of rows of it; 0 for NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import height_samples, height_scale
+    >>> height_samples(np.float32([2.0, np.nan, 4.0]), height_scale(2.0, 4.0))
+    array([    1,     0, 65535], dtype=uint16)
+    """
+    inside = np.isfinite(height)
+    pixels = np.zeros(height.shape, np.uint16)
+    lowest = scale.base + scale.step
+    samples = np.rint(1 + (height[inside].astype(np.float64) - lowest) / scale.step)
+    pixels[inside] = samples.clip(1, _TOP)
+    return pixels

@@ -17,9 +17,8 @@ from processing._normal_map import NormalMap
 from processing._surface.glb import glb
 from processing._surface.height_map import HeightMap
 from processing._surface.mesh import Mesh, height_mesh
+from processing._surface.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
 from rig import check_type
-
-Piece = bytes | memoryview
 
 # Number of lines of a text, or of vertices and faces, that are encoded at once; it limits the
 # memory.
@@ -135,58 +134,29 @@ def _write_textured_obj(path: Path, mesh: Mesh, texture: npt.NDArray[np.uint8]) 
 
 
 def _ply(mesh: Mesh) -> Iterator[Piece]:
-    names = ["x", "y", "z"]
-    if mesh.normals is not None:
-        names += ["nx", "ny", "nz"]
-    header = ["ply", "format binary_little_endian 1.0", f"comment unit {mesh.unit}"]
-    header += [f"element vertex {len(mesh.vertices)}"]
-    header += [f"property float {name}" for name in names]
-    if mesh.colours is not None:
-        header += [f"property uchar {name}" for name in ("red", "green", "blue")]
-    header += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
-    header += ["end_header", ""]
-    yield "\n".join(header).encode("ascii")
-    kinds: list[tuple[str, str, tuple[int, ...]]] = [("floats", "<f4", (len(names),))]
-    if mesh.colours is not None:
-        kinds.append(("colours", "u1", (3,)))
+    normals, colours = mesh.normals, mesh.colours
+    form = PlyForm(mesh.unit, normals is not None, colours is not None)
+    yield form.header(len(mesh.vertices), len(mesh.faces))
     for part in _rows(mesh.vertices):
-        rows = np.zeros(len(mesh.vertices[part]), kinds)
-        rows["floats"][:, :3] = mesh.vertices[part]
-        if mesh.normals is not None:
-            rows["floats"][:, 3:] = mesh.normals[part]
-        if mesh.colours is not None:
-            rows["colours"] = mesh.colours[part]
-        yield _bytes(rows)
+        yield form.vertices(
+            mesh.vertices[part],
+            None if normals is None else normals[part],
+            None if colours is None else colours[part],
+        )
     for part in _rows(mesh.faces):
-        corners = mesh.faces[part]
-        faces = np.zeros(len(corners), [("count", "u1"), ("index", "<i4", (3,))])
-        faces["count"], faces["index"] = 3, corners
-        yield _bytes(faces)
+        yield form.faces(mesh.faces[part])
 
 
 def _stl(mesh: Mesh) -> Iterator[Piece]:
-    # The header must not begin with "solid": readers would take it for a text file.
-    yield f"binary triangle mesh, unit {mesh.unit}".encode().ljust(80)
-    yield np.uint32(len(mesh.faces)).astype("<u4").tobytes()
-    kinds = [("normal", "<f4", (3,)), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    yield stl_header(mesh.unit, len(mesh.faces))
     for part in _rows(mesh.faces):
-        corners = mesh.vertices[mesh.faces[part]]
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        length = np.sqrt(np.einsum("ij,ij->i", cross, cross))[:, None]
-        facets = np.zeros(len(corners), kinds)
-        facets["normal"] = np.where(length > 0, cross / np.where(length > 0, length, 1), 0)
-        facets["corners"] = corners
-        yield _bytes(facets)
+        yield stl_facets(mesh.vertices[mesh.faces[part]])
 
 
 def _rows(table: npt.NDArray[np.generic]) -> Iterator[slice]:
     """Yield the rows of a table in parts: a copy of a large mesh would take much memory."""
     for begin in range(0, len(table), _LINES):
         yield slice(begin, begin + _LINES)
-
-
-def _bytes(rows: npt.NDArray[np.void]) -> memoryview:
-    return rows.view(np.uint8).data
 
 
 def _obj(mesh: Mesh, material: str | None = None) -> Iterator[Piece]:

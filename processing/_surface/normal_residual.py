@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import DataError, MapRows
 from processing._normal_map import NormalMap
-from processing._surface.height_map import HeightMap
+from processing._surface.height_map import HeightMap, HeightRows, points_of_rows
 from rig import check_type
 
 Float = npt.NDArray[np.float32]
@@ -60,25 +60,40 @@ def normal_residual(height_map: HeightMap, normal_map: NormalMap) -> Float:
         )
     angles = np.full((rows, columns), np.nan, np.float32)
     for top in range(0, rows, _BAND):
-        bottom = min(top + _BAND, rows)
-        first, last = max(top - 1, 0), min(bottom + 1, rows)
-        window = slice(first, last)
-        points = height_map.points(window).astype(np.float64)
-        cut_right, cut_down = _cuts(height_map, window)
-        across = _tangents(points, cut_right)
-        along = _tangents(points.swapaxes(0, 1), cut_down.T).swapaxes(0, 1)
-        facing = np.cross(along, across)  # rows run down, Y up: toward the camera
-        given = normal_map.normals[window].astype(np.float64)
-        sine = np.linalg.norm(np.cross(facing, given), axis=2)
-        cosine = np.einsum("rck,rck->rc", facing, given)
-        both = np.degrees(np.arctan2(sine, cosine))
-        angles[top:bottom] = both[top - first : bottom - first]
+        band = slice(top, min(top + _BAND, rows))
+        angles[band] = residual_of_rows(height_map, normal_map.normals, band)
     return angles
 
 
-def _cuts(height_map: HeightMap, rows: slice) -> tuple[Mask, Mask]:
+def residual_of_rows(surface: HeightRows, normals: MapRows, rows: slice) -> Float:
+    """Return rows of what `normal_residual` returns, from ``rows.start`` to ``rows.stop``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, integrate, residual_of_rows
+    >>> slope = NormalMap.from_vectors(np.full((4, 6, 3), [-1.0, 0.0, 1.0]))
+    >>> residual_of_rows(integrate(slope), slope.normals, slice(1, 3)).shape
+    (2, 6)
+    """
+    first, last = max(rows.start - 1, 0), min(rows.stop + 1, len(surface.mask))
+    window = slice(first, last)
+    points = points_of_rows(surface, window).astype(np.float64)
+    cut_right, cut_down = _cuts(surface, window)
+    across = _tangents(points, cut_right)
+    along = _tangents(points.swapaxes(0, 1), cut_down.T).swapaxes(0, 1)
+    facing = np.cross(along, across)  # rows run down, Y up: toward the camera
+    given = normals[window].astype(np.float64)
+    sine = np.linalg.norm(np.cross(facing, given), axis=2)
+    cosine = np.einsum("rck,rck->rc", facing, given)
+    both = np.degrees(np.arctan2(sine, cosine))
+    found: Float = both[rows.start - first : rows.stop - first].astype(np.float32)
+    return found
+
+
+def _cuts(surface: HeightRows, rows: slice) -> tuple[Mask, Mask]:
     """Return where a pixel and its right (lower) neighbour have no chord."""
-    parts, jumps = height_map.parts[rows], height_map.jumps
+    parts, jumps = surface.parts[rows], surface.jumps
     right, down = np.zeros((2, *parts.shape), bool)
     right[:, :-1] = parts[:, 1:] != parts[:, :-1]
     down[:-1] = parts[1:] != parts[:-1]

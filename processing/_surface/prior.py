@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
 
 from acquisition import DataError
 from rig import short_repr
@@ -172,6 +171,9 @@ class HeightPrior:
 
 def _interpolated(values: Float, y: Double, x: Double) -> Float:
     """Interpolate between the centres of pixels; NaN next to an unknown one and outside."""
+    # Imported here: it takes .2 s, and few surfaces have a prior.
+    from scipy.ndimage import map_coordinates
+
     places = np.meshgrid(y, x, indexing="ij")
     known = np.isfinite(values)
     found, share = (

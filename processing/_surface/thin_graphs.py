@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
-from scipy.sparse import linalg
 
 from processing._surface.grid_graph import label_parts
 
@@ -47,6 +45,10 @@ def solve_thin(right: Float, down: Float, b: Double, anchors: Float | None = Non
         ``(H+2, W+2)`` solution, 0 at the first pixel of each part without anchors and at pixels
         without edges.
     """
+    # Imported here: it takes .3 s, and few masks are thin.
+    from scipy import sparse
+    from scipy.sparse import linalg
+
     labels, _ = label_parts(right, down)
     free = labels.ravel() >= 0
     numbers, first = np.unique(labels, return_index=True)

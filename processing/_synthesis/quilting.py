@@ -14,7 +14,8 @@ from processing._normal_map import NormalMap, check_normal_map
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
 from processing._synthesis.quilt_kernels import place_patches
 from processing._synthesis.seam_steps import CutSteps, cut_steps
-from processing._synthesis.spectrum import match_spectrum
+from processing._synthesis.softened_cuts import soften_cuts
+from processing._synthesis.spectrum_match import match_spectrum
 from processing._synthesis.strips import SheetRows, strips
 from rig import Progress, in_threads, no_progress
 
@@ -143,6 +144,8 @@ def synthesize(
             f"{14 * size[0] * size[1] / 1e9:.1f} GB"
         ) from error
     _fill(sheet, labels, made, grid[0], grid[1], patch, seed, tileable, on_progress)
+    # In this order, because softened cuts have less power at high frequencies.
+    soften_cuts(sheet, labels, wrapped=tileable)
     match_spectrum(sheet, exemplar, wrapped=tileable)
     if isinstance(sheet, BandFile):
         # Writable, but never written: kernels are compiled once for arrays and files.

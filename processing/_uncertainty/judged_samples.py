@@ -31,7 +31,7 @@ _SHADOWED, _DEEP = 0.5, 0.25
 _LEAST_VARIANCE = np.float32(1e-12)
 # The values of `SampleKind`, for the compiler.
 LIT = 0
-_ATTACHED, CAST, SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
+ATTACHED, CAST, SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
@@ -122,10 +122,10 @@ def all_agree(
         dim += np.int32((shading[k] > zero) & (v[k] <= dark))
     if count == len(kinds):
         for k in range(count):
-            kinds[k] = np.uint8(LIT) if shading[k] > zero else np.uint8(_ATTACHED)
+            kinds[k] = np.uint8(LIT) if shading[k] > zero else np.uint8(ATTACHED)
     else:
         for k in range(count):
-            kinds[index[k]] = LIT if shading[k] > zero else _ATTACHED
+            kinds[index[k]] = LIT if shading[k] > zero else ATTACHED
     return int(lit), int(dim)
 
 
@@ -133,7 +133,7 @@ def all_agree(
 def _kind_of(value: float, shading: float, distance: float, scale: float, least: float) -> int:
     """Return the kind of a measured sample."""
     if shading <= 0.0:
-        return _ATTACHED if value <= 0.0 or distance <= _CUT * scale else _OUTLIER
+        return ATTACHED if value <= 0.0 or distance <= _CUT * scale else _OUTLIER
     beyond = distance > _CUT * scale
     if value < _SHADOWED * shading and beyond:
         return CAST
@@ -192,22 +192,14 @@ def normalised_residuals(
     return total
 
 
-@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def product(a: Float, b: Float) -> float:
-    total = 0.0
-    for k in range(len(a)):
-        total += float(a[k]) * float(b[k])
-    return total
-
-
 @numba.njit(**IN_PLACE, error_model="numpy")
 def count_kinds(kinds: Kinds, counts: npt.NDArray[np.uint16]) -> None:
     lit, attached = np.int32(0), np.int32(0)
     for k in range(len(kinds)):
         lit += np.int32(kinds[k] == LIT)
-        attached += np.int32(kinds[k] == _ATTACHED)
-    counts[LIT], counts[_ATTACHED] = lit, attached
+        attached += np.int32(kinds[k] == ATTACHED)
+    counts[LIT], counts[ATTACHED] = lit, attached
     if lit + attached < len(kinds):
         for k in range(len(kinds)):
-            if kinds[k] > _ATTACHED:
+            if kinds[k] > ATTACHED:
                 counts[kinds[k]] += 1

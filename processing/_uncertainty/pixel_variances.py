@@ -128,11 +128,11 @@ class VarianceMaps:
 
     def add(self, pixels: Pixels, samples: Float, vectors: Float, law: Float | None) -> None:
         """Solve complete rows of pixels."""
-        _, counts, found, parts = self._solver.solve(pixels, samples, vectors, law)
+        _, counts, found, parts = self._solver.solve(
+            pixels, samples, vectors, law, keep_kinds=False
+        )
         good = np.isfinite(found[:, 0])
-        # A slice is written faster than a list of pixels.
-        alike = pixels[-1] - pixels[0] + 1 == len(pixels)
-        at = slice(int(pixels[0]), int(pixels[-1]) + 1) if alike else pixels
+        at = place_of(pixels)
         self._counts[:, at] = counts.T
         self._reason[at] = _reasons(counts, good, self._albedo.reshape(-1)[at] > 0)
         self._parts[:, at] = parts.T
@@ -211,6 +211,12 @@ def shown_by(given: SolvedStack) -> Shown:
     samples, vectors = model.samples(frames, some)
     of_some = _law(law, fitted, some, samples, vectors)
     return Shown(fitted, given.solver().correlation(some, samples, vectors, of_some))
+
+
+def place_of(pixels: Pixels) -> slice | Pixels:
+    """Return increasing indices, as a slice if none is left out: it is written faster."""
+    whole = pixels[-1] - pixels[0] + 1 == len(pixels)
+    return slice(int(pixels[0]), int(pixels[-1]) + 1) if whole else pixels
 
 
 def some_of(pixels: Pixels) -> Pixels:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAX_CONDITION
 from processing._uncertainty.judged_samples import (
+    ATTACHED,
     CAST,
     LIT,
     SATURATED,
@@ -18,31 +19,48 @@ from processing._uncertainty.judged_samples import (
     judged,
     normalised_residuals,
     predicted,
-    product,
     usable_parts,
 )
 from processing._uncertainty.light_table import distant_variances, near_variances
 from processing._uncertainty.reflectance_left import reflectance_left
-from processing._uncertainty.tangents import squared_angle, tangent_change, tangent_trace
+from processing._uncertainty.tangents import (
+    squared_angle,
+    tangent_change,
+    tangent_part,
+    tangent_trace,
+)
+from processing._uncertainty.tile_reference import (
+    APART,
+    DARK,
+    NOT_NOISE,
+    ROW,
+    SETTLED,
+    STATE,
+    TILE,
+    add_lights,
+    add_products,
+    load,
+    ordinary,
+    product,
+    write_residuals,
+    write_shared,
+)
 
 # Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_uncertainty/judged_samples.py d1aa12d47805
+# Compiled in: processing/_uncertainty/judged_samples.py 42279be09412
 # Compiled in: processing/_uncertainty/light_table.py 62cfc3cb4f29
-# Compiled in: processing/_uncertainty/tangents.py 010877d7ae68
+# Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
 # Compiled in: processing/_uncertainty/reflectance_left.py ec5e1270ad5f
+# Compiled in: processing/_uncertainty/tile_reference.py b48c5fddba0e
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Kinds = npt.NDArray[np.uint8]
 
 _STEPS = 4
-# The solution is settled if the square of its change is below this share of its variance.
-_SETTLED = 0.01
 # The errors of the lights are those at the given solution, or at one that is further away than 1
 # degree from it.
 _MOVED2 = 3e-4
-# Samples below this share of the mean show no light; only the first step needs it.
-_DARK = 0.05
 # As in `pixel_algebra`: trace(A) trace(A^-1) is at most 9 times the squared condition number.
 _CONDITION2 = 9.0 * MAX_CONDITION**2
 _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
@@ -50,11 +68,6 @@ _LEAST_DETERMINANT = 1 / (3**3 * _CONDITION2**2)
 # normalised residuals, their degrees of freedom, what a reflectance leaves of the sum, sum of the
 # products with the residuals of a neighbour, and their degrees of freedom.
 PARTS = 9
-# Residuals beyond this many standard deviations of their sum of squares are not noise.
-_NOT_NOISE = 4.0
-# Pixels between neighbours whose residuals are compared: demosaicing makes the noise of closer ones
-# similar.
-_APART = 4
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
@@ -131,7 +144,7 @@ def _pixel(
     count, mean = usable_parts(values, vectors, law, per, samples, index, kinds)
     v = samples[0]
     shading, variance, distance, weight = scratch[0], scratch[1], scratch[2], scratch[3]
-    dark = np.float32(_DARK * mean)
+    dark = np.float32(DARK * mean)
     one = np.float32(1)
     scale, lit, moved = one, 0, False
     for step in range(_STEPS):
@@ -158,15 +171,13 @@ def _pixel(
         change2 = (x - m[0]) ** 2 + (y - m[1]) ** 2 + (z - m[2]) ** 2
         m[0], m[1], m[2] = x, y, z
         moved = change2 > _MOVED2
-        size2 = _SETTLED * (inverse[0] + inverse[3] + inverse[5])
+        size2 = SETTLED * (inverse[0] + inverse[3] + inverse[5])
         if dim == 0 and change2 <= size2:
             break
     length2 = m[0] * m[0] + m[1] * m[1] + m[2] * m[2]
     if not length2 > 0:
         return False
-    along = inverse[0] * m[0] * m[0] + inverse[3] * m[1] * m[1] + inverse[5] * m[2] * m[2]
-    along += 2 * (inverse[1] * m[0] * m[1] + inverse[2] * m[0] * m[2] + inverse[4] * m[1] * m[2])
-    total = max(inverse[0] + inverse[3] + inverse[5] - along / length2, 0.0) / length2
+    total = tangent_part(inverse, m, length2) / length2
     of_lights = of_height = 0.0
     if errors and near:
         b0 = b1 = b2 = 0.0
@@ -187,7 +198,7 @@ def _pixel(
     parts[0], parts[1], parts[2] = total - of_lights, of_lights, of_height
     free, away2 = lit - 3.0, squared_angle(m, start, length2)
     parts[3], parts[4], parts[5], parts[6] = away2, chi2, free, chi2
-    if away2 > total and chi2 > free + _NOT_NOISE * math.sqrt(2 * free):
+    if away2 > total and chi2 > free + NOT_NOISE * math.sqrt(2 * free):
         left = reflectance_left(count, samples, kinds, index, start, point, view, near, scratch)
         parts[6] = min(chi2, left * free)
     return True
@@ -199,36 +210,50 @@ def _solve_row(
     values: Float, vectors: Float, law: Float, normals: Float, albedo: Float, least: np.float32,
     table: Float, errors: bool, near: bool, points: Double, view: Double,
     places: npt.NDArray[np.intp], samples: Float, scratch: Float, index: npt.NDArray[np.int64],
-    work: Double, start: Double, residuals: Float, kinds: Kinds, counts: npt.NDArray[np.uint16],
-    reference: Double, parts: Float,
+    work: Double, start: Double, rows: Float, state: Float, residuals: Float, own_kinds: Kinds,
+    kinds: Kinds, counts: npt.NDArray[np.uint16], reference: Double, parts: Float,
 ) -> None:  # fmt: skip
-    """Solve the pixels of a row of the image."""
+    """Solve the pixels of a row of the image, tile by tile."""
     lights = values.shape[1]
-    for p in range(first, last):
-        at = places[p]
-        for c in range(3):
-            start[c] = normals[at, c] * albedo[at]
-        good = False
-        own = residuals[p % (_APART + 1)]
-        own[:] = 0
-        if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
-            good = _pixel(
-                values[p], vectors[p if len(vectors) > 1 else 0],
-                law[p if len(law) > 1 else 0], start, least, table, errors, near,
-                points[at if near else 0], view, samples, scratch, index, work, kinds[p], own,
-                reference[p], parts[p],
-            )  # fmt: skip
-        else:
-            for i in range(lights):
-                measured = math.isfinite(values[p, i])
-                kinds[p, i] = CAST if measured else SATURATED
-        count_kinds(kinds[p], counts[p])
-        if not good:
-            reference[p] = np.nan
-            own[:] = 0
-        elif p >= first + _APART and places[p - _APART] == at - _APART:
-            parts[p, 7] = product(own, residuals[(p + 1) % (_APART + 1)])
-            parts[p, 8] = parts[p, 5]
+    quick = least == np.float32(1) and not errors and len(kinds) == 0
+    for begin in range(first, last, TILE):
+        count = min(TILE, last - begin)
+        load(begin, count, values, vectors, law, normals, albedo, places, rows, state)
+        if quick:
+            add_lights(count, rows, state, work)
+        for k in range(count):
+            p = begin + k
+            lit = ordinary(state, k, work, reference[p], parts[p]) if quick else 0
+            if lit:
+                counts[p, LIT], counts[p, ATTACHED] = lit, lights - lit
+                continue
+            at = places[p]
+            for c in range(3):
+                start[c] = normals[at, c] * albedo[at]
+            of_pixel = kinds[p] if len(kinds) else own_kinds
+            good = False
+            residuals[:] = 0
+            if start[0] != 0.0 or start[1] != 0.0 or start[2] != 0.0:
+                good = _pixel(
+                    values[p], vectors[p if len(vectors) > 1 else 0],
+                    law[p if len(law) > 1 else 0], start, least, table, errors, near,
+                    points[at if near else 0], view, samples, scratch, index, work, of_pixel,
+                    residuals, reference[p], parts[p],
+                )  # fmt: skip
+            else:
+                for i in range(lights):
+                    measured = math.isfinite(values[p, i])
+                    of_pixel[i] = CAST if measured else SATURATED
+            count_kinds(of_pixel, counts[p])
+            if not good:
+                reference[p] = np.nan
+                residuals[:] = 0
+            write_residuals(rows, k, residuals)
+        add_products(rows, state)
+        for p in range(max(begin, first + APART), begin + count):
+            if places[p - APART] == places[p] - APART and not math.isnan(reference[p, 0]):
+                parts[p, 7] = product(state, p - begin)
+                parts[p, 8] = parts[p, 5]
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -266,7 +291,8 @@ def reference_solutions(
     rows
         ``(R + 1,)`` where each row of the image begins in the list of pixels, and its length.
     kinds
-        ``(P, N)``, receives the values of `SampleKind`.
+        ``(P, N)``, receives the values of `SampleKind`; ``(0, N)`` if only their numbers are
+        wanted, and ordinary pixels are solved several at once then.
     counts
         ``(P, 6)``, receives their numbers.
     reference
@@ -276,12 +302,14 @@ def reference_solutions(
     """
     lights = values.shape[1]
     samples, scratch = np.zeros((8, lights), np.float32), np.zeros((4, lights), np.float32)
-    residuals = np.zeros((_APART + 1, lights), np.float32)
+    residuals, own_kinds = np.zeros(lights, np.float32), np.zeros(lights, np.uint8)
     index = np.zeros(lights, np.int64)
     work, start = np.zeros(24), np.zeros(3)
+    of_lights, state = np.zeros((lights, ROW), np.float32), np.zeros(STATE, np.float32)
+    write_shared(vectors, law, of_lights)
     for row in range(first_row, last_row):
         _solve_row(
             rows[row], rows[row + 1], values, vectors, law, normals, albedo, least, table, errors,
-            near, points, view, places, samples, scratch, index, work, start, residuals, kinds,
-            counts, reference, parts,
+            near, points, view, places, samples, scratch, index, work, start, of_lights, state,
+            residuals, own_kinds, kinds, counts, reference, parts,
         )  # fmt: skip

@@ -59,13 +59,20 @@ class ReferenceSolver:
         self._errors = bool(self._table[ERRORS].any() or self._view[3] > 0)
 
     def solve(
-        self, pixels: Pixels, samples: Float, vectors: Float, law: Float | None
+        self,
+        pixels: Pixels,
+        samples: Float,
+        vectors: Float,
+        law: Float | None,
+        *,
+        keep_kinds: bool = True,
     ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint16], Double, Float]:
         """Return kinds, their numbers, references and variances of some pixels.
 
-        See `reference_solutions`. Without a law, all samples have the same unknown variance.
+        See `reference_solutions`. Without a law, all samples have the same unknown variance. The
+        kinds are ``(0, N)`` if they are not kept, which is faster.
         """
-        kinds = np.zeros(samples.shape, np.uint8)
+        kinds = np.zeros((len(samples) if keep_kinds else 0, samples.shape[1]), np.uint8)
         counts = np.zeros((len(pixels), len(SampleKind)), np.uint16)
         reference = np.zeros((len(pixels), 3))
         parts = np.zeros((len(pixels), PARTS), np.float32)

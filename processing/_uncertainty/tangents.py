@@ -19,6 +19,14 @@ _SMALL2 = 1e-6
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
+def tangent_part(inverse: Double, m: Double, length2: float) -> float:
+    """Return the trace of a symmetric matrix A (6 numbers) across a vector of known length."""
+    along = inverse[0] * m[0] * m[0] + inverse[3] * m[1] * m[1] + inverse[5] * m[2] * m[2]
+    along += 2 * (inverse[1] * m[0] * m[1] + inverse[2] * m[0] * m[2] + inverse[4] * m[1] * m[2])
+    return float(max(inverse[0] + inverse[3] + inverse[5] - along / length2, 0.0))
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
 def tangent_trace(inverse: Double, m: Double, inner: Double) -> float:
     """Return ``tr(P A B A P)`` for a symmetric B (6 numbers); A is an inverse."""
     length = math.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+import acquisition
+
 Float = npt.NDArray[np.float32]
 
 _MOST_PX: Final = 700  # of a side of a picture: about twice the pixels of a slot
@@ -72,7 +74,11 @@ class Crop:
         """Number of pixels of the image per pixel of the picture."""
         return max(1.0, max(self.size) / self.most_px)
 
-    def picture(self, values: npt.NDArray[Any], mask: npt.NDArray[np.bool_] | None = None) -> Float:
+    def picture(
+        self,
+        values: npt.NDArray[Any] | acquisition.MapRows,
+        mask: npt.NDArray[np.bool_] | None = None,
+    ) -> Float:
         """Cut out a map or an image, ``(H, W)`` or ``(H, W, 3)``, and reduce it.
 
         Pixels are averaged; NaN and pixels outside the mask are left out. A pixel of the picture is
@@ -83,7 +89,7 @@ class Crop:
         # First across, in bands of rows: the copies of a complete map would take much memory.
         for top in range(self.rows.start, self.rows.stop, _BAND):
             band = slice(top, min(top + _BAND, self.rows.stop))
-            part = values[band, self.columns].astype(np.float32)
+            part = values[band][:, self.columns].astype(np.float32)
             known = np.isfinite(part)
             if mask is not None:
                 inside = mask[band, self.columns]

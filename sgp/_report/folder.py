@@ -64,8 +64,18 @@ class ResultFolder:
                 continue
             named = record.parameters.get("source")
             if isinstance(named, str):
-                return Path(named)
+                return self.located(named)
         return None
+
+    def located(self, named: str) -> Path:
+        """Return where a path of the records is.
+
+        A relative one begins at the folder in which the command ran: the current one, or one that
+        contains the result.
+        """
+        path = Path(named)
+        starts = [Path(), *self.path.absolute().parents]
+        return next((start / path for start in starts if (start / path).exists()), path)
 
     def parameter(self, name: str) -> object:
         """Return the first parameter of this name that is not None."""

@@ -8,19 +8,19 @@ from typing import Literal
 
 import rig
 from sgp._output import sha256
-from sgp._record import ResultRecord
+from sgp._report.folder import ResultFolder
 
 State = Literal["same", "changed", "unlisted"]
 
 
 class Inputs:
-    """The inputs of some records, with the hashes that they had."""
+    """The inputs of the records of a folder, with the hashes that they had."""
 
-    def __init__(self, records: Iterable[ResultRecord]) -> None:
+    def __init__(self, folder: ResultFolder) -> None:
         self._hashes: dict[Path, str] = {}
-        for record in records:
+        for record in folder.records.values():
             for name, digest in record.inputs.items():
-                self._hashes.setdefault(Path(name).absolute(), digest)
+                self._hashes.setdefault(folder.located(name).absolute(), digest)
 
     def state(self, path: Path) -> State:
         """Return whether a file has the hash of the records; one that is gone has changed."""

@@ -17,10 +17,11 @@ from sgp._panels.crop import Crop
 from sgp._report.folder import ResultFolder
 from sgp._report.jumps import jumps_plane
 from sgp._report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
+from sgp._report.large_maps import Values, known, large_normals, read_map
 from sgp._report.planes import Plane
 from sgp._report.tiles import Tile, tiles_of
 
-Read = tuple[str, npt.NDArray[Any], npt.NDArray[np.bool_]]
+Read = tuple[str, Values, npt.NDArray[np.bool_]]
 _MOSTLY: Final = 0.9
 _KEPT: Final = 600_000_000  # bytes of maps that stay in memory
 
@@ -87,7 +88,7 @@ class FolderMaps:
         kept: list[Read] = []
         size = 0
         for one in _read(self.folder, self._max_pixels, self.notices):
-            size += one[1].nbytes
+            size += getattr(one[1], "nbytes", 0)
             kept = [*kept, one] if size <= _KEPT else []
             yield one
         if size <= _KEPT:
@@ -126,7 +127,10 @@ def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedd
             notices.append(rig.Notice("map-unreadable", text))
             continue
         own = _unit(name, folder, unit if pixel_size is not None else "px")
-        planes |= _planes(name, values, mask, crop, own, tiles if full else None)
+        try:
+            planes |= _planes(name, values, mask, crop, own, tiles if full else None)
+        except acquisition.DataError as error:
+            notices.append(_unreadable(error))
     if planes and not (folder.records or folder.notices):
         text = (
             f"{folder.path}: has no record: sizes, figures and parameters are not known; the "
@@ -183,7 +187,7 @@ def _reduced(crop: Crop, most_pixels: float) -> Crop:
 
 def _planes(
     name: str,
-    values: npt.NDArray[Any],
+    values: Values,
     mask: npt.NDArray[np.bool_],
     crop: Crop,
     unit: str,
@@ -191,12 +195,12 @@ def _planes(
 ) -> dict[str, Plane]:
     inside = mask
     if name in MASKS:
-        values = values.astype(np.float32) / np.iinfo(values.dtype).max
         inside = np.ones_like(mask)
-    part = crop.picture(values, inside)
+    most = np.float32(np.iinfo(values.dtype).max if name in MASKS else 1)
+    part = crop.picture(values, inside) / most
     whole = part
     if tiles is not None and crop.step > 1:
-        whole = replace(crop, most_px=max(crop.size)).picture(values, inside)
+        whole = replace(crop, most_px=max(crop.size)).picture(values, inside) / most
     make = quantiser(name, whole, unit)
     if make is None:
         return {}
@@ -226,30 +230,27 @@ def scale(folder: ResultFolder) -> tuple[str, float | None]:
 def _read(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> Iterator[Read]:
     """Yield name, values and mask of the maps of a folder, one at a time."""
     mask = None
-    for name, found in _vectors(folder, max_pixels, notices):
-        mask = found.mask if mask is None else mask
-        yield name, found.normals, found.mask
+    for name, vectors, own in _vectors(folder, max_pixels, notices):
+        mask = own if mask is None else mask
+        yield name, vectors, own
     named = {"albedo": ALBEDO, "height": HEIGHT, **NUMBERS, **MASKS}
     for name, kind in named.items():
         path = folder.file(kind.file)
         if path is None:
             continue
         try:
-            values = acquisition.read_image(path, max_pixels=max_pixels)
+            values = read_map(path, max_pixels)
+            inside = mask
+            if inside is None or inside.shape != values.shape[:2]:
+                # Maps of numbers are NaN outside the object.
+                inside = known(values)
         except acquisition.DataError as error:
             notices.append(_unreadable(error))
             continue
-        if name != "albedo" and name not in MASKS:
-            values = values.astype(np.float32, copy=False)
-        inside = mask
-        if inside is None or inside.shape != values.shape[:2]:
-            inside = np.ones(values.shape[:2], np.bool_)
         yield name, values, inside
 
 
-def _vectors(
-    folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]
-) -> Iterable[tuple[str, processing.NormalMap]]:
+def _vectors(folder: ResultFolder, max_pixels: int, notices: list[rig.Notice]) -> Iterable[Read]:
     """Yield the maps of directions; a folder without normals shows its detail as normals."""
     paths = {name: _file(folder, name) for name in (*VECTORS, "detail")}
     if paths["normals"] is None:
@@ -258,7 +259,12 @@ def _vectors(
         if path is None or name not in VECTORS:
             continue
         try:
-            yield name, processing.read_normals(path, max_pixels=max_pixels).normal_map
+            large = large_normals(folder, path, max_pixels)
+            if large is not None:
+                yield name, *large
+                continue
+            found = processing.read_normals(path, max_pixels=max_pixels).normal_map
+            yield name, found.normals, found.mask
         except acquisition.DataError as error:
             notices.append(_unreadable(error))
 

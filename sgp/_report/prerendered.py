@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from sgp._report.html import Html, tag
+from sgp._report.html import Html, joined, tag
 from sgp._report.planes import VECTOR_STEPS, Plane
 
 _SIDE_PX: Final = 360
@@ -27,8 +27,11 @@ _LIGHTS: Final = (
 )
 
 
-def prerendered(planes: dict[str, Plane], name: str) -> Html:
-    """Return pictures of the normals, and of the albedo if there is one, under eight lights."""
+def prerendered(planes: dict[str, Plane], name: str, *, titled: bool = False) -> Html:
+    """Return pictures of the normals, and of the albedo if there is one, under eight lights.
+
+    With ``titled``, the name of the result is above them.
+    """
     plane = planes.get("normals")
     if plane is None:
         return Html("")
@@ -59,7 +62,8 @@ def prerendered(planes: dict[str, Plane], name: str) -> Html:
                 tag("figcaption", f"Light {title}"),
             )
         )
-    return tag("div", figures, class_="prerendered")
+    heading = [tag("h3", name)] if titled else []
+    return joined(heading, tag("div", figures, class_="prerendered"))
 
 
 def _vectors(plane: Plane) -> npt.NDArray[np.float32]:

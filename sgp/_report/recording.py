@@ -84,7 +84,7 @@ def read_recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int)
     Files whose hashes are not those of the records are left out.
     """
     notices: list[rig.Notice] = []
-    inputs = Inputs(folder.records.values())
+    inputs = Inputs(folder)
     lights = _lights(folder, inputs, notices)
     named = folder.source
     if named is None:
@@ -134,7 +134,7 @@ def _lights(
     folder: ResultFolder, inputs: Inputs, notices: list[rig.Notice]
 ) -> acquisition.Lights | None:
     stated = folder.parameter("lights")
-    path = Path(stated) if isinstance(stated, str) else folder.file("lights.json")
+    path = folder.located(stated) if isinstance(stated, str) else folder.file("lights.json")
     if path is None:
         return None
     if inputs.state(path) == "changed":

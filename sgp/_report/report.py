@@ -33,11 +33,12 @@ _POWER: Final = 1.15  # of the pixels: smaller maps need more bytes for each
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """A page, what could not be shown, and the reduction of each result."""
+    """A page, what could not be shown, and the reduction of each result, also in words."""
 
     html: str
     notices: list[rig.Notice]
     reduction: list[float]
+    reduced: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +87,17 @@ def make_report(
         share = max(0.1, _MARGIN * room / planes) ** _POWER
         pixels = min(pixels, max(one.size[0] * one.size[1] for one in embedded)) * share
     notices = [notice for part in parts for notice in part.notices]
-    shown = [part.maps for part in parts if part.folder and part.maps]
-    return Report(html, notices, [1.0 if one.tiles else one.crop.step for one in shown])
+    shown = [(part.name, part.maps) for part in parts if part.folder and part.maps]
+    reduction = [1.0 if maps.tiles else maps.crop.step for _, maps in shown]
+    reduced = [
+        _reduced(name, maps) for name, maps in shown if not maps.tiles and maps.crop.step > 1
+    ]
+    return Report(html, notices, reduction, reduced)
+
+
+def _reduced(name: str, maps: Embedded) -> str:
+    (rows, columns), (high, wide) = maps.size, maps.crop.size
+    return f"the page shows {name} reduced from {wide} x {high} to {columns} x {rows} pixels"
 
 
 def write_report(path: Path, folder: Path, result: Result, max_pixels: int) -> None:
@@ -97,7 +107,7 @@ def write_report(path: Path, folder: Path, result: Result, max_pixels: int) -> N
     result.outputs["report"] = path
     known = set(result.warnings)
     result.warnings += [notice for notice in made.notices if notice not in known]
-    result.summary.append(f"turn the light in {path}")
+    result.summary += [f"turn the light in {path}", *made.reduced]
 
 
 class _Folder:
@@ -159,7 +169,9 @@ def _page(parts: Sequence[_Part], *, maps: bool = True) -> str:
     planes += [
         (_plane_id(part, one.key), one.encoded) for part, found in shown for one in found.tiles
     ]
-    pictures = [prerendered(found.planes, part.name) for part, found in shown]
+    pictures = [
+        prerendered(found.planes, part.name, titled=len(shown) > 1) for part, found in shown
+    ]
     heading = " of {}" if len(folders) > 1 else ""
     body = [
         tag("header", tag("h1", name), tag("p", _lead(parts), class_="lead")),

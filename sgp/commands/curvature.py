@@ -11,10 +11,10 @@ import acquisition
 import processing
 import rig
 from sgp._map_doubts import read_map
-from sgp._metrics import CurvatureMetrics
 from sgp._options import FitScale, Input, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_metrics import CurvatureMetrics
 
 
 @writes_folder("curvature.json")

@@ -7,13 +7,13 @@ from typing import Literal
 
 import processing
 import rig
-from sgp._console import Stages
 from sgp._detail_metrics import CombineMetrics
 from sgp._map_doubts import read_map
-from sgp._options import Input, Pixels
+from sgp._options import Input, Memory, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stage_options import MapOptions, SeparationOptions
+from sgp._stored_separation import separation_within
 from sgp._write import write_separation
 
 Green = Literal["up", "down"]
@@ -28,6 +28,7 @@ def separate(
     options: SeparationOptions = _SEPARATION,
     green: Green = "up",
     maps: MapOptions = _MAPS,
+    memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -51,18 +52,19 @@ def separate(
         Direction of the green channel in an image file.
     maps
         Form of the PNGs.
+    memory
+        Memory to use, such as 3G or 500M; default: half of what is free. Maps that do not fit are
+        computed in bands of rows, in files in the output folder; the same command continues them
+        if it was interrupted.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
         Write into an output folder that already contains files.
     """
-    read = read_map(normals, green=green, max_pixels=max_pixels)
-    with Stages() as progress:
-        parts = processing.separate(
-            read.normal_map, shape_filter=options.shape_filter(), on_progress=progress
-        )
-    read = read._replace(normal_map=parts.shape)  # frees the memory of the map
-    result = write_separation(claim_folder(out, "detail.json"), parts, maps)
+    with separation_within(
+        memory, normals, options, green=green, max_pixels=max_pixels, out=out, force=force
+    ) as (parts, read):
+        result = write_separation(claim_folder(out, "detail.json"), parts, maps)
     result.warnings += read.warnings
     result.inputs = list(read.files)
     return result

@@ -95,7 +95,8 @@ def superres(
         network = processing.read_superres_model(model, scale, method)
     read = read_map(normals, green=green, max_pixels=max_pixels)
     doubts = [] if sampling or network is None else points_notices(read)
-    used = sampling or ("points" if doubts else "area")
+    points = any(doubt.code == "superres-points" for doubt in doubts)
+    used = sampling or ("points" if points else "area")
     view = None if camera is None else acquisition.read_camera(camera, read.normal_map.size)
     with Stages() as progress:
         made = processing.super_resolve(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 from rig import Notice
-from sgp._metrics import InspectMetrics
 from sgp._options import Input, RecordingOptions, SourceOptions
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._spheres import SphereLights
+from sgp._stage_metrics import InspectMetrics
 from sgp._stages import compute_normals, open_recording
 
 _DEFAULTS = RecordingOptions()

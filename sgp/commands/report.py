@@ -62,4 +62,5 @@ def report(
     }
     result.metrics = metrics
     result.summary = [f"open {out} in a browser ({len(content) / 1e6:.1f} MB)"]
+    result.summary += [f"{text}; --full adds all pixels" for text in made.reduced]
     return result

@@ -13,15 +13,17 @@ import acquisition
 import processing
 import rig
 from sgp._camera_doubts import camera_notices
-from sgp._console import Stages
+from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._map_doubts import with_remedy
-from sgp._options import Input, Millimetres, OptionalInput, Pixels, Positive
+from sgp._options import Input, Memory, Millimetres, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._sigma_map import read_sigma
 from sgp._stage_options import SurfaceOptions
-from sgp._write import write_surface
+from sgp._stored_surface import SurfaceInputs, check_colours, masked, stored_surface
+from sgp._surface_memory import SurfaceWay, surface_way
+from sgp._write_surface import write_surface
 
 _SURFACE = SurfaceOptions()
 
@@ -41,6 +43,7 @@ def surface(
     options: SurfaceOptions = _SURFACE,
     green: Literal["up", "down"] = "up",
     max_pixels: Pixels = rig.MAX_PIXELS,
+    memory: Memory | None = None,
     force: bool = False,
 ) -> Result:
     """Integrate a normal map to height, depth and a mesh.
@@ -86,6 +89,9 @@ def surface(
         Direction of the green channel in an image file.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
+    memory
+        Memory to use, such as 3G or 500M; default: half of what is free. A surface that does not
+        fit is solved in blocks of rows, in files in the output folder.
     force
         Write into an output folder that already contains files.
     """
@@ -94,17 +100,29 @@ def surface(
         raise UsageError("--prior-sigma is for known heights: give --prior too")
     if options.height_sigma and sigma is None:
         raise UsageError("--height-sigma needs deviations of the normals: give --sigma too")
+    way = _way(memory, normals, camera, sigma, prior, options, max_pixels)
+    if way.rows is not None:
+        inputs = SurfaceInputs(
+            normals=normals,
+            mask=mask,
+            albedo=albedo,
+            camera=camera,
+            sigma=sigma,
+            mean_depth_mm=lambda model: (
+                None if height_mm is None else _mean_depth(height_mm, model)
+            ),
+            green=green,
+            max_pixels=max_pixels,
+        )
+        result = stored_surface(inputs, options, way, out)
+        result.warnings = [_with_remedy(doubt, green, options) for doubt in result.warnings]
+        return result
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
     normal_map, notices = read.normal_map, [*read.warnings]
     if mask is not None:
-        wanted = acquisition.read_mask(mask, normal_map.size)
-        inside = wanted & normal_map.mask
-        lost = int(np.count_nonzero(wanted & ~inside))
-        if lost:
-            have = "pixel of the mask has", "pixels of the mask have"
-            text = f"{rig.pluralize(lost, *have)} no normal in {normals}, and no height"
-            notices.append(rig.Notice("normals-not-unit", text, str(mask), "info"))
-        normal_map = processing.NormalMap.from_vectors(normal_map.normals, inside)
+        inside, lost = masked(mask, normal_map.mask, normals)
+        notices += lost
+        normal_map = processing.NormalMap(normal_map.normals * inside[..., None], inside)
     model = None if camera is None else acquisition.read_camera(camera, normal_map.size)
     if camera is not None and model is not None:
         notices += camera_notices(camera, model)
@@ -123,7 +141,9 @@ def surface(
             sigma=pixel_size if prior_sigma is None else prior_sigma,
             max_pixels=max_pixels,
         )
-    depth_mm = None if height_mm is None else _depth(height_mm, model, normal_map)
+    depth_mm = None
+    if height_mm is not None:
+        depth_mm = np.full(normal_map.size, _mean_depth(height_mm, model), np.float32)
     with Stages() as progress:
         height_map = processing.integrate(
             normal_map,
@@ -143,6 +163,7 @@ def surface(
     result = write_surface(
         claimed, height_map, normal_map, options, colours=colours, sigma_deg=sigma_deg
     )
+    acquisition.remove_unfinished(out / "surface")
     doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
     result.warnings = [*notices, *doubts]
     if known is not None:
@@ -172,10 +193,33 @@ def _with_remedy(
     return with_remedy(notice, green)
 
 
-def _depth(
-    height_mm: float, camera: acquisition.CameraModel | None, normal_map: processing.NormalMap
-) -> npt.NDArray[np.float32]:
-    """Return a map of the depth at a height above the working plane."""
+def _way(
+    memory: int | None,
+    normals: Path,
+    camera: Path | None,
+    sigma: Path | None,
+    prior: Path | None,
+    options: SurfaceOptions,
+    max_pixels: int,
+) -> SurfaceWay:
+    """Return how the surface is solved, and state it if it is not the ordinary way."""
+    size = processing.find_normals(normals, max_pixels=max_pixels).size
+    wanted = {"--prior": prior is not None, **options.whole_surface()}
+    way = surface_way(
+        memory,
+        size,
+        camera=camera is not None,
+        sigma=sigma is not None,
+        stl=options.stl,
+        whole_for=[name for name, given in wanted.items() if given],
+    )
+    if memory is not None or way.rows is not None:
+        note(way.line())
+    return way
+
+
+def _mean_depth(height_mm: float, camera: acquisition.CameraModel | None) -> float:
+    """Return the depth at a height above the working plane."""
     distance = None if camera is None else camera.working_distance_mm
     if distance is None:
         raise UsageError("--height-mm needs a camera with a working distance: give --camera")
@@ -184,7 +228,7 @@ def _depth(
             f"--height-mm {height_mm:g} is behind the camera, which is {distance:g} mm above the "
             "working plane"
         )
-    return np.full(normal_map.size, distance - height_mm, np.float32)
+    return distance - height_mm
 
 
 def _colours(
@@ -192,12 +236,7 @@ def _colours(
 ) -> npt.NDArray[np.uint8]:
     """Read colours as sRGB samples: floats are linear albedo, other samples are sRGB."""
     image = acquisition.read_image(path, max_pixels=max_pixels)
-    if image.shape[:2] != normal_map.size:
-        height, width = normal_map.size
-        raise acquisition.DataError(
-            f"{path}: {image.shape[1]} x {image.shape[0]} pixels, but the normals have {width} x "
-            f"{height}: give an image of the same size"
-        )
+    check_colours(path, image.shape, normal_map.size)
     if image.dtype == np.uint8:
         return image.astype(np.uint8)
     if image.dtype == np.uint16:

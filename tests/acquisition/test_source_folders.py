@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -223,6 +224,50 @@ def test_images_of_lights_that_a_calibration_left_out_are_not_used(
     (warning,) = source.warnings
     assert warning.code == "images-without-light"
     assert all(name in warning.text for name in unlit)
+
+
+@pytest.mark.parametrize(
+    ("known", "without", "expected"),
+    [
+        pytest.param(range(6), ["1", "4"], [0, 2, 3, 5], id="by name"),
+        pytest.param([0, 2, 3, 4, 5], ["a.1"], [0, 1, 2, 3, 4], id="a light that is missing"),
+        pytest.param([5, 0, 2, 3], ["1", "4"], [1, 2, 3, 0], id="by name, another order"),
+        pytest.param(6, ["1", "4"], [0, 2, 3, 5], id="by order, all images"),
+        pytest.param(4, ["1", "4"], [0, 1, 2, 3], id="by order, the others"),
+        pytest.param(5, ["1", "4"], None, id="other lights"),
+    ],
+)
+def test_images_that_are_left_out_need_no_light(
+    tmp_path: Path, known: Iterable[int] | int, without: list[str], expected: list[int] | None
+) -> None:
+    folder = fill(tmp_path, *[f"a.{i}.png" for i in range(6)])
+    lights = cone(known) if isinstance(known, int) else cone(len(list(known)), names(known))
+    if expected is None:
+        with pytest.raises(DataError, match="4 images for 5 lights"):
+            read_source(folder, lights=lights, without=without)
+        return
+    source = read_source(folder, lights=lights, without=without)
+    assert source.light_ids == tuple(f"a.{i}" for i in range(6) if str(i) not in "".join(without))
+    assert indices(source.lights) == expected
+    assert bool(source.warnings) == isinstance(known, int)
+
+
+def names(known: Iterable[int]) -> tuple[str, ...]:
+    return tuple(f"a.{i}" for i in known)
+
+
+def test_an_image_that_is_left_out_next_to_one_without_a_light(tmp_path: Path) -> None:
+    """A calibration left out the light of image 1; the caller leaves out 1 and 3, or only 3."""
+    folder = fill(tmp_path, *[f"a.{i}.png" for i in range(6)])
+    lights = replace(cone(5, names([0, 2, 3, 4, 5])), calibrated=Calibrated(datetime.now(UTC)))
+    for without, codes in ((["1", "3"], []), (["3"], ["images-without-light"])):
+        source = read_source(folder, lights=lights, without=without)
+        assert source.light_ids == names([0, 2, 4, 5])
+        assert indices(source.lights) == [0, 1, 3, 4]
+        assert [warning.code for warning in source.warnings] == codes
+    assert read_source(folder, without=["3"]).light_ids == names([0, 1, 2, 4, 5])
+    with pytest.raises(DataError, match="no image is named"):
+        read_source(folder, without=["7"])
 
 
 def test_different_numbers_of_lights_and_images_are_refused(tmp_path: Path) -> None:

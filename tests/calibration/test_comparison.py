@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from acquisition import DataError, LightErrors, Lights
+from acquisition import Calibrated, DataError, LightErrors, Lights
 from calibration import LightComparison, compare_lights, compare_with_rig
 from rig import RigConfig
 
@@ -300,6 +301,41 @@ def test_refused(other: Lights, match: str) -> None:
     with pytest.raises(DataError, match=match) as caught:
         compare_lights(dome(12), other)
     assert "\n" not in str(caught.value)
+
+
+CALIBRATED = Calibrated(datetime.now(UTC))
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_lights_that_a_calibration_left_out_are_named(calibrated: bool) -> None:
+    """35 of 36 lights, then another 35; without `calibrated`, names may only be the order."""
+    whole = replace(dome(36), calibrated=CALIBRATED if calibrated else None)
+    first = whole.take([n for n in range(36) if n != 20])
+    moved = np.asarray(whole.positions_mm) + np.array([0, 0, 2])
+    second = replace(whole, positions_mm=moved, axes=None).take([*range(35, 7, -1), *range(7)])
+    cases = [(whole, first, ["L20"]), (first, whole, ["L20"]), (first, second, ["L07", "L20"])]
+    for a, b, missing in cases:
+        if not calibrated:
+            with pytest.raises(DataError, match="compare calibrations of the same lights"):
+                compare_lights(a, b)
+            continue
+        found = compare_lights(a, b)
+        said = " ".join(n.text for n in found.warnings if n.code == "lights-not-compared")
+        assert found.ids == tuple(name for name in whole.ids if name not in missing)
+        assert all(name in said for name in missing)
+        assert found.distance_mm is not None
+        assert found.distance_mm == pytest.approx(2 if b is second else 0)
+        assert found.same_order
+
+
+def test_calibrations_with_few_lights_in_common_are_refused() -> None:
+    whole = replace(dome(12), calibrated=CALIBRATED)
+    for few in (range(5), [0]):
+        with pytest.raises(DataError, match="has 12 lights, the second"):
+            compare_lights(whole, whole.take(list(few)))
+    renamed = replace(whole, ids=tuple(f"L{n}" for n in range(7, 19)))
+    with pytest.raises(DataError, match="the second has no L00"):
+        compare_lights(whole, renamed)
 
 
 def test_lights_are_matched_by_name() -> None:

@@ -165,6 +165,10 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "tangents",
         )
     },
+    "processing/_uncertainty/tile_reference.py": (
+        "processing/test_tile_reference.py",
+        "processing/test_normal_uncertainty.py",
+    ),
     "processing/_uncertainty/model_error.py": (
         "processing/test_model_error.py",
         "processing/test_normal_uncertainty.py",

@@ -9,6 +9,7 @@ import select
 import shutil
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ PROGRAM = next(
     None,
 )
 MISSING = "there is no Chromium: install Debian's package `chromium`"
+# Of most tests: the smaller it is, the less a software renderer has to draw.
+WINDOW = (960, 640)
 _LIMIT_S = 60.0
 
 
@@ -41,7 +44,7 @@ class Browser:
         Width and height of the window in px.
     """
 
-    def __init__(self, profile: Path, *flags: str, size: tuple[int, int] = (1280, 800)) -> None:
+    def __init__(self, profile: Path, *flags: str, size: tuple[int, int] = WINDOW) -> None:
         self._count, self._buffer = 0, b""
         self.requests: list[str] = []
         self.messages: list[str] = []
@@ -212,6 +215,14 @@ class Browser:
             "Input.dispatchKeyEvent", type="keyDown" if text else "rawKeyDown", text=text, **shared
         )
         self.call("Input.dispatchKeyEvent", type="keyUp", **shared)
+
+    def touch(self, *paths: Sequence[tuple[float, float]]) -> None:
+        """Move fingers along paths of equal length in the window, and lift them."""
+        for number, places in enumerate(zip(*paths, strict=True)):
+            points = [{"x": x, "y": y, "id": finger} for finger, (x, y) in enumerate(places)]
+            kind = "touchMove" if number else "touchStart"
+            self.call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+        self.call("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
 
     def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 4) -> None:
         """Drag with the left button between two places of the window."""

@@ -13,6 +13,7 @@ from sgp import read_record
 from sgp._metrics import COMMANDS, RECORD_FORMAT
 from sgp._record import check_metrics
 from sgp.app import build, run
+from tests.sgp.chromium import Browser
 from tests.sgp.small_rig import RIG
 from tests.sgp.virtual_bench import Bench
 
@@ -128,3 +129,11 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
     bench = Bench(tmp_path)
     yield bench
     bench.close()
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """Start a headless Chromium, which all tests of pages share."""
+    browser = Browser(tmp_path_factory.mktemp("chromium"), "--enable-unsafe-swiftshader")
+    yield browser
+    browser.close()

@@ -170,3 +170,13 @@ def test_unfinished_maps_of_another_command_are_kept_with_enough_memory(sgp, rec
     line = sgp("normals", recording, "--lights", tmp_path / "lights.json", "--out", out)
     assert "unfinished maps of a command with another" in line.error_line(2)
     assert (out / "normals.exr").read_text() == "of that command"
+
+
+def test_enough_memory_later_leaves_no_unfinished_maps(sgp, given, tmp_path, monkeypatch) -> None:
+    command = ["normals", *given, "--out", tmp_path / "out", "--memory"]
+    with monkeypatch.context() as patched:
+        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
+        assert sgp(*command, LITTLE).code == 130
+    assert sgp(*command, "1G").code == 0
+    assert sgp("normals", *given, "--out", tmp_path / "whole").code == 0
+    check_equal(tmp_path / "out", tmp_path / "whole")

@@ -9,7 +9,11 @@ import pytest
 
 from acquisition import write_exr
 from rig import MAX_PIXELS
+from sgp._report import large_maps
 from sgp._report import maps as maps_module
+from sgp._report import report as report_module
+from sgp._report.folder import read_folder
+from sgp._report.maps import FolderMaps, embed
 from sgp._report.report import make_report
 from sgp._report.scripts import asset
 from tests.sgp.report_folder import SIZE, write_folder
@@ -58,6 +62,16 @@ def test_maps_are_reduced_until_the_page_is_small_enough(folder):
     assert "reduced from" in small.html
 
 
+def test_the_terminal_states_the_reduction(sgp, folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(report_module, "_PIXELS", 2000)
+    answer = sgp("report", folder, "--out", tmp_path / "page.html")
+    (line,) = [line for line in answer.out.splitlines() if "reduced" in line]
+    sizes = r"from 90 x 90 to 4\d x 4\d pixels"
+    assert re.fullmatch(rf"the page shows ball reduced {sizes}; --full adds all pixels", line)
+    answer = sgp("report", folder, "--out", tmp_path / "full.html", "--full")
+    assert "reduced" not in answer.out
+
+
 def test_each_file_is_read_once_and_three_js_is_for_heights(folder, tmp_path, monkeypatch):
     read = []
     original = maps_module.acquisition.read_image
@@ -76,6 +90,31 @@ def test_each_file_is_read_once_and_three_js_is_for_heights(folder, tmp_path, mo
     three = [asset("vendor/three.js") in page.html for page in pages]
     assert three == [True, False]
     assert len(pages[1].html) < 400_000
+
+
+def test_large_maps_that_are_read_in_bands_give_the_same_page(folder, tmp_path, monkeypatch):
+    part = shutil.copytree(folder, tmp_path / "ball")
+    (part / "invented.png").write_bytes((part / "mask.png").read_bytes())
+
+    def planes(pixels):
+        found = embed(FolderMaps(read_folder(part), MAX_PIXELS), pixels, full=True)
+        assert found.notices == []
+        tiles = [(one.key, one.encoded) for one in found.tiles]
+        return {name: plane.samples for name, plane in found.planes.items()}, tiles
+
+    for pixels in (2000, 1e6):
+        expected = planes(pixels)
+        with monkeypatch.context() as patch:
+            patch.setattr(large_maps, "LARGE", 0)
+            found = planes(pixels)
+        np.testing.assert_equal(found, expected)
+    monkeypatch.setattr(large_maps, "LARGE", 0)
+    height = part / "height.exr"
+    height.write_bytes(height.read_bytes()[:20_000])
+    made = make_report([part], max_pixels=MAX_PIXELS)
+    assert [(one.code, "height.exr" in one.text) for one in made.notices if "map" in one.code] == [
+        ("map-unreadable", True)
+    ]
 
 
 def test_two_folders_are_on_one_page(sgp, folder, tmp_path):

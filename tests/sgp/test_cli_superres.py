@@ -117,6 +117,12 @@ def test_the_map_of_a_projection_has_points(sgp, tmp_path: Path) -> None:
         np.testing.assert_allclose(high.normals, made.normal_map.normals, atol=1e-6)
         notices = [notice["code"] for notice in record["notices"]]
         assert notices == (["superres-points"] if sampling == "points" else [])
+    (out / "project.json").unlink()
+    words = ("detail", "superres", out, "--scale", 2, "--out", tmp_path / "unknown", "--json")
+    answer = json.loads(sgp(*words).out)
+    assert [notice["code"] for notice in answer["notices"]] == ["superres-means-assumed"]
+    record = json.loads((tmp_path / "unknown" / "superres.json").read_text(encoding="utf-8"))
+    assert record["parameters"]["sampling"] == "area"
 
 
 BAD = {

@@ -9,7 +9,13 @@ from typing import Annotated, Any, Literal, NotRequired, get_args, get_origin, g
 
 from typing_extensions import get_original_bases, is_typeddict
 
-from sgp import _calibration_metrics, _comparison_metrics, _detail_metrics, _metrics
+from sgp import (
+    _calibration_metrics,
+    _comparison_metrics,
+    _detail_metrics,
+    _metrics,
+    _stage_metrics,
+)
 from sgp._metrics import COMMANDS
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "result-format.md"
@@ -58,7 +64,13 @@ def table(kind: Any) -> list[str]:
 
 def declared() -> dict[str, list[str]]:
     """Return the table of every type, by title; types that only others extend have none."""
-    modules = (_metrics, _calibration_metrics, _detail_metrics, _comparison_metrics)
+    modules = (
+        _metrics,
+        _stage_metrics,
+        _calibration_metrics,
+        _detail_metrics,
+        _comparison_metrics,
+    )
     kinds = [kind for one in modules for kind in vars(one).values() if is_typeddict(kind)]
     bases = {base for kind in kinds for base in get_original_bases(kind)}
     return {title(kind): table(kind) for kind in kinds if kind not in bases}

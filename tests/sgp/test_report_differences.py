@@ -17,7 +17,7 @@ from sgp._report.folder import read_folder
 from sgp._report.jumps import jumps_plane
 from sgp._report.maps import FolderMaps, embed
 from sgp._stage_options import SurfaceOptions
-from sgp._write import write_surface
+from sgp._write_surface import write_surface
 from tests.sgp.report_folder import PIXEL_MM, write_folder
 
 

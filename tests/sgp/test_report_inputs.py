@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from rig import MAX_PIXELS
+from sgp._report.companions import companions
+from sgp._report.folder import ResultFolder
 from sgp._report.report import make_report
 from tests.sgp.report_folder import write_folder, write_recording
 
@@ -96,6 +100,49 @@ def test_a_filled_map_is_shown_next_to_the_one_before(tmp_path, fault):
         assert others == []
         (notice,) = made.notices
         assert "“Before” is not shown" in str(notice) or "“Before” is not shown" in notice.text
+
+
+SHAPE, DETAIL = "normals.exr", "shape.exr"
+COMPANIONS = {
+    "separate": {"Before": ("normals", SHAPE)},
+    "combine": {"Shape component": ("shape", SHAPE), "Detail component": ("detail", DETAIL)},
+    "properties": {"The map": ("normals", SHAPE), "Target": ("targets", [DETAIL])},
+    "transfer": {"Target": ("target", SHAPE), "Source of the detail": ("source", DETAIL)},
+}
+
+
+@pytest.mark.parametrize("command", COMPANIONS)
+def test_maps_that_a_result_was_computed_from_are_next_to_it(recorded, command):
+    parameters, expected = {}, []
+    for title, (key, files) in COMPANIONS[command].items():
+        paths = [str(recorded / "result" / one) for one in ([files] if key != "targets" else files)]
+        parameters[key] = paths if key == "targets" else paths[0]
+        expected += [f"{title}: {Path(one).name}" for one in paths]
+    record = SimpleNamespace(command=f"sgp detail {command}", parameters=parameters, inputs={})
+    notices = []
+    folder = ResultFolder(recorded, {"record.json": record})
+    assert [name for name, _ in companions(folder, MAX_PIXELS, notices)] == expected
+    assert notices == []
+
+
+def test_maps_of_numbers_without_a_mask_are_cut_out(tmp_path):
+    folder = write_folder(tmp_path / "ball")
+    for name in ("normals", "shape", "albedo", "mask"):
+        for file in folder.glob(f"{name}.*"):
+            file.unlink()
+    (result,) = report_of(make_report([folder], max_pixels=MAX_PIXELS).html)["results"]
+    assert (result["rows"], result["columns"]) == (90, 90)
+
+
+def test_inputs_with_relative_paths_are_found_from_another_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    source = write_recording(Path("frames"))
+    write_folder(Path("out") / "result", inputs=sorted(source.iterdir()), source="frames")
+    for place in ("out/result", "/"):
+        monkeypatch.chdir(tmp_path / place)
+        made = make_report([tmp_path / "out" / "result"], max_pixels=MAX_PIXELS)
+        assert made.notices == []
+        assert len(report_of(made.html)["results"][0]["images"]) == 8
 
 
 def test_a_recording_without_a_result_is_shown(sgp, recorded, tmp_path):

@@ -11,7 +11,7 @@ import pytest
 from rig import MAX_PIXELS
 from sgp._report.folder import read_folder
 from sgp._report.maps import FolderMaps, embed
-from tests.sgp.chromium import MISSING, PROGRAM, Browser
+from tests.sgp.chromium import MISSING, PROGRAM, WINDOW, Browser
 from tests.sgp.report_folder import shaded, write_folder
 
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason=MISSING)
@@ -38,13 +38,6 @@ def folder(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def planes(folder):
     return embed(FolderMaps(read_folder(folder), MAX_PIXELS), 1e6).planes
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    browser = Browser(tmp_path_factory.mktemp("chromium"), "--enable-unsafe-swiftshader")
-    yield browser
-    browser.close()
 
 
 def opened(browser: Browser, path: Path, fragment: str = "") -> Browser:
@@ -216,7 +209,7 @@ def test_hostile_names_and_texts_run_nothing(browser, tmp_path, capsys):
     browser.resize(390, 844, mobile=True)
     browser.value(FRAME)
     assert browser.value("document.documentElement.scrollWidth") <= 390
-    browser.resize(1280, 800)
+    browser.resize(*WINDOW)
     quiet(browser, path)
 
 

@@ -66,13 +66,6 @@ def data(folder) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return tuple(read_image(folder / name)[box] for name in ("height.exr", "height_sigma.exr"))
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    browser = Browser(tmp_path_factory.mktemp("chromium"), "--enable-unsafe-swiftshader")
-    yield browser
-    browser.close()
-
-
 def opened(browser: Browser, page: Path, fragment: str = "") -> Browser:
     browser.open(page, fragment)
     browser.until("document.querySelector('#view-surface3d-tab') !== null")

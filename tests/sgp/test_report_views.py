@@ -13,7 +13,7 @@ from sgp._report import tiles as tiles_module
 from sgp._report.folder import read_folder
 from sgp._report.maps import FolderMaps, embed
 from sgp._report.report import make_report
-from tests.sgp.chromium import MISSING, PROGRAM, Browser
+from tests.sgp.chromium import MISSING, PROGRAM, WINDOW, Browser
 from tests.sgp.report_folder import (
     frame_level,
     light_vector,
@@ -25,13 +25,6 @@ from tests.sgp.test_report_page import FRAME, at_map, opened, pixels, quiet, sho
 
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(PROGRAM is None, reason=MISSING)]
 STATUS = "document.querySelector('.status').textContent"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    browser = Browser(tmp_path_factory.mktemp("chromium"), "--enable-unsafe-swiftshader")
-    yield browser
-    browser.close()
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +89,7 @@ def test_two_pictures_share_light_and_place(browser, page, planes, window):
         assert browser.value(STATUS).startswith("Light: azimuth 85°, elevation 30°")
         quiet(browser, page)
     finally:
-        browser.resize(1280, 800)
+        browser.resize(*WINDOW)
 
 
 def test_dragging_in_the_second_picture_turns_the_light_about_its_middle(browser, page):
@@ -208,3 +201,60 @@ def test_invented_pixels_are_marked_until_the_mark_is_switched_off(browser, fold
     browser.value(FRAME)
     first, _ = halves(pixels(browser), size)
     assert not ((first[..., 0].astype(int) - first[..., 2]) > 60).any()
+
+
+def box_of(browser: Browser, selector: str) -> tuple[float, float, float, float]:
+    """Scroll an element into the window; return its middle and its size."""
+    return tuple(
+        browser.value(
+            f"((one) => {{ one.scrollIntoView({{block: 'center'}});"
+            " const {x, y, width, height} = one.getBoundingClientRect();"
+            " return [x + width / 2, y + height / 2, width, height]; })"
+            f"(document.querySelector('{selector}'))"
+        )
+    )
+
+
+def test_fingers_turn_the_light_zoom_and_set_marks_on_a_phone(browser, page):
+    browser.resize(390, 844, mobile=True)
+    browser.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
+    try:
+        opened(browser, page)
+        x, y, _, high = box_of(browser, ".stage canvas")
+        browser.touch([(x, y), (x, y - 0.1 * high), (x, y - 0.25 * high)])
+        browser.value(FRAME)
+        # The cosine of the elevation is half of the half height.
+        assert browser.value(STATUS) == "Light: azimuth 90°, elevation 60°"
+        zoomed = "document.querySelector('.zoomed').textContent"
+        before = float(browser.value(zoomed).split()[0])
+        browser.touch([(x - 30, y), (x - 60, y)], [(x + 30, y), (x + 60, y)])
+        browser.value(FRAME)
+        assert float(browser.value(zoomed).split()[0]) == pytest.approx(2 * before, abs=1)
+        # The first finger of two has turned the light to the place where it lay.
+        x, y, wide, _ = box_of(browser, "svg.dome")
+        browser.touch([(x, y), (x + 0.225 * wide, y)])
+        assert browser.value(STATUS) == "Light: azimuth 0°, elevation 60°"
+        small = browser.value(
+            "[...document.querySelectorAll('button, select, input')]"
+            ".filter((one) => one.offsetParent && one.type !== 'checkbox' && one.type !== 'range')"
+            ".filter((one) => one.getBoundingClientRect().height < 24).length"
+        )
+        assert small == 0
+
+        browser.value("document.querySelector('#view-surface3d-tab').click()")
+        browser.until("Number(document.querySelector('canvas.surface')?.dataset.drawn ?? 0) > 0")
+        x, y, *_ = box_of(browser, "canvas.surface")
+        picture = "document.querySelector('canvas.surface').toDataURL()"
+        before = browser.value(picture)
+        browser.touch([(x, y), (x + 20, y), (x + 60, y)])
+        browser.value(FRAME)
+        assert browser.value(picture) != before
+        browser.value("document.querySelector('[data-kind=point]').click()")
+        x, y, *_ = box_of(browser, "canvas.surface")
+        browser.touch([(x, y)])
+        browser.until("document.querySelectorAll('section.mark').length === 1")
+        assert browser.value("document.documentElement.scrollWidth") <= 390
+        quiet(browser, page)
+    finally:
+        browser.call("Emulation.setTouchEmulationEnabled", enabled=False)
+        browser.resize(*WINDOW)

@@ -6,7 +6,7 @@ import { modesOf } from "./modes.js";
 
 /** Return the selection of a pane: the result, if there are several, and the mode. */
 export function picker(pane, index, results, changed) {
-  const side = index === 0 ? "Show" : "Second picture";
+  const side = index === 0 ? "Picture" : "Second picture";
   const modes = element("div");
   const fill = () => {
     const offered = modesOf(pane.result);

@@ -2,7 +2,7 @@
 
 const SHADED = [
   ["shaded", "Shaded", ["normals", "albedo"]],
-  ["matte", "Shaded, without albedo", ["normals"]],
+  ["matte", "Shaded, no albedo", ["normals"]],
   ["specular", "Specular enhancement", ["normals"]],
   ["albedo", "Albedo", ["normals", "albedo"]],
   ["normals", "Normals", ["normals"]],

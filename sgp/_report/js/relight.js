@@ -120,7 +120,7 @@ export function mount(body, { results, report }) {
     button("1:1", () => (place.zoomTo(place.unit), redraw()), "One pixel of the screen for each embedded pixel"),
     zoomed,
   );
-  const drags = selection("Dragging moves", [["light", "the light"], ["picture", "the picture"]], "light", (value) => (state.drags = value));
+  const drags = selection("Dragging", [["light", "turns the light"], ["picture", "moves the picture"]], "light", (value) => (state.drags = value));
 
   const legends = panes.map(() => element("div", { class: "legend" }));
   const showLegends = () => {
@@ -164,9 +164,19 @@ export function mount(body, { results, report }) {
     "fieldset",
     {},
     element("legend", {}, "Light"),
-    dome(light, results[0].lights.map((one) => one.direction)),
-    element("div", { class: "bar" }, button("Raking", () => light.set({ elevation: RAKING_DEG }), "Light from the side"), button("Overhead", () => light.set({ elevation: 90 })), turning.button),
-    element("label", { class: "check" }, near, "near light"),
+    element(
+      "div",
+      { class: "aiming" },
+      dome(light, results[0].lights.map((one) => one.direction)),
+      element(
+        "div",
+        { class: "presets" },
+        button("Raking", () => light.set({ elevation: RAKING_DEG }), "Light from the side"),
+        button("Overhead", () => light.set({ elevation: 90 })),
+        turning.button,
+        element("label", { class: "check" }, near, "near light"),
+      ),
+    ),
     distance.row,
     slider("Brightness", { min: 0.2, max: 4, step: 0.05, value: 1, shown: (v) => `${v.toFixed(2)} ×`, onchange: (v) => ((look.gain = v), redraw()) }).row,
   );
@@ -193,11 +203,10 @@ export function mount(body, { results, report }) {
     pickers[1].row,
     marked,
     drags.row,
-    zoomBar,
   );
   const status = element("p", { class: "caption status" });
   const note = element("p", { class: "caption" }, "Shading of the embedded maps: cast shadows and reflections are not shown.");
-  body.append(element("div", { class: "relight" }, element("div", { class: "picture" }, stage, status, element("div", { class: "legends" }, ...legends), note), element("div", { class: "controls" }, viewBox, lightBox, surfaceBox)));
+  body.append(element("div", { class: "relight" }, element("div", { class: "picture" }, stage, element("div", { class: "below" }, status, zoomBar), element("div", { class: "legends" }, ...legends), note), element("div", { class: "controls" }, viewBox, lightBox, surfaceBox)));
   document.getElementById("prerendered")?.classList.add("replaced");
 
   new ResizeObserver(() => {

@@ -9,7 +9,7 @@ const UNITS = ["uNormals", "uShape", "uScalar", "uHeight", "uInvented", "uAlbedo
 export class Renderer {
   constructor(canvas) {
     const gl = canvas.getContext("webgl2", { antialias: false, preserveDrawingBuffer: true });
-    if (!gl) throw new Error("this browser has no WebGL2");
+    if (!gl) throw new Error("this browser has no WebGL2; the pictures below show it under eight lights");
     this.gl = gl;
     this.program = linked(gl);
     this.places = new Map();

@@ -1,0 +1,305 @@
+"""Pixels of an image to unit normals, band by band."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import BandFile, DataError, rows_in_bands
+from processing._normal_map import directions
+from processing._normal_pixels import clear, lengths
+from rig import Notice, in_threads, pluralize
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+Pixels = npt.NDArray[Any]
+Green = Literal["up", "down"]
+
+# Decoded vectors differ from unit length by up to 0.3 in JPEG files. Black and white backgrounds
+# decode to a length of 1.73, mid-grey ones to 0.
+_LENGTH_TOLERANCE = 0.5
+_BACKGROUND_LENGTH = 1.7
+# An image is rejected unless most of its vectors are this close to unit length. One third of the
+# pixels of a random image are, and 98 % of those of an 8-bit JPEG of normals.
+_CLOSE = 0.1
+# Vectors that decide how a map is encoded.
+_MOST_COMPARED = 1 << 18
+_BAND_BYTES = 1 << 24
+
+
+class PixelRows(Protocol):
+    """An image with or without an alpha channel, of which rows are read from the top downwards."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """``(H, W, 3)``."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the samples."""
+
+    def with_alpha(self, rows: slice, /) -> tuple[Pixels, Pixels | None]:
+        """Return rows of the colours, and of alpha if there is one."""
+
+
+@dataclass(frozen=True, eq=False)
+class PixelsInMemory:
+    """An image that was read at once."""
+
+    pixels: Pixels
+    alpha: Pixels | None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return self.pixels.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        return self.pixels.dtype
+
+    def with_alpha(self, rows: slice) -> tuple[Pixels, Pixels | None]:
+        return self.pixels[rows], None if self.alpha is None else self.alpha[rows]
+
+
+class GivenMask(NamedTuple):
+    """A mask from a file."""
+
+    inside: Mask
+    file: Path
+
+
+def decode_normals(
+    file: Path,
+    pixels: PixelRows,
+    given: GivenMask | None,
+    green: Green,
+    normals: Float | BandFile,
+) -> tuple[Mask, list[Notice]]:
+    """Write the normals of an image; return where they are known, and notices.
+
+    Parameters
+    ----------
+    file
+        The image, for messages.
+    pixels
+        Its pixels.
+    given
+        The mask, if there is one.
+    green
+        Direction of the green channel.
+    normals
+        ``(H, W, 3)`` float32, written: unit vectors, 0 where a normal is not known. An array of
+        float32 may be that of the pixels.
+
+    Raises
+    ------
+    DataError
+        As `read_normals`, except for an empty mask.
+    """
+    height, width = pixels.shape[:2]
+    bands = rows_in_bands(height, 12 * width, _BAND_BYTES)
+    stored = _stored(pixels, normals, bands)
+    integers = stored.finite is None
+    encoded, doubled = integers, False
+    if not integers:
+        some = _some(normals, stored.drawn, bands)
+        encoded = doubled = _distance_to_unit(some) > _distance_to_unit(some * 2 - 1)
+    notes: list[Notice] = []
+    mask, share = None if given is None else given.inside, None
+    if stored.alpha is not None:
+        opacity = _share(stored.alpha)
+        if encoded and _is_premultiplied(normals, opacity, bands, doubled=doubled):
+            share = opacity
+        if given is None:
+            mask, note = _mask_of_alpha(file, opacity)
+            notes.append(note)
+        elif not np.array_equal(given.inside, opacity > 0.5):
+            text = f"the alpha channel is ignored, the mask is {given.file}"
+            notes.append(Notice("alpha-ignored", text, str(file), "info"))
+    known = np.zeros((height, width), np.bool_)
+    close = count = 0
+    facing = 0.0
+    for rows in bands:
+        vectors = np.ascontiguousarray(normals[rows])
+        if doubled:
+            vectors = vectors * 2 - 1
+        if share is not None:
+            _divide(vectors, share[rows])
+        if green == "down":
+            vectors[..., 1] *= -1
+        length = np.zeros(vectors.shape[:2], np.float32)
+        lengths(vectors, length)
+        drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
+        off = np.abs(np.subtract(length, 1, out=length), out=length)
+        # Alpha often includes background: some programs erase only pixels of the object.
+        candidates = drawn
+        if mask is not None:
+            candidates = mask[rows] if given is not None else mask[rows] & drawn
+        close += int(np.count_nonzero(candidates & (off < _CLOSE)))
+        count += int(np.count_nonzero(candidates))
+        unit = np.zeros(vectors.shape, np.float32)
+        inside = (off < _LENGTH_TOLERANCE) & candidates
+        in_threads(directions, len(unit), vectors, inside, unit, known[rows])
+        normals[rows] = unit
+        facing += float(unit[..., 2].sum(dtype=np.float64))
+    if 2 * close <= count:
+        decoded = f"{close} of {count} pixels decode" if count else "no pixel decodes"
+        raise DataError(
+            f"{file}: {decoded} to a unit vector: this is not a normal map, or the mask belongs to "
+            "another image"
+        )
+    if pixels.dtype == np.uint8:
+        notes.append(_eight_bits(file))
+    return known, [*notes, *_doubts(str(file), stored.finite, mask, known, facing)]
+
+
+class _Stored(NamedTuple):
+    """What is known of all pixels after their values were stored.
+
+    Parameters
+    ----------
+    drawn
+        ``(H, W)`` bool, pixels that are not 0.
+    finite
+        ``(H, W)`` bool, pixels whose components are finite; None for integers.
+    alpha
+        ``(H, W)`` alpha channel of the file, or None.
+    """
+
+    drawn: Mask
+    finite: Mask | None
+    alpha: Pixels | None
+
+
+def _stored(pixels: PixelRows, normals: Float | BandFile, bands: list[slice]) -> _Stored:
+    """Write the values of an image: integers are decoded, floats are as they are."""
+    size, integers = pixels.shape[:2], np.issubdtype(pixels.dtype, np.integer)
+    most = np.iinfo(pixels.dtype).max if integers else 0
+    # A table, because the samples of an image in float64 take much memory.
+    table = (np.arange(most + 1) * (2.0 / max(most, 1)) - 1.0).astype(np.float32)
+    drawn = np.zeros(size, np.bool_)
+    finite = None if integers else np.zeros(size, np.bool_)
+    alpha: Pixels | None = None
+    for rows in bands:
+        part, opacity = pixels.with_alpha(rows)
+        if opacity is not None:
+            alpha = np.zeros(size, opacity.dtype) if alpha is None else alpha
+            alpha[rows] = opacity
+        if finite is None:
+            normals[rows] = table[part]
+            continue
+        x, y, z = (np.isfinite(part[..., k]) for k in range(3))
+        finite[rows] = x & y & z
+        with np.errstate(over="ignore"):
+            values = np.ascontiguousarray(part, np.float32)
+        # A pixel of zeros is background in either reading and must not influence the choice.
+        clear(values, drawn[rows])
+        normals[rows] = values
+    return _Stored(drawn, finite, alpha)
+
+
+def _some(normals: Float | BandFile, chosen: Mask, bands: list[slice]) -> Float:
+    """Return ``(N, 3)`` values of some of the chosen pixels."""
+    every, seen = 1 + int(np.count_nonzero(chosen)) // _MOST_COMPARED, 0
+    found = [np.zeros((0, 3), np.float32)]
+    for rows in bands:
+        places = np.flatnonzero(chosen[rows])
+        found.append(normals[rows].reshape(-1, 3)[places[-seen % every :: every]])
+        seen += len(places)
+    return np.concatenate(found)
+
+
+def _distance_to_unit(vectors: Float) -> float:
+    with np.errstate(over="ignore"):
+        length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
+
+
+def _share(alpha: Pixels) -> Float:
+    full = float(np.iinfo(alpha.dtype).max) if np.issubdtype(alpha.dtype, np.integer) else 1.0
+    share: Float = np.nan_to_num(alpha.astype(np.float32) / np.float32(full))
+    return share
+
+
+def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
+    """Return the mask given by the alpha channel, and a note about it."""
+    inside = share > 0.5
+    if not inside.any():
+        raise DataError(
+            f"{file}: the alpha channel is below half everywhere: save the image without alpha, "
+            "or put a mask.png into its folder"
+        )
+    if inside.all():
+        text = "the alpha channel is opaque everywhere and is ignored"
+        return None, Notice("alpha-opaque", text, str(file), "info")
+    text = f"the alpha channel is the mask, {np.count_nonzero(inside)} of {inside.size} pixels"
+    return inside, Notice("alpha-is-mask", text, str(file), "info")
+
+
+def _partly(share: Float) -> Mask:
+    partly: Mask = (share > 0) & (share < 1)
+    return partly
+
+
+def _is_premultiplied(
+    normals: Float | BandFile, share: Float, bands: list[slice], *, doubled: bool
+) -> bool:
+    """Return whether encoded colours are multiplied by alpha.
+
+    Files do not state this reliably. Vectors that are stored without an encoding would only change
+    their length.
+    """
+    partly = _partly(share)
+    vectors = _some(normals, partly, bands)
+    if doubled:
+        vectors = vectors * 2 - 1
+    shares = share[partly][:: 1 + int(np.count_nonzero(partly)) // _MOST_COMPARED]
+    divided = (vectors + 1) / shares[:, None] - 1
+    return _distance_to_unit(divided) < _distance_to_unit(vectors)
+
+
+def _divide(vectors: Float, share: Float) -> None:
+    partly = _partly(share)
+    vectors[partly] = (vectors[partly] + 1) / share[partly][:, None] - 1
+
+
+def _eight_bits(file: Path) -> Notice:
+    cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
+    text = f"8-bit normals are quantised, an error of about {cost} degree"
+    return Notice("normals-8-bit", text, str(file))
+
+
+def _doubts(
+    where: str, finite: Mask | None, mask: Mask | None, known: Mask, facing: float
+) -> list[Notice]:
+    """Return notices about pixels without a normal, and about the direction of the others."""
+    warnings = []
+    not_finite = 0
+    if finite is not None:
+        lacking = np.logical_not(finite, out=finite)
+        if mask is not None:
+            lacking &= mask
+        not_finite = int(np.count_nonzero(lacking))
+    if not_finite:
+        words = (
+            "pixel has a NaN or infinite vector and is",
+            "pixels have a NaN or infinite vector and are",
+        )
+        text = f"{pluralize(not_finite, *words)} left out of the mask"
+        warnings.append(Notice("normals-not-finite", text, where))
+    lost = 0 if mask is None else int(np.count_nonzero(mask) - np.count_nonzero(known))
+    if lost:
+        words = (
+            "pixel of the mask has no unit vector and is",
+            "pixels of the mask have no unit vector and are",
+        )
+        text = f"{pluralize(lost, *words)} left out"
+        warnings.append(Notice("normals-not-unit", text, where))
+    if facing < 0:
+        text = "most normals face away from the camera: check the sign of z"
+        warnings.append(Notice("normals-face-away", text, where))
+    return warnings

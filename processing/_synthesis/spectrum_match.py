@@ -1,0 +1,181 @@
+"""Filter that gives a synthesised detail component the spectrum of its exemplar."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.fft import fftshift, irfft2, rfft2
+
+from processing._normal_map import NormalMap
+from processing._synthesis.spectrum import (
+    band_counts,
+    band_power,
+    banded,
+    block_side,
+    frequencies,
+    windowed_power,
+)
+from processing._synthesis.strips import SheetRows
+
+Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex64]
+Mask = npt.NDArray[np.bool_]
+
+# A filter is a kernel of 2 x reach + 1 pixels.
+_REACH = 32
+# Rows and columns of windows in which the power of a sheet is measured; of every twentieth, also
+# the power of the filtered window.
+_GRID, _FILTERED = 40, 20
+_ROUNDS = 16
+_LEAST_GAIN, _MOST_GAIN = 0.1, 1.5
+# The mean angle of a sheet is measured on every eighth row.
+_SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
+_ROWS = 512
+
+
+def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> None:
+    """Filter a detail component so that its power in each band becomes that of an exemplar.
+
+    The cuts between patches add power at low frequencies, because patches no longer end where
+    their slopes add up to 0, and at the highest. The filter is isotropic and has one gain for each
+    band, 0.1 to 1.5. One factor on all slopes, at most 1.25, gives the sheet the power of the
+    exemplar, as far as its mean angle differs from that of the exemplar by at most 4 %.
+
+    Parameters
+    ----------
+    sheet
+        ``(H, W, 3)`` unit vectors, corrected in place. Nothing is changed if sheet or exemplar are
+        too small to measure their power.
+    exemplar
+        Detail component with the intended power.
+    wrapped
+        Whether the last column and row continue at the first.
+    """
+    block = block_side(exemplar.mask, _inner(sheet))
+    if not block:
+        return
+    # Bands as narrow as the frequencies of a block.
+    wanted = np.maximum(band_power(exemplar, block, block // 2), 1e-30)
+    has, waves, upright = _measured(sheet, block)
+    sampled = [_mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
+    steeper = _mean_angle(exemplar.normals[exemplar.mask]) / float(np.mean(sampled))
+    stronger = np.sqrt(_total(wanted, block) / _total(has, block))
+    # The angle is that of the complete mask, the power only that of blocks inside.
+    factor = np.clip(stronger, (1 - _ANGLE_ERROR) * steeper, (1 + _ANGLE_ERROR) * steeper)
+    factor = np.clip(factor, 1 / _MOST_STEEPER, _MOST_STEEPER)
+    gains = _gains(has, waves, upright, wanted / stronger**2)
+    kernel = fftshift(_kernel(factor * gains, block + 2 * _REACH))
+    middle = slice(block // 2, block // 2 + 2 * _REACH + 1)
+    _filter(sheet, np.ascontiguousarray(kernel[middle, middle]), wrapped=wrapped)
+
+
+def _total(powers: Double, block: int) -> float:
+    """Return the power of all bands."""
+    return float(powers @ band_counts(block, len(powers)))
+
+
+def _mean_angle(vectors: Float) -> float:
+    slopes = np.hypot(vectors[..., 0], vectors[..., 1])
+    return float(np.mean(np.arctan2(slopes, vectors[..., 2]), dtype=np.float64))
+
+
+def _inner(sheet: SheetRows) -> Mask:
+    """Return a mask of the sheet without its margins."""
+    height, width = sheet.shape[:2]
+    return np.ones((max(height - 2 * _REACH, 0), max(width - 2 * _REACH, 0)), np.bool_)
+
+
+def _measured(sheet: SheetRows, block: int) -> tuple[Double, Complex, Float]:
+    """Return the power of a sheet in each band, and some of its windows.
+
+    These are larger than a block by the reach on each side. Returned are the transforms of n_x and
+    n_y, ``(n, 2, h, w / 2 + 1)``, and n_z in the blocks, ``(n, block, block)``.
+    """
+    side = block + 2 * _REACH
+    tops, lefts = (
+        np.linspace(0, length - side, min(_GRID, 1 + 2 * (length - side) // block)).astype(np.int64)
+        for length in sheet.shape[:2]
+    )
+    count = len(tops) * len(lefts)
+    inner = (slice(None), *[slice(_REACH, -_REACH)] * 2)
+    # Not every twentieth, which could be in few columns.
+    chosen = set(np.linspace(0, count - 1, -(-count // _FILTERED)).astype(np.int64).tolist())
+    power, waves, upright = np.zeros((block, block // 2 + 1)), [], []
+    for i, top in enumerate(tops):
+        rows = sheet[top : top + side]
+        for j, left in enumerate(lefts):
+            window = np.ascontiguousarray(rows[:, left : left + side].transpose(2, 0, 1))
+            power += windowed_power(window[:2][inner])
+            if i * len(lefts) + j in chosen:
+                waves.append(rfft2(window[:2]))
+                upright.append(window[2][inner[1:]])
+    return banded(power / count, block // 2), np.stack(waves), np.stack(upright)
+
+
+def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Double:
+    """Return the gain of each band that gives a sheet an intended power in each band.
+
+    The total power stays as it is. The filtered power is measured: the squared gain would not do,
+    because the window of a block spreads power over neighbouring bands, and unit length over all.
+    It is measured in few windows.
+    """
+    block = upright.shape[1]
+    side = block + 2 * _REACH
+
+    def filtered(gains: Double) -> Double:
+        """Return the power of the filtered windows in each band."""
+        response = rfft2(_kernel(gains, side)).real
+        slopes = irfft2(waves * response, s=(side, side))
+        slopes = slopes[..., _REACH:-_REACH, _REACH:-_REACH]
+        slopes /= np.sqrt(np.square(slopes).sum(axis=1) + np.square(upright))[:, None]
+        return banded(windowed_power(slopes), block // 2)
+
+    gains = np.ones(block // 2)
+    alone = filtered(gains)
+    scale = _total(has, block) / _total(alone, block)
+    # What all windows have more than the few: the gains apply to it without spreading.
+    rest = has - scale * alone
+
+    def expected(gains: Double) -> Double:
+        return np.maximum(scale * filtered(gains) + np.square(gains) * rest, 1e-30)
+
+    for _ in range(_ROUNDS):
+        gains *= np.sqrt(wanted / expected(gains))
+        gains = np.clip(gains, _LEAST_GAIN, _MOST_GAIN)
+    scaled: Double = gains * np.sqrt(_total(has, block) / _total(expected(gains), block))
+    return scaled
+
+
+def _kernel(gains: Double, side: int) -> Float:
+    """Return a kernel ``(side, side)`` with a gain for each band; its centre is at (0, 0)."""
+    centres = (np.arange(len(gains)) + 0.5) / (2 * len(gains))
+    response = np.interp(frequencies(side), centres, gains)
+    away = np.minimum(np.arange(side), side - np.arange(side))
+    radius = np.hypot(away[:, None], away)
+    # Constant up to half the reach: a window that tapers from the centre blurs the lowest bands.
+    outer = np.clip(2 * radius / (_REACH + 1) - 1, 0, 1)
+    window = np.where(radius <= _REACH, 0.5 + 0.5 * np.cos(np.pi * outer), 0)
+    return np.asarray(irfft2(response, s=(side, side)) * window, np.float32)
+
+
+def _filter(sheet: SheetRows, kernel: Float, *, wrapped: bool) -> None:
+    """Filter n_x and n_y, in bands of rows, and normalise."""
+    border, height = cv2.BORDER_WRAP if wrapped else cv2.BORDER_REFLECT_101, sheet.shape[0]
+    # Copies of rows that are replaced before they are read.
+    upper = sheet[: _REACH + 1][..., :2].copy()
+    lower = sheet[height - _REACH - 1 : height][..., :2].copy()
+    above = lower[1:] if wrapped else upper[:0:-1]
+    beyond = upper[:-1] if wrapped else lower[-2::-1]
+    for first in range(0, height, _ROWS):
+        last = min(first + _ROWS, height)
+        part = sheet[first:last].copy()
+        below = sheet[last : min(last + _REACH, height)][..., :2]
+        below = np.concatenate([below, beyond])[:_REACH]
+        band = np.concatenate([above, part[..., :2], below])
+        above = band[-2 * _REACH : -_REACH]
+        band = np.asarray(cv2.copyMakeBorder(band, 0, 0, _REACH, _REACH, border), np.float32)
+        part[..., :2] = cv2.filter2D(band, -1, kernel)[_REACH:-_REACH, _REACH:-_REACH]
+        part /= np.sqrt(np.square(part).sum(axis=2, keepdims=True))
+        sheet[first:last] = part

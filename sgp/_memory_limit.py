@@ -1,0 +1,101 @@
+"""What the commands with ``--memory`` have in common: in memory, or in bands with maps on disk."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import acquisition
+import rig
+from sgp._exit import UsageError
+from sgp._output import sha256
+from sgp._result import plain
+
+
+@dataclass(frozen=True)
+class Need:
+    """The memory that a command needs.
+
+    Parameters
+    ----------
+    whole
+        Bytes if everything is in memory.
+    least
+        Bytes in bands of rows, at least.
+    of
+        What needs them, for messages: "a normal map of 48 x 40 pixels".
+    """
+
+    whole: int
+    least: int
+    of: str
+
+
+def is_in_bands(memory: int | None, need: Need) -> bool:
+    """Return whether a computation does not fit into memory.
+
+    Parameters
+    ----------
+    memory
+        Bytes of ``--memory``; None for half of what is free.
+
+    Raises
+    ------
+    UsageError
+        If ``--memory`` is too small for bands, too. The message states the least.
+    """
+    if need.whole <= rig.memory_budget(memory):
+        return False
+    if memory is not None and memory < need.least:
+        raise too_small(memory, need.of, need.least)
+    return True
+
+
+def bytes_of_bands(memory: int | None, need: Need) -> int:
+    """Return the bytes for bands: the limit, or the least if even that is not free."""
+    return max(rig.memory_budget(memory), need.least)
+
+
+def too_small(memory: int, of: str, least: int) -> UsageError:
+    """Return the error of a limit that is too small, which states the least."""
+    return UsageError(
+        f"--memory {size_text(memory)} is too small for {of}: give at least --memory "
+        f"{size_text(least)}"
+    )
+
+
+def identity(parameters: Mapping[str, object], files: list[Path]) -> dict[str, object]:
+    """Return what unfinished maps depend on: parameters, inputs and the version."""
+    return {
+        **plain(parameters),
+        "inputs": [sha256(file) for file in files],
+        "software version": acquisition.software_version(),
+    }
+
+
+@contextmanager
+def other_maps_refused() -> Iterator[None]:
+    """Turn the error about unfinished maps of another command into one that names the remedy.
+
+    Raises
+    ------
+    UsageError
+        If there are such maps.
+    """
+    try:
+        yield
+    except acquisition.OtherMapsError as error:
+        raise UsageError(
+            f"{error.folder} contains unfinished maps of a command with another {error.other}: "
+            "repeat that command, choose another folder, or add --force to begin again"
+        ) from error
+
+
+def size_text(count: int) -> str:
+    """Return bytes as an option of memory, rounded up."""
+    if count < 2**30:
+        return f"{math.ceil(count / 2**20)}M"
+    return f"{math.ceil(count / 2**30 * 100) / 100:g}G"

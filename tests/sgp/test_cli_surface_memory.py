@@ -1,0 +1,144 @@
+"""``sgp surface --memory``: blocks of rows give the files of the whole."""
+
+from __future__ import annotations
+
+import errno
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from acquisition import (
+    BandFile,
+    BandStore,
+    CameraModel,
+    read_image,
+    write_camera,
+    write_exr,
+    write_mask,
+)
+from acquisition._storage import disk
+from processing import NormalMap, write_normals
+from processing._blocks import memory
+from sgp import _surface_memory
+
+SIZE = (192, 60)
+# Blocks of 48 rows.
+LITTLE = "900K"
+
+
+@pytest.fixture(autouse=True)
+def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interpreter and libraries count as nothing, so that tiny maps do not fit."""
+    monkeypatch.setattr(memory, "_FIXED", 0)
+    monkeypatch.setattr(_surface_memory, "_PROGRAM", 0)
+
+
+@pytest.fixture
+def given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[object]:
+    monkeypatch.chdir(tmp_path)
+    row, x = np.mgrid[: SIZE[0], : SIZE[1]] / 40.0
+    slopes = np.dstack([0.4 * np.sin(5 * x), 0.3 * np.cos(6 * row), 0 * x + 1])
+    noise = np.radians(1) * np.random.default_rng(2).normal(size=(*SIZE, 3))
+    mask = np.hypot(row - 2.4, x - 0.75) < 2.3
+    normal_map = NormalMap.from_vectors(slopes + noise, mask)
+    write_normals("n", normal_map)
+    write_exr("sigma.exr", np.where(mask, 1 + x, np.nan).astype(np.float32))
+    write_exr("albedo.exr", (0.2 + 0.1 * x).astype(np.float32))
+    write_mask("mask.png", np.pad(np.ones((180, 50), bool), ((6, 6), (5, 5))))
+    k = np.array([[150.0, 0, 29.5], [0, 150.0, 95.5], [0, 0, 1]])
+    write_camera(Path("camera.json"), CameraModel(k, SIZE[1], SIZE[0], 300.0))
+    return ["n", "--mask", "mask.png", "--albedo", "albedo.exr", "--sigma", "sigma.exr", "--stl"]
+
+
+@pytest.mark.parametrize("camera", [False, True])
+def test_blocks_give_the_files_of_the_whole(sgp, given, tmp_path, camera) -> None:
+    if camera:
+        given += ["--camera", "camera.json", "--height-mm", 4]
+    whole = sgp("surface", *given, "--out", "whole", "--json")
+    assert (whole.code, whole.err) == (0, "")
+    found = sgp("surface", *given, "--out", "blocks", "--memory", LITTLE, "--json")
+    assert found.code == 0, found.err
+    assert f"surface of {SIZE[1]} x {SIZE[0]} pixels: in blocks of" in found.err
+    a, b = Path("whole"), Path("blocks")
+    assert sorted(p.name for p in a.iterdir()) == sorted(p.name for p in b.iterdir())
+    for name in ("mask.png", "curl_deg.exr", "curl.png"):
+        assert (a / name).read_bytes() == (b / name).read_bytes(), name
+    for name in ("surface.ply", "surface.stl"):
+        assert (a / name).stat().st_size == (b / name).stat().st_size
+    heights = [read_image(each / "height.exr") for each in (a, b)]
+    np.testing.assert_array_equal(*(np.isnan(height) for height in heights))
+    off = np.nanmax(np.abs(heights[0] - heights[1]))
+    assert off < 5e-4 * np.ptp(heights[0][np.isfinite(heights[0])])
+    one, other = (json.loads(answer.out) for answer in (whole, found))
+    assert other["metrics"].pop("blocks") >= 2
+    assert other["metrics"].pop("block_error") < 1e-2
+    assert other["metrics"].pop("block_rounds") < 12
+    assert other["metrics"].keys() == one["metrics"].keys()
+    for key in ("unit", "vertices", "parts", "curl_deg", "curl_excess"):
+        assert other["metrics"][key] == one["metrics"][key], key
+    for key in ("height_range", "normal_residual_deg"):
+        assert other["metrics"][key] == pytest.approx(one["metrics"][key], rel=1e-3), key
+    assert [n["code"] for n in one["notices"]] == [n["code"] for n in other["notices"]]
+    record = json.loads((b / "surface.json").read_text())
+    assert record["inputs"] == json.loads((a / "surface.json").read_text())["inputs"]
+
+
+@pytest.mark.parametrize(
+    "option",
+    ["--discontinuity", "--glb", "--obj", "--normal-texture", "--close", "--height-sigma",
+     "--triangles 9", "--base 2", "--prior sigma.exr"],
+)  # fmt: skip
+def test_what_needs_the_complete_surface_is_refused(sgp, given, option) -> None:
+    answer = sgp("surface", *given, *option.split(), "--out", "x", "--memory", LITTLE)
+    name = option.split()[0]
+    assert f"with {name}, which needs the complete surface: give --memory" in answer.error_line(2)
+    assert not Path("x").exists()
+
+
+def test_the_least_memory_works(sgp, given) -> None:
+    error = sgp("surface", *given, "--out", "x", "--memory", "100K").error_line(2)
+    least = error.rpartition("--memory ")[2]
+    assert "give at least" in error
+    assert sgp("surface", *given, "--out", "x", "--memory", least).code == 0
+
+
+def test_what_is_interrupted_leaves_nothing_and_is_repeated(sgp, given, monkeypatch) -> None:
+    """Ctrl-C and a full disk; files of a process that was killed are written again."""
+    command = ["surface", *given, "--out", "x", "--memory"]
+    for error, code in ((KeyboardInterrupt(), 130), (OSError(errno.ENOSPC, "no space left"), 3)):
+        with monkeypatch.context() as patched:
+            patched.setattr(BandFile, "__setitem__", stopped(error))
+            assert sgp(*command, LITTLE).code == code
+        assert not Path("x").exists()
+    for enough in (LITTLE, "1G"):
+        leave_of_killed(Path("x"))
+        assert sgp(*command, enough).code == 0
+        assert not Path("x/.part-surface").exists()
+        shutil.rmtree("x")
+
+
+def stopped(error: BaseException) -> Callable[..., None]:
+    def write(*_: object) -> None:
+        with disk(Path("height.raw"), "write"):
+            raise error
+
+    return write
+
+
+def leave_of_killed(out: Path) -> None:
+    form = {"curl": ((3, 3), np.float32)}
+    BandStore(out / "surface", {"command": "sgp surface"}, form).close()
+    (out / ".part-surface" / "normals.raw").write_bytes(b"cut short")
+
+
+def test_a_disk_that_is_too_small_is_refused_at_once(sgp, given, monkeypatch) -> None:
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
+    answer = sgp("surface", *given, "--out", "x", "--memory", LITTLE)
+    assert answer.code == 4
+    assert "of disk while it is computed, 1M are free" in answer.err
+    assert not Path("x").exists()
