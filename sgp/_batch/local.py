@@ -130,10 +130,10 @@ def _lost(code: int | None) -> Outcome:
 
 def _serve(pipe: Connection, memory: int | None) -> None:
     """Perform the tasks that arrive, until the pipe is closed or the parent has ended."""
-    limit_memory(memory)
     # Ctrl-C reaches all processes of a terminal; the parent decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    limit_memory(memory)
     while True:
         try:
             task = pipe.recv()

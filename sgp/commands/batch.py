@@ -34,6 +34,7 @@ from sgp.commands.calibrate import spheres
 from sgp.commands.report import report
 from sgp.commands.run import run
 
+_LEAST_MEMORY = 2**29
 _Workers = Annotated[Whole, Parameter(validator=Number(gte=1, lte=256))]
 _Retries = Annotated[Whole, Parameter(validator=Number(gte=0, lte=100))]
 
@@ -92,6 +93,8 @@ def batch(
     if scheduler is not None and memory is not None:
         text = "--memory is for this computer: start the workers of the cluster with --memory-limit"
         raise UsageError(text)
+    if memory is not None and memory < _LEAST_MEMORY:
+        raise UsageError("--memory is too small for the libraries alone: give at least 512M")
     if not source:
         raise UsageError("no source is given: name at least one recording")
     chosen = Recipe() if recipe is None else read_recipe(recipe)
