@@ -79,8 +79,8 @@ def batch(
     workers
         Number of processes on this computer; default: one for each core.
     memory
-        Most memory of each of these processes, for example 4G; a source that needs more fails.
-        Default: no limit.
+        Most memory of each of these processes, for example 4G, with which a source that needs more
+        fails; default: no limit.
     scheduler
         Address of a Dask scheduler, whose workers do the work; they need the same paths and the
         same version of sgp.
