@@ -1,11 +1,10 @@
 """What a batch costs beyond its work, and what that means for a lab and for a museum.
 
-The first table compares `sgp batch` on copies of one session with `sgp run` on one of them: CPU
-seconds for each source, here (with one worker) and on a Dask cluster of two workers on loopback,
-and the time of a second run, which has nothing to do, and of a third one after one file was edited.
-The second table has the bytes of one object by format, the third scales the measured rates: cores
-that are busy all day, and the size of recordings and results. Run it on a computer without other
-work; the first run may compile kernels. --no-cluster leaves out Dask.
+The first table compares `sgp batch` on copies of one session, with one worker, with `sgp run` on
+one of them: CPU seconds for each source, and the time of a second run, which has nothing to do, and
+of a third one after one file got a new time. The second table has the bytes of one object by
+format, the third scales the measured rates: cores that are busy all day, and the size of recordings
+and results. Run it on a computer without other work; the first run may compile kernels.
 
     python benchmarks/batch.py --sessions 24 --megapixels 1
 """
@@ -13,15 +12,11 @@ work; the first run may compile kernels. --no-cluster leaves out Dask.
 from __future__ import annotations
 
 import csv
-import json
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from harness import command_line
@@ -46,31 +41,6 @@ def copies(root: Path, megapixels: float, count: int) -> list[Path]:
     return [first, *others]
 
 
-@contextmanager
-def cluster(folder: Path) -> Iterator[str]:
-    """Run a scheduler and two workers with one thread each on loopback; yield the address."""
-    file = folder / "scheduler.json"
-    dask = [sys.executable, "-m", "dask"]
-    here = ["--host", "127.0.0.1", "--no-dashboard"]
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
-    running = [
-        subprocess.Popen(
-            [*dask, "scheduler", "--port", "0", "--scheduler-file", str(file), *here], **quiet
-        )
-    ]
-    try:
-        while not file.exists():
-            time.sleep(0.1)
-        address = json.loads(file.read_text())["address"]
-        one = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", *here]
-        running += [subprocess.Popen(one, **quiet) for _ in range(2)]
-        yield address
-    finally:
-        for process in running[::-1]:
-            process.terminate()
-            process.wait()
-
-
 def seconds(out: Path) -> list[float]:
     """Return the CPU seconds of the sources of a batch."""
     with (out / "batch.csv").open(newline="") as file:
@@ -85,7 +55,6 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--sessions", type=int, default=24)
     parser.add_argument("--megapixels", type=float, default=1.0)
-    parser.add_argument("--no-cluster", action="store_true", help="leave out the Dask cluster")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="sgp-batch-") as name:
         root = Path(name)
@@ -111,25 +80,9 @@ def main() -> None:
         os.utime(frame)
         cpu, wall, _ = cost(here)
         print(f"{'again, one file touched':34}{cpu:8.2f}{wall:8.2f}", flush=True)
-        if not options.no_cluster:
-            on_cluster(root, asked)
         recording, result = size(sources[0]), size(root / "one")
         storage(sources[0], root / "one")
         scale(each, peak, recording, result)
-
-
-def on_cluster(root: Path, asked: list[str]) -> None:
-    """Run the batch on a Dask cluster; compare its results with those computed here."""
-    with cluster(root) as address:
-        there = [*asked, "--out", str(root / "there"), "--scheduler", address]
-        cpu, wall, _ = cost(there)
-    work = sum(seconds(root / "there"))
-    print(f"{'Dask, two workers: client, work':34}{cpu:8.2f}{wall:8.2f}   work {work:.1f} CPU s")
-    maps = [path.relative_to(root / "here") for path in (root / "here").rglob("*.exr")]
-    equal = sum(
-        (root / "here" / one).read_bytes() == (root / "there" / one).read_bytes() for one in maps
-    )
-    print(f"maps equal to those computed here: {equal} of {len(maps)}")
 
 
 def storage(session: Path, result: Path) -> None:

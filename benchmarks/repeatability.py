@@ -63,6 +63,15 @@ def calibrated(scene: Scene, seed: int) -> Lights:
     return replace(found, intensities=truth.lights.intensities)
 
 
+def drawn(stated: Lights, truth: Lights, seed: int) -> Lights:
+    """Return the true lights with errors that are drawn from the stated covariances."""
+    rng = np.random.default_rng([41, seed])
+    found = np.array(truth.positions_mm)
+    for position, covariance in zip(found, stated.errors.covariances, strict=True):
+        position += rng.multivariate_normal(np.zeros(3), covariance)
+    return replace(stated, positions_mm=found)
+
+
 def write_session(folder: Path, scene: Scene, planes: npt.NDArray[np.float32], seed: int) -> None:
     """Record images of the object with the noise of a seed."""
     noise = scene.noise
@@ -155,15 +164,20 @@ def main() -> None:
     parser.add_argument("--scene", default="coin")
     parser.add_argument("--leds", type=int, default=12)
     parser.add_argument("--width", type=int, default=320, help="of the object, px")
+    parser.add_argument("--drawn", action="store_true", help="errors of lights as they are stated")
     options = parser.parse_args()
     size = {"width": options.width, "height": options.width * 4 // 5, "leds": options.leds}
     scene = scene_named(options.scene, **size)
     spheres = scene_named("spheres", width=640, height=512, leds=options.leds)
     planes = render(scene).planes
+    stated = calibrated(spheres, options.first) if options.drawn else None
     recorded = []
     start = time.process_time()
     for seed in range(options.first, options.first + options.recordings):
-        lights = calibrated(spheres, seed)
+        if stated is None:
+            lights = calibrated(spheres, seed)
+        else:
+            lights = drawn(stated, spheres.lights, seed)
         with tempfile.TemporaryDirectory(prefix="sgp-repeat-") as name:
             write_session(Path(name) / "session", scene, planes, seed)
             recorded.append(results(Path(name) / "session", scene, lights))

@@ -92,24 +92,33 @@ def plane(side: int) -> npt.NDArray[np.float64]:
 
 def images(lights: Lights, side: int, *, gloss: bool) -> Float:
     """Return images ``(N, H, W)`` of a relief whose rows repeat."""
-    rng = np.random.default_rng(0)
-    values = np.zeros((len(lights), side, side), np.float32)
+    return repeated(strips(lights, side, gloss=gloss), side)
+
+
+def repeated(rows: Float, side: int) -> Float:
+    """Return images ``(..., H, W)`` whose rows repeat those given."""
+    return rows[..., np.arange(side) % _ROWS, :]
+
+
+def strips(lights: Lights, side: int, *, gloss: bool, seed: int = 0) -> Float:
+    """Return the first rows ``(N, 128, W)`` of `images`."""
+    rng = np.random.default_rng(seed)
+    values = np.zeros((len(lights), min(_ROWS, side), side), np.float32)
     y, x = np.mgrid[: min(_ROWS, side), :side].astype(np.float32)
     normals = np.stack([0.8 * np.sin(x / 9), 0.8 * np.cos(y / 13), np.ones_like(x)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     points = plane(side)[: len(x)] if lights.near else np.zeros((1, 1, 3))
-    for i, image in enumerate(values):
+    for i, strip in enumerate(values):
         of_light = lights.take([i]).vectors_at(points.reshape(-1, 3))
         vectors = of_light.reshape(*points.shape).astype(np.float32)
         shading = np.maximum((normals * vectors).sum(axis=-1), 0)
-        strip = 0.6 * shading
+        strip[:] = 0.6 * shading
         if gloss:
             half = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
             half = half + np.float32([0, 0, 1])
             along = (normals * half).sum(axis=-1) / np.linalg.norm(half, axis=-1)
             strip += 0.6 * shading * np.maximum(along, 0) ** 40
         strip += rng.normal(0, _NOISE, x.shape)
-        image[:] = strip[np.arange(side) % _ROWS]
     return values
 
 
@@ -152,8 +161,8 @@ def kernels(
             yield name, Row(bars, mask.size, 0.5, f"cauchy, {surface}, near")
 
 
-def session(folder: Path, lights: Lights, side: int) -> None:
-    """Record a session of matte images, and write lights and a mask next to it."""
+def session(folder: Path, lights: Lights, side: int, *, gloss: bool = False, seed: int = 0) -> None:
+    """Record a session of images, and write lights and a mask next to it."""
     write_lights(folder.with_suffix(".json"), lights)
     write_mask(folder.with_suffix(".png"), np.ones((side, side), bool))
     plan = CapturePlan(leds=tuple(range(len(lights))), exposures_us=(20_000.0,))
@@ -170,12 +179,13 @@ def session(folder: Path, lights: Lights, side: int) -> None:
             bit_depth=12,
         ),
     )
-    values = images(lights, side, gloss=False)
+    values = strips(lights, side, gloss=gloss, seed=seed)
     with SessionWriter.create(folder, content) as writer:
         for shot in writer.missing:
             lit = values[shot.led] if shot.role == "light" else 0 * values[0]
             frame = np.clip(np.rint(_BLACK + _PER_SIGNAL * lit), 0, 4095).astype(np.uint16)
-            writer.write_frame(shot, frame, report=CameraReport(exposure_us=shot.exposure_us))
+            report = CameraReport(exposure_us=shot.exposure_us)
+            writer.write_frame(shot, repeated(frame, side), report=report)
         writer.complete()
 
 

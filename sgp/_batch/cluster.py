@@ -29,10 +29,12 @@ class ClusterWorkers:
     ----------
     client
         The connection to the scheduler.
+    count
+        Number of workers.
     """
 
-    def __init__(self, client: Client) -> None:
-        self._client = client
+    def __init__(self, client: Client, count: int) -> None:
+        self._client, self.count = client, count
 
     def outcomes(
         self, tasks: Sequence[Task], started: Callable[[Task], None]
@@ -84,11 +86,11 @@ def cluster(address: str, folder: Path) -> Iterator[ClusterWorkers]:
         text = f"{address}: the scheduler does not answer: start it with `dask scheduler`"
         raise ClusterError(text) from error
     with client:
-        _check(client, address, folder)
-        yield ClusterWorkers(client)
+        yield ClusterWorkers(client, _checked(client, address, folder))
 
 
-def _check(client: Client, address: str, folder: Path) -> None:
+def _checked(client: Client, address: str, folder: Path) -> int:
+    """Check that all workers can do the work; return their number."""
     workers = client.scheduler_info(n_workers=-1)["workers"]
     if not workers:
         text = f"{address}: has no workers: start some with `dask worker {address} --nthreads 1`"
@@ -117,6 +119,7 @@ def _check(client: Client, address: str, folder: Path) -> None:
         if not seen:
             text = f"{name}: this worker does not see {folder}"
             raise ClusterError(f"{text}: mount the storage there under the same path")
+    return len(answers)
 
 
 def _probe(token: str) -> tuple[str, bool]:

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+import acquisition
 from sgp._output import sha256
+
+_JOURNAL, _COMPLETE = "journal.jsonl", "COMPLETE"
+# Lines that a compaction appends to a journal.
+_OF_COMPACTION = ("reopened", "compacted")
 
 
 class Stamp(NamedTuple):
@@ -57,8 +64,14 @@ def _below(root: Path) -> Iterator[Path]:
 def difference(before: Mapping[str, Stamp], now: Mapping[str, Stamp]) -> str | None:
     """Return why files are not those of an earlier run, or None if they are the same.
 
-    A file with another size or time is read again: with the same hash it is the same.
+    A file with another size or time is read again: with the same hash it is the same. A session
+    that was compacted in between is the same, too.
     """
+    before, now = dict(before), dict(now)
+    for path in [path for path in now if Path(path).name == _JOURNAL]:
+        for same in list(_compacted(Path(path), before, now)):
+            before.pop(same, None)
+            now.pop(same, None)
     for path in now.keys() - before.keys():
         return f"{Path(path).name} is new"
     for path in before.keys() - now.keys():
@@ -70,3 +83,31 @@ def difference(before: Mapping[str, Stamp], now: Mapping[str, Stamp]) -> str | N
         if not old.sha256 or old.size != stamp.size or sha256(Path(path)) != old.sha256:
             return f"{Path(path).name} was changed"
     return None
+
+
+def _compacted(
+    journal: Path, before: Mapping[str, Stamp], now: Mapping[str, Stamp]
+) -> Iterator[str]:
+    """Yield files that a compaction of their session has changed, but not their content.
+
+    They are not read: the journal, of which COMPLETE has the hash, states their sizes.
+    """
+    old = before.get(str(journal))
+    if old is None or not now[str(journal)].size > old.size:
+        return
+    try:
+        content = journal.read_bytes()
+        session = acquisition.Session.open(journal.parent)
+    except (OSError, acquisition.DataError):
+        return
+    known, later = content[: old.size], content[old.size :].splitlines()
+    if hashlib.sha256(known).hexdigest() != old.sha256 or not session.complete:
+        return
+    if any(json.loads(line).get("event") not in _OF_COMPACTION for line in later):
+        return
+    yield from (str(journal), str(journal.parent / _COMPLETE))
+    for frame in session.recorded:
+        original, path = str(journal.parent / frame.line.file), str(frame.path)
+        found = now.get(path)
+        if original in before and found is not None and found.size == frame.bytes:
+            yield from (original, path)

@@ -14,6 +14,11 @@ from multiprocessing.connection import Connection, wait
 from sgp._batch.perform import perform
 from sgp._batch.task import Outcome, Task
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
 _SPAWN = multiprocessing.get_context("spawn")
 _LOST = 1
 # Time for an idle process to end by itself.
@@ -27,10 +32,12 @@ class LocalWorkers:
     ----------
     count
         Number of processes.
+    memory
+        Most memory of each process, bytes; None for no limit.
     """
 
-    def __init__(self, count: int) -> None:
-        self._count = count
+    def __init__(self, count: int, memory: int | None = None) -> None:
+        self.count, self._memory = count, memory
 
     def outcomes(
         self, tasks: Sequence[Task], started: Callable[[Task], None]
@@ -43,7 +50,7 @@ class LocalWorkers:
         for task in tasks:
             waiting.put(task)
         ended: queue.SimpleQueue[tuple[Task, Outcome] | BaseException] = queue.SimpleQueue()
-        workers = [_Worker() for _ in range(min(self._count, len(tasks)))]
+        workers = [_Worker(self._memory) for _ in range(min(self.count, len(tasks)))]
 
         def work(worker: _Worker) -> None:
             try:
@@ -75,8 +82,8 @@ class LocalWorkers:
 class _Worker:
     """A process that performs one task after another, and its successors."""
 
-    def __init__(self) -> None:
-        self.stopped = False
+    def __init__(self, memory: int | None) -> None:
+        self.stopped, self._memory = False, memory
         self._pipe, self._process = self._start()
 
     def perform(self, task: Task) -> Outcome:
@@ -108,7 +115,7 @@ class _Worker:
 
     def _start(self) -> tuple[Connection, multiprocessing.context.SpawnProcess]:
         here, there = _SPAWN.Pipe()
-        process = _SPAWN.Process(target=_serve, args=(there,), daemon=True)
+        process = _SPAWN.Process(target=_serve, args=(there, self._memory), daemon=True)
         process.start()
         there.close()
         return here, process
@@ -121,17 +128,25 @@ def _lost(code: int | None) -> Outcome:
     return Outcome(f"the process that computed it was ended by {name}{memory}", _LOST)
 
 
-def _serve(pipe: Connection) -> None:
+def _serve(pipe: Connection, memory: int | None) -> None:
     """Perform the tasks that arrive, until the pipe is closed or the parent has ended."""
     # Ctrl-C reaches all processes of a terminal; the parent decides.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    limit_memory(memory)
     while True:
         try:
             task = pipe.recv()
         except EOFError:
             return
         pipe.send(perform(task))
+
+
+def limit_memory(most: int | None) -> None:
+    """Refuse this process more memory than some bytes, where the system has such a limit."""
+    if most is not None and resource is not None:
+        _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+        resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
 
 
 def _end_with_parent() -> None:

@@ -16,7 +16,7 @@ from cyclopts import App, CycloptsError, Parameter
 import acquisition
 from sgp._batch.files import Stamp, stamps
 from sgp._batch.task import Outcome, Stage, Task
-from sgp._exit import error_text, exit_code
+from sgp._exit import FAULT, error_text, exit_code
 from sgp._help import usage_complaint
 from sgp._options import require_inputs, transfer_files
 from sgp._output import flat_parameters, paths_of, sha256
@@ -71,6 +71,11 @@ def _attempt(task: Task) -> Outcome:
             return _stages(task, roots, before)
     except CycloptsError as error:
         return Outcome(usage_complaint(error, "sgp batch"), 2)
+    except MemoryError as error:
+        text = "needs more memory than this process may have"
+        return Outcome(
+            " ".join(f"{text}: {error}".split()), FAULT, roots=tuple(roots), files=before
+        )
     except Exception as error:  # noqa: BLE001 - one source must not stop the others
         text = "; ".join([error_text(error), *getattr(error, "__notes__", ())])
         return Outcome(" ".join(text.split()), exit_code(error), roots=tuple(roots), files=before)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from statistics import median
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -24,10 +25,13 @@ class BatchProgress:
     ----------
     total
         Number of tasks.
+    workers
+        Number of tasks that run at the same time.
     """
 
-    def __init__(self, total: int) -> None:
-        self._total = total
+    def __init__(self, total: int, workers: int) -> None:
+        self._total, self._workers = total, workers
+        self._seconds: list[float] = []
         self._began_s = time.monotonic()
         self._running: dict[str, float] = {}
         self._done = self._failed = 0
@@ -61,6 +65,7 @@ class BatchProgress:
         self._running.pop(task.name, None)
         self._done += 1
         self._failed += outcome.error is not None
+        self._seconds.append(outcome.seconds)
         said = "done" if outcome.error is None else f"FAILED: {outcome.error}"
         note(f"{task.name}: {said} ({outcome.seconds:.1f} s); {self.line()}")
 
@@ -71,7 +76,9 @@ class BatchProgress:
             text += f", {self._failed} failed"
         seconds = time.monotonic() - self._began_s
         if self._done and self._done < self._total:
-            left_s = seconds * (self._total - self._done) / self._done
+            # The first tasks of each process load libraries, and a few are much larger than others.
+            rounds = max((self._total - self._done) / self._workers, 1)
+            left_s = rounds * median(self._seconds)
             text += f", {60 * self._done / seconds:.3g} a minute, about {_duration(left_s)} left"
         return text
 

@@ -110,7 +110,15 @@ class Outcome:
 
 
 class Workers(Protocol):
-    """What performs tasks: processes here, or a cluster."""
+    """What performs tasks: processes here, or a cluster.
+
+    Attributes
+    ----------
+    count
+        Number of tasks that run at the same time.
+    """
+
+    count: int
 
     def outcomes(
         self, tasks: Sequence[Task], started: Callable[[Task], None]

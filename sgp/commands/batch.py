@@ -27,13 +27,14 @@ from sgp._console import note
 from sgp._exit import UsageError
 from sgp._help import usage_complaint
 from sgp._metrics import BatchMetrics
-from sgp._options import Inputs, OptionalInput, Whole
+from sgp._options import Inputs, Memory, OptionalInput, Whole
 from sgp._output import check_output, write_record
 from sgp._result import Result
 from sgp.commands.calibrate import spheres
 from sgp.commands.report import report
 from sgp.commands.run import run
 
+_LEAST_MEMORY = 2**29
 _Workers = Annotated[Whole, Parameter(validator=Number(gte=1, lte=256))]
 _Retries = Annotated[Whole, Parameter(validator=Number(gte=0, lte=100))]
 
@@ -44,6 +45,7 @@ def batch(
     out: Path,
     recipe: OptionalInput = None,
     workers: _Workers | None = None,
+    memory: Memory | None = None,
     scheduler: str | None = None,
     retries: _Retries = 1,
 ) -> Result:
@@ -76,6 +78,9 @@ def batch(
         Recipe (.toml); default: the options that `sgp run` has by default.
     workers
         Number of processes on this computer; default: one for each core.
+    memory
+        Most memory of each of these processes, for example 4G, with which a source that needs more
+        fails; default: no limit.
     scheduler
         Address of a Dask scheduler, whose workers do the work; they need the same paths and the
         same version of sgp.
@@ -85,6 +90,11 @@ def batch(
     """
     if scheduler is not None and workers is not None:
         raise UsageError("--workers is for this computer and --scheduler for a cluster: give one")
+    if scheduler is not None and memory is not None:
+        text = "--memory is for this computer: start the workers of the cluster with --memory-limit"
+        raise UsageError(text)
+    if memory is not None and memory < _LEAST_MEMORY:
+        raise UsageError("--memory is too small for the libraries alone: give at least 512M")
     if not source:
         raise UsageError("no source is given: name at least one recording")
     chosen = Recipe() if recipe is None else read_recipe(recipe)
@@ -99,7 +109,7 @@ def batch(
         ]
         _check_options(tasks[0], recipe)
         due = _due(tasks, known)
-        with _pool(scheduler, workers, states.folder) as pool:
+        with _pool(scheduler, workers, memory, states.folder) as pool:
             _work(pool, due, states, known)
         shown = {task.name: known[task.name] for task in tasks}
         result = _written(out, shown, recipe, len(due))
@@ -107,6 +117,7 @@ def batch(
             "source": list(source),
             "recipe": recipe,
             "workers": workers,
+            "memory": memory,
             "scheduler": scheduler,
             "retries": retries,
         }
@@ -120,9 +131,11 @@ def _cores() -> int:
 
 
 @contextmanager
-def _pool(scheduler: str | None, workers: int | None, folder: Path) -> Iterator[Workers]:
+def _pool(
+    scheduler: str | None, workers: int | None, memory: int | None, folder: Path
+) -> Iterator[Workers]:
     if scheduler is None:
-        yield LocalWorkers(workers or _cores())
+        yield LocalWorkers(workers or _cores(), memory)
     else:
         with cluster(scheduler, folder.absolute()) as found:
             yield found
@@ -189,7 +202,7 @@ def _due(tasks: list[Task], known: Mapping[str, State]) -> list[Task]:
 
 
 def _work(pool: Workers, due: list[Task], states: States, known: dict[str, State]) -> None:
-    with BatchProgress(len(due)) as progress:
+    with BatchProgress(len(due), pool.count) as progress:
         for task, outcome in pool.outcomes(due, progress.started):
             known[task.name] = states.write(task, outcome)
             progress.ended(task, outcome)

@@ -8,18 +8,20 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import acquisition
 import rig
-from acquisition import DataError, StorageError
-from sgp._batch.files import difference, stamps
+from acquisition import DataError, StorageError, compact_session, import_frames, read_source
+from sgp._batch.files import Stamp, difference, stamps
 from sgp._batch.names import names_of
 from sgp._batch.perform import perform
+from sgp._batch.progress import BatchProgress
 from sgp._batch.recipe import Recipe, option_words, read_recipe
 from sgp._batch.state import States, reason_to_run
 from sgp._batch.tables import csv_table, html_table
-from sgp._batch.task import Stage, Task
+from sgp._batch.task import Outcome, Stage, Task
 from sgp._exit import UsageError
 from sgp._output import sha256
 from sgp._result import Result
@@ -36,7 +38,12 @@ def copy(source: Path, *, out: Path, force: bool = False, text: str = "", fail: 
         (out / "tried").touch()
         raise StorageError("the disk is full")
     if fail not in ("", "once"):
-        raise {"disk": StorageError, "data": DataError, "bug": ZeroDivisionError}[fail](fail)
+        raise {
+            "disk": StorageError,
+            "data": DataError,
+            "bug": ZeroDivisionError,
+            "memory": MemoryError,
+        }[fail](fail)
     files = [path for path in source.iterdir() if path.is_file()]
     out.mkdir(exist_ok=True)
     (out / "copy.txt").write_text(text + "".join(path.read_text() for path in files))
@@ -88,9 +95,7 @@ def edit(folder: Path) -> None:
     ],
 )
 def test_a_changed_file_is_named(source, change, expected) -> None:
-    before = {
-        path: stamp._replace(sha256=sha256(Path(path))) for path, stamp in stamps([source]).items()
-    }
+    before = hashed(source)
     change(source)
     assert difference(before, stamps([source])) == expected
 
@@ -151,6 +156,7 @@ def test_a_damaged_state_costs_one_source_and_one_of_another_version_is_refused(
         pytest.param("disk", 3, 3, id="an error that stays"),
         pytest.param("data", 4, 1, id="wrong data"),
         pytest.param("bug", 1, 1, id="an error in this program"),
+        pytest.param("memory", 1, 1, id="too little memory"),
     ],
 )
 def test_errors_are_outcomes(task, fail, code, attempts, monkeypatch) -> None:
@@ -244,3 +250,50 @@ def test_tables_escape_what_names_and_errors_contain(task, tmp_path) -> None:
     assert [row["status"] for row in rows] == ["done", "failed"]
     assert rows[0]["pixels"] == "12"
     assert rows[1]["name"] == hostile
+
+
+@pytest.fixture
+def session(tmp_path) -> Path:
+    """A complete session of one frame that becomes smaller by a compaction."""
+    acquisition.write_png(tmp_path / "card.png", np.full((64, 80), 700, np.uint16))
+    return import_frames(read_source(tmp_path / "card.png"), tmp_path / "session").folder
+
+
+def hashed(folder: Path) -> dict[str, Stamp]:
+    return {
+        path: stamp._replace(sha256=sha256(Path(path))) for path, stamp in stamps([folder]).items()
+    }
+
+
+def test_a_compacted_session_is_the_same(session) -> None:
+    before = hashed(session)
+    assert compact_session(session).compacted == 1
+    assert stamps([session]).keys() != before.keys()
+    assert difference(before, stamps([session])) is None
+    (frame,) = (session / "frames").iterdir()
+    assert difference(hashed(session), stamps([session])) is None
+    frame.write_bytes(frame.read_bytes() + b"\0")
+    assert "is new" in difference(before, stamps([session]))
+
+
+def test_a_compacted_session_with_another_change_is_not_the_same(session) -> None:
+    before = hashed(session)
+    changed = before | {
+        path: stamp._replace(sha256="0" * 64)
+        for path, stamp in before.items()
+        if path.endswith("journal.jsonl")
+    }
+    compact_session(session)
+    assert difference(changed, stamps([session])) is not None
+    (session / "COMPLETE").unlink()
+    assert difference(before, stamps([session])) is not None
+
+
+def test_one_slow_task_does_not_spoil_the_time_left(task, monkeypatch) -> None:
+    monkeypatch.setattr("sgp._batch.progress.note", lambda line: None)
+    progress = BatchProgress(24, 2)
+    for seconds in (6000.0, 6.0, 6.0, 6.0):
+        progress.started(task)
+        progress.ended(task, Outcome(seconds=seconds))
+    assert progress.line().startswith("4 of 24 done")
+    assert progress.line().endswith("about 60 s left")

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 import acquisition
-from sgp._batch.cluster import _check, _probe
+from sgp._batch.cluster import _checked, _probe
 from sgp._exit import ClusterError, UsageError
 from tests.sgp.test_cli_batch import recipe as recipe
 from tests.sgp.test_cli_batch import table, wait_for
@@ -24,7 +24,7 @@ HERE = acquisition.software_version()
 
 
 class Cluster:
-    """What `_check` uses of a client."""
+    """What `_checked` uses of a client."""
 
     def __init__(self, threads: int | None = 1, answer: object = None) -> None:
         self._workers = {} if threads is None else {"tcp://w:1": {"nthreads": threads}}
@@ -59,12 +59,12 @@ class Cluster:
 )
 def test_workers_that_cannot_do_the_work_are_named(client, error, message, tmp_path) -> None:
     with pytest.raises(error, match=message):
-        _check(client, ADDRESS, tmp_path)
+        _checked(client, ADDRESS, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_good_cluster_is_accepted(tmp_path) -> None:
-    _check(Cluster(answer=(HERE, True)), ADDRESS, tmp_path)
+    assert _checked(Cluster(answer=(HERE, True)), ADDRESS, tmp_path) == 1
     assert _probe(str(tmp_path / "missing")) == (HERE, False)
 
 

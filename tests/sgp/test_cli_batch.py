@@ -25,8 +25,9 @@ SGP = [sys.executable, "-m", "sgp"]
 class Here:
     """Perform tasks in this process, so that tests need not start others."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, memory: int | None = None) -> None:
         """Accept what `LocalWorkers` accepts."""
+        self.count = 1
 
     def outcomes(self, tasks, started):
         for task in tasks:
@@ -114,6 +115,9 @@ def test_wrong_commands_are_refused_before_any_work(here, sgp, two, recipe, tmp_
     assert "--ful" in sgp(*asked, "--recipe", recipe).error_line(2)
     text = sgp(*asked, "--workers", "2", "--scheduler", "tcp://127.0.0.1:1").error_line(2)
     assert text.endswith("give one")
+    text = sgp(*asked, "--memory", "2G", "--scheduler", "tcp://127.0.0.1:1").error_line(2)
+    assert text.endswith("--memory-limit")
+    assert sgp(*asked, "--memory", "1M").error_line(2).endswith("at least 512M")
     assert not out.exists() or not any(path.is_file() for path in out.rglob("*"))
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").touch()
@@ -158,6 +162,19 @@ def wait_for(what, limit_s: float = 100.0):
             return found
         time.sleep(0.05)
     raise TimeoutError
+
+
+@pytest.mark.slow
+def test_a_process_gets_no_more_memory_than_allowed(two, recipe, tmp_path) -> None:
+    words = ("--recipe", recipe, "--workers", 1, "--memory", "1G")
+    run = started("batch", two[0], "--out", tmp_path / "out", *words)
+    printed, errors = run.communicate(timeout=280)
+    assert run.returncode == 0, errors
+    assert "1 of 1 source done" in printed
+    code = "import numpy as np; from sgp._batch.local import limit_memory; limit_memory(2**30)"
+    code += "; np.ones(2**22); np.ones(2**28)"
+    one = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "Unable to allocate 2.00 GiB" in one.stderr
 
 
 @pytest.mark.slow
