@@ -31,6 +31,8 @@ def _codes(tree: ast.Module) -> Iterator[str]:
             if name != "Notice":
                 continue
             given = next((word.value for word in node.keywords if word.arg == "code"), None)
+            if given is None and not node.args:  # `Notice(**stored)`: read back from a file
+                continue
             code = given if given is not None else node.args[0]
             if isinstance(code, ast.Constant):
                 yield code.value
