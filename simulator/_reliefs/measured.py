@@ -15,6 +15,7 @@ Array = npt.NDArray[np.float64]
 Random = np.random.Generator
 
 _LEAST, _MOST = 16, 4096
+_TILT = 0.25  # standard deviation of the slopes of a whole map: 14 degrees on average
 
 
 def random_source(stream: int, seed: int, size: int) -> Random:
@@ -49,6 +50,38 @@ def errors(random: Random, size: int) -> Array:
         gaussian_filter(power_noise(random, size, power), random.uniform(0, 0.8)) for _ in range(2)
     ]
     return np.asarray(strength * np.dstack(noise) * (texture / texture.mean())[..., None])
+
+
+def measured_normals(random: Random, height: Array, faulty: float) -> Array:
+    """Return the normals of a surface that is tilted at random, some with errors.
+
+    Parameters
+    ----------
+    random
+        Source of random numbers.
+    height
+        ``(size, size)`` heights in pixels.
+    faulty
+        Share of the maps that contain errors, 0 to 1.
+    """
+    down, right = np.gradient(height)
+    tilt = random.normal(0, _TILT, 2)
+    normals = unit(np.dstack([tilt[0] - right, tilt[1] + down, np.ones(height.shape)]))
+    if random.random() < faulty:
+        normals[..., :2] += float(np.hypot(right, down).mean()) * errors(random, len(height))
+        normals = unit(normals)
+    return normals
+
+
+def rounded(normals: Array) -> Array:
+    """Return normals after storage in 8 bits."""
+    return unit(np.round(127.5 * normals) / 127.5)
+
+
+def scaled_to_slope(random: Random, height: Array, low_deg: float, high_deg: float) -> Array:
+    """Return a surface with a random mean slope, evenly distributed on a logarithmic scale."""
+    wanted = math.tan(math.radians(logarithmic(random, low_deg, high_deg)))
+    return np.asarray(wanted / slope(height) * height)
 
 
 def slope(height: Array) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
@@ -11,7 +9,14 @@ from scipy.ndimage import gaussian_filter
 from simulator._reliefs.cells import cells
 from simulator._reliefs.drawn import bodies, strokes, weave
 from simulator._reliefs.materials import material
-from simulator._reliefs.measured import errors, logarithmic, random_source, slope, unit
+from simulator._reliefs.measured import (
+    logarithmic,
+    measured_normals,
+    random_source,
+    rounded,
+    scaled_to_slope,
+    slope,
+)
 from simulator._reliefs.noise import embossed, ridged, rough, smooth
 
 Array = npt.NDArray[np.float64]
@@ -88,17 +93,9 @@ def random_normals(seed: int, size: int = 240) -> npt.NDArray[np.float32]:
     (64, 64, 3)
     """
     random = random_source(_STREAM, seed, size)
-    size += 2 * _MARGIN
-    height = _relief(random, size)
-    down, right = np.gradient(height)
-    tilt = random.normal(0, 0.25, 2)
-    normals = unit(np.dstack([tilt[0] - right, tilt[1] + down, np.ones((size, size))]))
-    if random.random() < 0.5:
-        mean = float(np.hypot(right, down).mean())
-        normals[..., :2] += mean * errors(random, size)
-        normals = unit(normals)
+    normals = measured_normals(random, _relief(random, size + 2 * _MARGIN), faulty=0.5)
     if random.random() < 0.3:
-        normals = unit(np.round(127.5 * normals) / 127.5)
+        normals = rounded(normals)
     return _inner(normals).astype(np.float32)
 
 
@@ -118,8 +115,7 @@ def _relief(random: Random, size: int) -> Array:
     height = gaussian_filter(height, logarithmic(random, 0.3, 3.0), mode="reflect")
     if kind == 9:  # bodies have a natural height
         return np.asarray(random.uniform(0.5, 1.2) * height)
-    wanted = math.tan(math.radians(logarithmic(random, 2.0, 28.0)))
-    return np.asarray(wanted / slope(height) * height)
+    return scaled_to_slope(random, height, 2.0, 28.0)
 
 
 def _inner(image: Array) -> Array:

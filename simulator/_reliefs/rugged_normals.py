@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-import math
-
 import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
 from simulator._reliefs.drawn import bodies
-from simulator._reliefs.measured import errors, logarithmic, random_source, slope, unit
+from simulator._reliefs.measured import (
+    logarithmic,
+    measured_normals,
+    random_source,
+    rounded,
+    scaled_to_slope,
+    slope,
+    unit,
+)
 from simulator._reliefs.rugged import crusted, faceted, foliage, patchy, warped, worn
 
 Array = npt.NDArray[np.float64]
@@ -55,16 +61,10 @@ def rugged_normals(seed: int, size: int = 240) -> npt.NDArray[np.float32]:
     (64, 64, 3)
     """
     random = random_source(_STREAM, seed, size)
-    whole = size + 2 * _MARGIN
-    down, right = np.gradient(_relief(random, whole))
-    tilt = random.normal(0, 0.25, 2)
-    normals = unit(np.dstack([tilt[0] - right, tilt[1] + down, np.ones((whole, whole))]))
-    if random.random() < 0.4:
-        normals[..., :2] += float(np.hypot(right, down).mean()) * errors(random, whole)
-        normals = unit(normals)
+    normals = measured_normals(random, _relief(random, size + 2 * _MARGIN), faulty=0.4)
     stored = random.random()
     if stored < 0.3:
-        normals = unit(np.round(127.5 * normals) / 127.5)
+        normals = rounded(normals)
     elif stored < 0.5:
         normals = _compressed(random, normals)
     return normals[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN].astype(np.float32)
@@ -86,8 +86,7 @@ def _relief(random: Random, size: int) -> Array:
         if random.random() < 0.2:
             height += random.uniform(0.1, 0.6) * bodies(random, size)
     height = gaussian_filter(height, logarithmic(random, 0.3, 1.6), mode="reflect")
-    wanted = math.tan(math.radians(logarithmic(random, 6, 42)))
-    return np.asarray(wanted / slope(height) * height)
+    return scaled_to_slope(random, height, 6.0, 42.0)
 
 
 def _compressed(random: Random, normals: Array) -> Array:
