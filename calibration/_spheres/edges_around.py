@@ -46,36 +46,49 @@ class EdgesAround:
         self._angles = np.arange(count) * (2 * np.pi / count)
         self._first = -np.floor(wide / _OFFSET_STEP_PX) * _OFFSET_STEP_PX
         offsets = np.arange(self._first, -self._first + 0.1, _OFFSET_STEP_PX)
-        seen = np.mean([self._ridges(image, offsets) for image in images], axis=0)
-        self._edges = np.minimum(seen / _OF_IMAGES, 1.0)
+        seen = self._seen(images, offsets)
+        self._edges = np.minimum(seen / (_OF_IMAGES * len(images)), 1.0)
 
-    def _ridges(self, image: npt.NDArray[np.float32], offsets: Array) -> npt.NDArray[np.bool_]:
-        """Return where an image has an edge, ``(angles, offsets)``."""
-        circle = self._circle
+    def _seen(self, images: Sequence[npt.NDArray[np.float32]], offsets: Array) -> Array:
+        """Return how many images have an edge, ``(angles, offsets)``."""
+        circle, shape = self._circle, np.array(images[0].shape[::-1])
+        seen: Array = np.zeros((len(self._angles), len(offsets)))
         centre = np.array(circle.centre_px)
         far = circle.radius_px + offsets[-1] + 4
         low = np.maximum((centre - far).astype(int), 0)
-        high = np.minimum((centre + far).astype(int) + 2, image.shape[::-1])
+        high = np.minimum((centre + far).astype(int) + 2, shape)
         if np.any(high - low < 8):
-            return np.zeros((len(self._angles), len(offsets)), bool)
-        crop = np.log(image[low[1] : high[1], low[0] : high[0]])
+            return seen
+        toward = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=1)
+        places = centre + (circle.radius_px + offsets)[None, :, None] * toward[:, None]
+        inside = np.all((places > 2) & (places < shape - 3), axis=-1)
+        x, y = (np.ascontiguousarray(places[..., k] - low[k], np.float32) for k in (0, 1))
+        for image in images:
+            crop = np.log(image[low[1] : high[1], low[0] : high[0]])
+            seen += self._ridges(crop, x, y, toward.astype(np.float32)) & inside
+        return seen
+
+    @staticmethod
+    def _ridges(
+        crop: npt.NDArray[np.float32],
+        x: npt.NDArray[np.float32],
+        y: npt.NDArray[np.float32],
+        toward: npt.NDArray[np.float32],
+    ) -> npt.NDArray[np.bool_]:
+        """Return where the logarithm of an image has an edge that faces the centre."""
         smooth = cv2.GaussianBlur(crop, (0, 0), 0.8)
         gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
         gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, scale=1 / 8)
-        toward = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=1)
-        places = centre + (circle.radius_px + offsets)[None, :, None] * toward[:, None]
-        x, y = (np.ascontiguousarray(places[..., k] - low[k], np.float32) for k in (0, 1))
         along_x, along_y = (
             cv2.remap(g, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for g in (gx, gy)
         )
         across = np.abs(along_x * toward[:, :1] + along_y * toward[:, 1:])
         steep = np.hypot(along_x, along_y)
-        inside = (places > 2) & (places < np.array(image.shape[::-1]) - 3)
         strong = (across > _SIGNIFICANT * np.median(steep) + 1e-4) & (across > _FACING * steep)
         ridge = np.zeros_like(strong)
         middle = across[:, 1:-1]
         ridge[:, 1:-1] = (middle >= across[:, :-2]) & (middle > across[:, 2:])
-        return np.asarray(ridge & strong & inside.all(axis=-1))
+        return np.asarray(ridge & strong)
 
     def support(self, outline: Ellipse) -> float:
         """Return the share of the circumference where an edge is close to an outline."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -14,7 +16,6 @@ from calibration._spheres.robust import (
     Array,
     check_enough,
     tukey_weights,
-    weighted_solve,
 )
 from rig import short_repr
 
@@ -128,9 +129,10 @@ def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse,
     """
     circle = start or _least_median_circle(points_px)
     weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
+    equations = _CircleEquations(points_px)
     for _ in range(ROUNDS):
         check_enough(weights, 3, "a circle")
-        last, circle = circle, _plain_circle(points_px, weights)
+        last, circle = circle, equations.solved(weights)
         weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
         if _moved_px(last, circle) < _CONVERGED_PX:
             break
@@ -186,9 +188,14 @@ def _samples(points: Array) -> tuple[Array, Array]:
     follow. The fit to a few points that has the least median distance from all points does not.
     """
     check_enough(np.ones(len(points)), _SAMPLE, "an outline")
+    return points[_picks(len(points))], points[:: -(-len(points) // _JUDGES)]
+
+
+@cache
+def _picks(count: int) -> npt.NDArray[np.intp]:
+    """Return the points of each sample, out of so many."""
     random = np.random.default_rng(0)
-    picks = [random.choice(len(points), _SAMPLE, replace=False) for _ in range(_TRIALS)]
-    return points[np.array(picks)], points[:: -(-len(points) // _JUDGES)]
+    return np.array([random.choice(count, _SAMPLE, replace=False) for _ in range(_TRIALS)])
 
 
 def _least_median_circle(points: Array) -> Ellipse:
@@ -196,7 +203,7 @@ def _least_median_circle(points: Array) -> Ellipse:
     samples, judges = _samples(points)
     origins = samples.mean(axis=1)
     offsets = samples - origins[:, None]
-    # About the mean of a sample, the equations of its circle decouple: `_plain_circle` in two rows.
+    # About the mean of a sample, the equations of a circle decouple: two rows remain.
     square = np.sum(offsets**2, axis=2)
     (xx, xy), (_, yy) = np.einsum("tsa,tsb->abt", offsets, offsets)
     x, y = 0.5 * np.einsum("tsa,ts->at", offsets, square)
@@ -230,14 +237,27 @@ def _least_median_ellipse(points: Array) -> Ellipse:
     return best[1]
 
 
-def _plain_circle(points: Array, weights: Array) -> Ellipse:
-    """Fit a circle by weighted linear least squares."""
-    origin = points.mean(axis=0)
-    offset = points - origin
-    design = np.column_stack([2 * offset, np.ones(len(offset))])
-    x, y, c = weighted_solve(design, np.sum(offset**2, axis=1), weights)
-    radius = float(np.sqrt(max(c + x * x + y * y, 1e-12)))
-    return Ellipse((float(x + origin[0]), float(y + origin[1])), (radius, radius))
+class _CircleEquations:
+    """Linear equations of a circle through points, for several weights of the points."""
+
+    def __init__(self, points: Array) -> None:
+        self._origin = points.mean(axis=0)
+        offset = points - self._origin
+        # In units of the largest offset, the squares of the columns are alike.
+        self._scale = max(float(np.abs(offset).max()), 1e-12)
+        offset = offset / self._scale
+        self._design = np.column_stack([2 * offset, np.ones(len(offset))])
+        self._target = np.sum(offset**2, axis=1)
+
+    def solved(self, weights: Array) -> Ellipse:
+        """Return the circle of the weighted linear least squares."""
+        weighted = self._design.T * weights
+        normal = np.column_stack([weighted @ self._design, weighted @ self._target])
+        # For so few equations, OpenCV is faster than NumPy.
+        x, y, c = cv2.solve(normal[:, :3], normal[:, 3:], flags=cv2.DECOMP_SVD)[1][:, 0]
+        radius = self._scale * float(np.sqrt(max(c + x * x + y * y, 1e-24)))
+        centre = self._origin + self._scale * np.array([x, y])
+        return Ellipse((float(centre[0]), float(centre[1])), (radius, radius))
 
 
 def _plain_ellipse(points: Array, weights: Array) -> Ellipse:

@@ -77,14 +77,18 @@ def estimate_blur(profiles: Array) -> float:
 def edge_costs(profiles: Array, blur_px: float) -> Array:
     """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
     bases = _bases(blur_px)
-    costs = np.zeros((len(profiles), bases.shape[1] // _PARAMETERS))
+    shifts = bases.shape[1] // _PARAMETERS
+    costs: Array = np.zeros((len(profiles), shifts))
     for first in range(0, len(profiles), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
         # The model contains constants, which are removed first for accuracy.
         varying = profiles[some] - profiles[some].mean(axis=1, keepdims=True)
-        explained = (varying @ bases) ** 2
-        costs[some] = np.sum(varying**2, axis=1, keepdims=True)
-        costs[some] -= explained.reshape(len(varying), _PARAMETERS, -1).sum(axis=1)
+        explained = varying @ bases
+        explained *= explained
+        rest = costs[some]
+        rest[:] = np.einsum("ms,ms->m", varying, varying)[:, None]
+        for start in range(0, bases.shape[1], shifts):
+            rest -= explained[:, start : start + shifts]
     return np.maximum(costs, 0.0, out=costs)
 
 

@@ -29,10 +29,8 @@ _TUKEY, _MOST_UNUSUAL, _FINEST = 2.5, 1.5, 1e-3
 # Neighbouring profiles have the same errors along this length of the outline.
 _GROUP_PX, _FEWEST_GROUPS, _MOST_GROUPS = 12.0, 12, 36
 _LEAST_SEEN = 0.3
-# Interpolation averages over pixels, so that samples have this share of the noise of pixels.
-_SMOOTHED = 0.7
 # Errors of the model on an even plane, and by the contrast of a texture.
-_MODEL_PX, _BY_TEXTURE_PX = 0.005, (2.0, 2.0, 3.0)
+_MODEL_PX, _BY_TEXTURE_PX = 0.004, (2.0, 2.0, 3.0)
 _MOST_MOVE_PX, _LARGEST_PX = 1.0, 0.5
 
 
@@ -120,8 +118,8 @@ class _Profiles:
     """Images across the outline of a ball, and what the model of a blurred step expects."""
 
     def __init__(self, values: Images, plane: MirroredPlane, ball: Balls) -> None:
-        self._plane, self._noise = plane, plane.noise
-        self._misfit, self._level = 0.0, 1.0
+        self._plane = plane
+        self._texture = 0.0
         size = float(ball.radii_px[0])
         inward = float(np.clip(_INWARD * size, *_INWARD_PX))
         self._offsets = np.arange(
@@ -139,12 +137,8 @@ class _Profiles:
         self._images = [without_nan(some[k, y0:y1, x0:x1]) for k in range(len(some))]
 
     def model_errors_px(self) -> Array:
-        """Return the errors ``(3,)`` of place and radius by print and texture.
-
-        The model lacks them; they follow from the part of the residuals that is not noise.
-        """
-        texture = np.sqrt(max(self._misfit**2 - (_SMOOTHED * self._noise) ** 2, 0.0))
-        errors: Array = np.hypot(_MODEL_PX, np.array(_BY_TEXTURE_PX) * texture / self._level)
+        """Return the errors ``(3,)`` of place and radius by print and texture."""
+        errors: Array = np.hypot(_MODEL_PX, np.array(_BY_TEXTURE_PX) * self._texture)
         return errors
 
     def normal(self, ball: Balls, blur: float, reflectance: float) -> tuple[Array, Array] | None:
@@ -181,8 +175,7 @@ class _Profiles:
         weights = _weights(residuals, seen, use)
         if not weights.any():
             return None
-        self._misfit = float(np.sqrt(np.average(np.mean(residuals**2, axis=-1), weights=weights)))
-        self._level = float(np.average(seen.mean(axis=-1), weights=weights))
+        self._texture = _texture(residuals, seen, weights)
         of_pair = np.einsum("njsa,njsb,nj->jab", derivatives, derivatives, weights)
         of_angle = np.einsum("njsa,njs,nj->ja", derivatives, residuals, weights)
         # Place and radius move the edge along the normal of the outline.
@@ -226,3 +219,20 @@ def _weights(residuals: Array, seen: Array, use: npt.NDArray[np.bool_]) -> Array
     fits = np.clip(1 - (misfit / (_TUKEY * usual)) ** 2, 0, None) ** 2
     weights: Array = np.where(lit, fits / (usual * level) ** 2, 0.0)
     return weights
+
+
+def _texture(residuals: Array, seen: Array, weights: Array) -> float:
+    """Return the contrast of the print and texture that the model lacks.
+
+    It is the same under all lights, relative to their brightness; noise is not. So it is what the
+    mean of the lights keeps of their residuals, without the noise of this mean.
+    """
+    level = np.maximum(seen.mean(axis=-1, keepdims=True), 1e-9)
+    relative, weight = residuals / level, weights[..., None] * level**2
+    total = np.maximum(weight.sum(axis=0), 1e-300)
+    share = weight / total
+    shared = np.sum(share * relative, axis=0)
+    of_one = np.sum(share**2, axis=0)
+    noise = np.sum(share**2 * (relative - shared) ** 2, axis=0) / np.maximum(1 - of_one, 1e-3)
+    square = np.average(shared**2 - noise, axis=0, weights=total[:, 0])
+    return float(np.sqrt(max(square.mean(), 0.0)))

@@ -24,10 +24,10 @@ def mean_of(off):
 @pytest.mark.parametrize(
     ("off_px", "share", "sigma_px"),
     [
-        pytest.param(0.02, 0.889, 0.0133, id="they agree: the inverse covariances are the weights"),
-        pytest.param(-0.11, 0.889, 0.0133, id="within the usual"),
-        pytest.param(0.13, 0.889, np.hypot(0.065, 0.0133), id="they differ: half of it is stated"),
-        pytest.param(-0.18, 0.0, MIRROR_PX, id="a contradiction: not the edge of this ball"),
+        pytest.param(0.02, 0.936, 0.0101, id="they agree: the inverse covariances are the weights"),
+        pytest.param(-0.11, 0.936, 0.0101, id="within the usual"),
+        pytest.param(0.2, 0.991, 0.0104, id="they differ: the mirror image counts less"),
+        pytest.param(-0.5, 0.0, MIRROR_PX, id="a contradiction: not the edge of this ball"),
     ],
 )
 def test_mirror_image_and_edge(axis, off_px, share, sigma_px):
