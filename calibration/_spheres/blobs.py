@@ -24,13 +24,14 @@ MOST_BLOBS = 3
 
 @dataclass(frozen=True, eq=False)
 class Blob:
-    """Pixels and flux of a bright blob, and level and noise of the image around it.
+    """Pixels, flux and height of a bright blob, and level and noise of the image around it.
 
     ``rival`` is the largest flux of another blob, compact or not.
     """
 
     region: Region
     flux: float
+    height: float
     level: float
     noise: float
     saturated: bool
@@ -100,7 +101,8 @@ def bright_blobs(
         core = bool(np.any(saturated & region))
         if _width_px(region, core=core) <= max(_LARGEST_BLOB * radius_px, 3):
             rival = float(flux[order[0 if blobs else 1]])
-            blobs.append(Blob(region, float(flux[index]), level, noise, core, rival))
+            height = float(smooth[region].max()) - level
+            blobs.append(Blob(region, float(flux[index]), height, level, noise, core, rival))
         elif not blobs:
             break
     return blobs

@@ -17,7 +17,7 @@ from calibration._spheres.unlike import usual_size
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.
 _LARGEST_RADIUS = 0.85
-_FAINTEST_FLUX = 0.03
+_FAINTEST = 0.03
 _RIVAL_FLUX = 0.5
 # A spot at one place under several lights is a lamp, unless most lights share their places.
 _SAME_PX, _SAME_SHARE = 0.5, 0.01
@@ -142,9 +142,9 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     if other lights do not share theirs. A highlight is the compact blob with the largest flux
     within 0.85 of the radius; if it is saturated, its core without rays. A light is left out if
     its brightest blob is wider than 0.35 of the radius (a matte surface), is cut off by the frame,
-    has a rival with more than half its flux, or has less than 3 % of the median flux of all lights
-    (then the light is hidden, and the blob is its reflection from another sphere). Rivals with more
-    than a tenth of its flux are kept as candidates.
+    has a rival with more than half its flux, or has less than 3 % of the median flux or height of
+    all lights (then the light is hidden, and the blob is its reflection from another sphere).
+    Rivals with more than a tenth of its flux are kept as candidates.
 
     Parameters
     ----------
@@ -181,8 +181,7 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     border = np.any((places == 0) | (places == last), axis=-1)
     search = _Search(filled, saturated, within, border, outline, (int(x0), int(y0)), white)
     blobs = [search.blobs(k) for k in range(len(filled))]
-    typical = float(np.median([of_one[0].flux for of_one in blobs if of_one] or [0.0]))
-    found = search.located(blobs, typical)
+    found = search.located(blobs)
     for _ in range(_LAMPS):
         lamp = _lamp(found.candidates.pixels, outline.radius_px)
         if lamp is None:
@@ -191,8 +190,7 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
         search.subtract(lit)
         for k in lit:
             blobs[k] = search.blobs(k)
-        typical = float(np.median([of_one[0].flux for of_one in blobs if of_one] or [0.0]))
-        found = search.located(blobs, typical)
+        found = search.located(blobs)
     return found
 
 
@@ -234,15 +232,18 @@ class _Search:
         self.images[lit] = some
         self.saturated[lit] &= 4 * self.saturated[lit].sum(axis=0) <= 3 * len(lit)
 
-    def located(self, blobs: list[list[Blob]], typical: float) -> Highlights:
+    def located(self, blobs: list[list[Blob]]) -> Highlights:
         """Return the positions of blobs, and which of them are highlights."""
         result = _none(len(blobs))
+        brightest = [(of_one[0].flux, of_one[0].height) for of_one in blobs if of_one]
+        least = _FAINTEST * np.median(brightest or [(0.0, 0.0)], axis=0)
         of = result.candidates
         radii_px = np.full(of.share.shape, np.nan)
         for k, of_one in enumerate(blobs):
             rank = 0
             for blob in of_one:
-                if blob.flux < _FAINTEST_FLUX * typical or np.any(blob.region & self.border):
+                faint = blob.flux < least[0] or blob.height < least[1]
+                if faint or np.any(blob.region & self.border):
                     continue
                 spot = self.spot(k, blob)
                 place = spot.centre + np.array(self.corner)

@@ -26,6 +26,8 @@ _DOWNWARD = 0.05
 # is seven blocks away from its outline.
 _CLEAR_BLOCKS = 6.0
 _LEAST_DEPTH_PX = 2.0
+# Texture is finer than this, in reduced pixels, and shading is coarser.
+_LOCAL_PX = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,12 +264,22 @@ class MirroredPlane:
 
 
 def _noise(stack: Values) -> float:
-    """Return the noise of single images, with Immerkaer's kernel."""
+    """Return the noise of single images, with Immerkaer's kernel.
+
+    A fine texture looks like noise in one image, but not in the differences between lights: what
+    the kernel shows of the mean image, times the local brightness of an image, is texture.
+    """
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    few = stack[:: max(len(stack) // 4, 1)]
-    return float(
-        np.median([np.percentile(np.abs(cv2.filter2D(i, -1, kernel)), 50) / 4.05 for i in few])
-    )
+    mean = stack.mean(axis=0)
+    texture = cv2.filter2D(mean, -1, kernel)
+    smooth = np.maximum(cv2.GaussianBlur(mean, (0, 0), _LOCAL_PX), 1e-6)
+    noises = []
+    for image in stack[:: max(len(stack) // 4, 1)]:
+        relative = cv2.GaussianBlur(image, (0, 0), _LOCAL_PX) / smooth
+        rest = cv2.filter2D(image, -1, kernel) - relative * texture
+        noises.append(np.percentile(np.abs(rest), 50) / 4.05)
+    # The mean contains a share of the noise of each image.
+    return float(np.median(noises) / np.sqrt(1 - 1 / max(len(stack), 2)))
 
 
 def _sample(stack: list[Values], pixels: Array) -> tuple[Array, npt.NDArray[np.bool_]]:

@@ -97,6 +97,15 @@ def test_a_spot_with_less_than_3_percent_of_the_usual_flux_is_a_reflection(share
     assert find_highlights(values, OUTLINE).found.tolist() == [True, found, True, True, True]
 
 
+@pytest.mark.parametrize(("share", "found"), [(0.012, False), (0.03, True)])
+def test_a_wide_spot_with_less_than_3_percent_of_the_usual_height_is_a_reflection(share, found):
+    """Its flux is 10 % of the usual one or more: the height, smoothed over a pixel, decides."""
+    values = stack(PLACES)
+    height = float(values.max()) * share
+    values[1] = stack([(0.0, 0.0)], peak=0.0)[0] + spot(52.0, 60.0, height, sigma=2.5)
+    assert find_highlights(values, OUTLINE).found.tolist() == [True, found, True, True, True]
+
+
 def test_the_flux_does_not_include_the_background():
     values = stack(PLACES[:2])
     values[1] = stack(PLACES[1:2], peak=2.0)[0] + 10
