@@ -97,7 +97,7 @@ def images(lights: Lights, side: int, *, gloss: bool) -> Float:
 
 def repeated(rows: Float, side: int) -> Float:
     """Return images ``(..., H, W)`` whose rows repeat those given."""
-    return rows[..., np.arange(side) % _ROWS, :]
+    return np.ascontiguousarray(rows[..., np.arange(side) % _ROWS, :])
 
 
 def strips(lights: Lights, side: int, *, gloss: bool, seed: int = 0) -> Float:

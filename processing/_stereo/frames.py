@@ -73,6 +73,14 @@ class Frames:
             self.gain[:] = gain
         self.dark = np.ascontiguousarray(np.atleast_2d(np.asarray(dark, np.float32)))
         self.limit = np.float32(limit)
+        # Whether the samples are those of the memory, without gaps between rows.
+        self.in_place = bool(
+            self.row_step == self.width
+            and images.dtype == np.float32
+            and (self.gain == 1).all()
+            and not self.dark.any()
+            and limit == np.inf
+        )
 
     def __len__(self) -> int:
         return len(self.gain)

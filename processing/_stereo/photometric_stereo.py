@@ -137,7 +137,7 @@ def photometric_stereo(
         raise DataError(
             f"{method!r} is not a method of photometric stereo: use {', '.join(METHODS)}"
         )
-    stack, mask = np.ascontiguousarray(values, np.float32), np.ascontiguousarray(mask)
+    stack, mask = np.asarray(values, np.float32), np.ascontiguousarray(mask)
     _check_inputs(stack, lights, mask)
     model = LightModel(lights, points_mm, mask)
     model.check(mask)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from processing._stereo.frames import TILE
 
-# Compiled in: processing/_stereo/frames.py f4d8103bce6f
+# Compiled in: processing/_stereo/frames.py 9b25e6c75c60
 
 Float = npt.NDArray[np.float32]
 
@@ -25,12 +25,19 @@ _FAST = {"contract", "nsz"}
 _LEAST_DETERMINANT = 1e-4
 
 
+@numba.njit(error_model="numpy")
+def row(flat: Float, first: int) -> Float:
+    """Return the row that begins at an index."""
+    return flat[first : first + TILE]
+
+
 @numba.njit(fastmath=_FAST, error_model="numpy")
-def add_six(
-    out: Float, v0: Float, v1: Float, v2: Float, v3: Float, v4: Float, v5: Float, p: Float
-) -> None:
-    """Add six rows times the factors p."""
+def add_six(out: Float, flat: Float, first: int, step: int, p: Float) -> None:
+    """Add six rows times the factors p; they begin at ``first``, each ``step`` after the last."""
     p0, p1, p2, p3, p4, p5 = p[0], p[1], p[2], p[3], p[4], p[5]
+    v0, v1, v2 = row(flat, first), row(flat, first + step), row(flat, first + 2 * step)
+    first += 3 * step
+    v3, v4, v5 = row(flat, first), row(flat, first + step), row(flat, first + 2 * step)
     for k in range(TILE):
         out[k] += p0 * v0[k] + p1 * v1[k] + p2 * v2[k] + p3 * v3[k] + p4 * v4[k] + p5 * v5[k]
 
@@ -44,9 +51,11 @@ def add_one(out: Float, v: Float, p: np.float32) -> None:
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
 def add_four_squares(
-    out: Float, v0: Float, v1: Float, v2: Float, v3: Float, x: Float, y: Float, z: Float, of: Float
+    out: Float, flat: Float, first: int, step: int, x: Float, y: Float, z: Float, of: Float
 ) -> None:
-    """Add the squared residuals of four rows under the light vectors ``of``, ``(3, 4)``."""
+    """Add the squared residuals of four rows, see `add_six`; ``of`` is ``(3, 4)``, their lights."""
+    v0, v1 = row(flat, first), row(flat, first + step)
+    v2, v3 = row(flat, first + 2 * step), row(flat, first + 3 * step)
     a0, b0, c0, a1, b1, c1 = of[0, 0], of[1, 0], of[2, 0], of[0, 1], of[1, 1], of[2, 1]
     a2, b2, c2, a3, b3, c3 = of[0, 2], of[1, 2], of[2, 2], of[0, 3], of[1, 3], of[2, 3]
     for k in range(TILE):

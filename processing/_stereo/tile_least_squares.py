@@ -24,13 +24,14 @@ from processing._stereo.tile_kernels import (
     irradiance,
     keep_measured,
     multiply,
+    row,
     subtract_scalar_product,
     toward,
 )
 from rig import Progress
 
-# Compiled in: processing/_stereo/frames.py f4d8103bce6f
-# Compiled in: processing/_stereo/tile_kernels.py 1c5207ebfade
+# Compiled in: processing/_stereo/frames.py 9b25e6c75c60
+# Compiled in: processing/_stereo/tile_kernels.py e17237315fb8
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -89,9 +90,13 @@ def tile_least_squares(
         last = min(first + _BLOCK, mask.size)
         todo = wanted
         if not len(points):
+            tile = np.zeros((len(frames), TILE), np.float32)
+            samples = tile.reshape(-1)
+            samples.flags.writeable = False
             missing = _solve_shared(
-                *images, inverse, first, last, wanted, normals, albedo, residual, used, left
-            )
+                *images, inverse, frames.in_place, tile, samples, first, last, wanted,
+                normals, albedo, residual, used, left,
+            )  # fmt: skip
             if not missing:
                 return
             todo = left
@@ -108,27 +113,29 @@ def tile_least_squares(
 
 
 @numba.njit(error_model="numpy")
-def _shared_tile(tile: Float, vectors: Float, inverse: Float, found: Float) -> None:
-    """Write x, y, z of the scaled normals and the sums of squared residuals, ``(4, TILE)``."""
-    lights = len(tile)
+def _shared_tile(
+    flat: Float, first: int, step: int, vectors: Float, inverse: Float, found: Float
+) -> None:
+    """Write x, y, z of the scaled normals and the sums of squared residuals, ``(4, TILE)``.
+
+    The samples of the first light begin at ``first``, those of each other light ``step`` later.
+    """
+    lights = vectors.shape[1]
     six, four = lights // 6 * 6, lights // 4 * 4
     for a in range(4):
         clear(found[a])
-    for a in range(3):
-        for i in range(0, six, 6):
-            add_six(
-                found[a], tile[i], tile[i + 1], tile[i + 2], tile[i + 3], tile[i + 4], tile[i + 5],
-                inverse[a, i : i + 6],
-            )  # fmt: skip
-        for i in range(six, lights):
-            add_one(found[a], tile[i], inverse[a, i])
+    for i in range(0, six, 6):
+        for a in range(3):
+            add_six(found[a], flat, first + i * step, step, inverse[a, i : i + 6])
+    for i in range(six, lights):
+        for a in range(3):
+            add_one(found[a], row(flat, first + i * step), inverse[a, i])
+    x, y, z, squares = found[0], found[1], found[2], found[3]
     for i in range(0, four, 4):
-        add_four_squares(
-            found[3], tile[i], tile[i + 1], tile[i + 2], tile[i + 3], found[0], found[1], found[2],
-            vectors[:, i : i + 4],
-        )  # fmt: skip
+        of = vectors[:, i : i + 4]
+        add_four_squares(squares, flat, first + i * step, step, x, y, z, of)
     for i in range(four, lights):
-        add_square(found[3], tile[i], found[0], found[1], found[2], vectors[:, i])
+        add_square(squares, row(flat, first + i * step), x, y, z, vectors[:, i])
 
 
 @numba.njit(error_model="numpy")
@@ -235,11 +242,15 @@ def _any(wanted: Mask, first: int, last: int) -> bool:
 @numba.njit(cache=True, nogil=True)
 def _solve_shared(
     flat: Flat, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
-    limit: np.float32, vectors: Float, inverse: Float, first: int, last: int, mask: Mask,
+    limit: np.float32, vectors: Float, inverse: Float, in_place: bool, tile: Float, samples: Float,
+    first: int, last: int, mask: Mask,
     normals: Float, albedo: Float, residual: Float, used: Used, left: Mask,
 ) -> int:  # fmt: skip
-    """Solve the pixels from ``first`` to before ``last`` from all samples; return those left."""
-    tile = np.zeros((len(gain), TILE), np.float32)
+    """Solve the pixels from ``first`` to before ``last`` from all samples; return those left.
+
+    Samples that need no conversion are read where they are, ``in_place``, others from ``tile``, of
+    which ``samples`` is a flat view of the type of the images.
+    """
     found, count = np.zeros((4, TILE), np.float32), np.zeros(TILE, np.float32)
     length, per = np.zeros(TILE, np.float32), np.zeros(TILE, np.float32)
     for k in range(TILE):
@@ -248,8 +259,11 @@ def _solve_shared(
     for begin in range(first, last, TILE):
         n = min(TILE, last - begin)
         if _any(mask, begin, begin + n):
-            load_tile(flat, image_step, row_step, width, gain, dark, limit, begin, n, tile)
-            _shared_tile(tile, vectors, inverse, found)
+            of, start, step = flat[2], begin, image_step
+            if n < TILE or not in_place:
+                load_tile(flat, image_step, row_step, width, gain, dark, limit, begin, n, tile)
+                of, start, step = samples, 0, TILE
+            _shared_tile(of, start, step, vectors, inverse, found)
             end = begin + n
             missing += _write(
                 n, found, count, length, per, mask[begin:end], normals[begin:end],

@@ -1,5 +1,7 @@
 """Least squares in tiles against numpy, and images that are read in place."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -108,3 +110,35 @@ def test_images_of_any_type_and_strides_are_read_in_place(kind):
             solve_maps(Frames(linear), model, mask, None, method, expected, None, no_progress)
             assert np.array_equal(found.normals, expected.normals), name
             assert np.array_equal(found.residual, expected.residual), name
+
+
+@pytest.mark.parametrize(
+    "conversion", [{}, {"gain": np.arange(1.0, 6.0)}, {"dark": 0.1}, {"limit": 0.95}]
+)
+def test_complete_tiles_are_converted_where_necessary(conversion):
+    shape = (2, TILE)
+    values = np.random.default_rng(44).uniform(0.2, 1, (5, *shape)).astype(np.float32)
+    gain = conversion.get("gain", np.ones(5)).astype(np.float32)
+    linear = (values - np.float32(conversion.get("dark", 0))) * gain[:, None, None]
+    linear[values >= conversion.get("limit", np.inf)] = np.nan
+    mask, found = np.ones(shape, bool), StereoMaps.empty(shape)
+    model = LightModel(Lights(_dome(5)), None, mask)
+    solve_maps(Frames(values, **conversion), model, mask, None, "ls", found, None, no_progress)
+    vectors = _dome(5)
+    for at in ((0, 0), (0, TILE - 1), (1, TILE // 2)):
+        scaled, rms = _solved(linear[:, at[0], at[1]].reshape(5, 1, 1), vectors)
+        np.testing.assert_allclose(found.albedo[at], np.linalg.norm(scaled), rtol=3e-6)
+        np.testing.assert_allclose(found.residual[at], rms[0, 0], atol=1e-6)
+
+
+def test_a_region_is_not_copied():
+    whole = np.random.default_rng(45).uniform(0.2, 1, (36, 100, 200)).astype(np.float32)
+    region, lights = whole[:, 5:95, 10:190], Lights(_dome(36))
+    mask = np.ones(region.shape[1:], bool)
+    tracemalloc.start()
+    try:
+        photometric_stereo(region, lights, mask, method="ls")
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < region.nbytes / 2
