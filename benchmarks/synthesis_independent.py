@@ -1,9 +1,10 @@
-"""Sheets of exemplars that nobody used for development, against the demands on sheets.
+"""Sheets of exemplars that were not used for development, against the demands on sheets.
 
 The exemplars, 256 x 256 pixels unless "complete" is named: simulated materials with other seeds and
 sizes, random reliefs with consecutive seeds, parts of each relief at other places than those of
-`sgp bench synthesis`, parts of owl and plant, DiLiGenT's bear, and two meshes, projected. None is
-left out because of its figures. A star marks a figure that misses its demand: a mean detail angle
+`sgp bench synthesis`, parts of owl and plant, DiLiGenT's bear, and two meshes, projected. They are
+cut from larger details, as `sgp detail synthesize --crop` does. None is left out because of its
+figures. A star marks a figure that misses its demand: a mean detail angle
 within 7 % of the exemplar's, slopes within .10 of their spread, a spectrum at most 1.5 times as far
 as the halves of the exemplar are, a repeat score at most .15 above the exemplar's, and steps across
 cuts of at most 1.15 times those inside patches. Without --data, only simulated exemplars are used.
@@ -26,6 +27,8 @@ from processing import NormalMap
 from sgp._paper.sources import relief
 
 SIDE_PX, PATCH_PX = 256, 48
+# Around a simulated exemplar, for the filter that separates its detail.
+MARGIN_PX = 32
 # Corners of parts: the reliefs' are 1024 x 1024, and the bench uses the part at 300, 300.
 PARTS = {
     "reliefs/151.jpg": ((20, 700), (740, 30)),
@@ -36,7 +39,15 @@ PARTS = {
 }
 
 
+def part(normals: NormalMap, row: int, column: int) -> NormalMap:
+    """Return a part of the detail component of a map."""
+    detail = processing.separate(normals).detail
+    window = slice(row, row + SIDE_PX), slice(column, column + SIDE_PX)
+    return NormalMap(detail.normals[window].copy(), detail.mask[window].copy())
+
+
 def simulated(seed: int, reliefs: int) -> Iterator[tuple[str, NormalMap]]:
+    wide = SIDE_PX + 2 * MARGIN_PX
     shapes: dict[str, tuple[simulator.Surface, float]] = {
         "lizard scales": (simulator.LizardScales(400, scale_mm=7, seed=seed), 0.3),
         "textile": (simulator.Textile(400, yarn_mm=4, seed=seed), 0.25),
@@ -45,25 +56,25 @@ def simulated(seed: int, reliefs: int) -> Iterator[tuple[str, NormalMap]]:
         "band noise": (simulator.BandNoise(100, seed=seed), 0.3),
     }
     for name, (shape, pixel_mm) in shapes.items():
-        yield name, relief(shape, SIDE_PX, SIDE_PX * pixel_mm / 2)
+        yield name, part(relief(shape, wide, wide * pixel_mm / 2), MARGIN_PX, MARGIN_PX)
     for number in range(seed, seed + reliefs):
-        down, right = np.gradient(simulator.random_relief(number, SIDE_PX))
+        down, right = np.gradient(simulator.random_relief(number, wide))
         vectors = np.dstack([-right, down, np.ones_like(right)])
-        yield f"random relief {number}", NormalMap.from_vectors(vectors)
+        made = NormalMap.from_vectors(vectors)
+        yield f"random relief {number}", part(made, MARGIN_PX, MARGIN_PX)
 
 
 def captured(data: Path) -> Iterator[tuple[str, NormalMap]]:
     for name, corners in PARTS.items():
         given = processing.read_normals(data / name).normal_map
         for row, column in corners:
-            part = slice(row, row + SIDE_PX), slice(column, column + SIDE_PX)
-            title = f"{Path(name).stem} at {column},{row}"
-            yield title, NormalMap(given.normals[part].copy(), given.mask[part].copy())
+            yield f"{Path(name).stem} at {column},{row}", part(given, row, column)
     bear = processing.read_normals(data / "normals" / "diligent" / "bear")
-    yield "bear, complete", bear.normal_map
+    yield "bear, complete", processing.separate(bear.normal_map).detail
     for name in ("skull", "stanford-bunny"):
         mesh = processing.read_geometry(data / "meshes" / f"{name}.obj")
-        yield f"{name}, complete", processing.project(mesh, size=(420, 420)).normal_map
+        drawn = processing.project(mesh, size=(420, 420)).normal_map
+        yield f"{name}, complete", processing.separate(drawn).detail
 
 
 def marked(value: float, missed: bool) -> str:
@@ -84,8 +95,7 @@ def main() -> None:
     exemplars = list(simulated(options.seed, options.reliefs))
     if options.data is not None:
         exemplars += captured(options.data)
-    for name, normals in exemplars:
-        exemplar = processing.separate(normals).detail
+    for name, exemplar in exemplars:
         begun = time.process_time()
         try:
             made = processing.synthesize(exemplar, (options.side, options.side), patch=PATCH_PX)
