@@ -4,7 +4,8 @@ Round holes are cut out at random places of owl and plant and are filled one by 
 mean detail angle inside over that of the complete map within 30 pixels around; "true" is the same
 of the map before the hole was cut out. "rim" is the mean step across the rim over that inside, and
 its "true" value is that at the same pixels of the given map. The last columns are the CPU time per
-hole, and the largest one.
+hole, and the largest one. A second line per map has the step at the rim over that inside, and the
+angle, of discs of the same size in the given map, at more places: how much the map itself varies.
 
     python benchmarks/hole_filling.py --data $SGP_DATA
 """
@@ -45,11 +46,41 @@ def mean_angle_deg(detail: processing.NormalMap, part: Mask) -> float:
     return float(np.degrees(angles.mean()))
 
 
+def around(
+    given: processing.NormalMap, detail: processing.NormalMap, hole: Mask
+) -> tuple[processing.NormalMap, processing.NormalMap, Mask]:
+    """Return the surroundings of a hole: the map, its detail, and the hole."""
+    rows, columns = np.nonzero(hole)
+    box = (
+        slice(max(rows.min() - MARGIN_PX, 0), rows.max() + MARGIN_PX),
+        slice(max(columns.min() - MARGIN_PX, 0), columns.max() + MARGIN_PX),
+    )
+    part, true = (processing.NormalMap(of.normals[box], of.mask[box]) for of in (given, detail))
+    return part, true, hole[box]
+
+
+def steepness_and_rim(
+    normals: processing.NormalMap,
+    detail: processing.NormalMap,
+    true: processing.NormalMap,
+    inside: Mask,
+) -> tuple[float, float]:
+    """Return the mean angle inside over that of the given detail around, and the step at the rim.
+
+    The step is relative to that inside.
+    """
+    away = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 3)
+    near = (away <= NEAR_PX) & true.mask & ~inside
+    angle = mean_angle_deg(detail, inside) / mean_angle_deg(true, near)
+    return angle, seam_steps(normals, inside).ratio
+
+
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder with normals/")
     parser.add_argument("--side", type=int, default=60, help="diameter of the holes, pixels")
     parser.add_argument("--count", type=int, default=20, help="number of holes per map")
+    parser.add_argument("--places", type=int, default=200, help="number of undamaged places")
     parser.add_argument("--seed", type=int, default=2056, help="seed of their places")
     parser.add_argument("--patch", type=int, default=12, help="side of the patches, pixels")
     options = parser.parse_args()
@@ -59,28 +90,13 @@ def main() -> None:
         detail = processing.separate(given).detail
         figures = []
         for hole in holes(given.mask, options.side, options.count, options.seed):
-            rows, columns = np.nonzero(hole)
-            box = (
-                slice(max(rows.min() - MARGIN_PX, 0), rows.max() + MARGIN_PX),
-                slice(max(columns.min() - MARGIN_PX, 0), columns.max() + MARGIN_PX),
-            )
-            part = processing.NormalMap(given.normals[box].copy(), given.mask[box].copy())
-            true = processing.NormalMap(detail.normals[box].copy(), detail.mask[box].copy())
-            inside = hole[box]
+            part, true, inside = around(given, detail, hole)
             begun = time.process_time()
             filled = processing.fill_holes(part, inside, patch=options.patch)
             spent = time.process_time() - begun
-            away = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 3)
-            around = mean_angle_deg(true, (away <= NEAR_PX) & part.mask & ~inside)
-            figures.append(
-                (
-                    mean_angle_deg(filled.detail, inside) / around,
-                    mean_angle_deg(true, inside) / around,
-                    filled.seam.ratio,
-                    seam_steps(part, inside).ratio,
-                    spent,
-                )
-            )
+            true_angle, true_rim = steepness_and_rim(part, true, true, inside)
+            angle, rim = steepness_and_rim(filled.normal_map, filled.detail, true, inside)
+            figures.append((angle, true_angle, rim, true_rim, spent))
         angle, true_angle, rim, true_rim, spent_s = np.array(figures).T
         worst = angle[np.argmax(np.abs(angle - 1))]
         print(
@@ -89,6 +105,21 @@ def main() -> None:
             f" {rim.mean():5.2f} {true_rim.mean():5.2f} ({rim.max():.2f}, "
             f"{np.count_nonzero(rim <= 1.2)} of {len(rim)} up to 1.2)"
             f" {np.median(spent_s):6.2f} {spent_s.max():5.2f}",
+            flush=True,
+        )
+        angle, rim = np.array(
+            [
+                steepness_and_rim(part, true, true, inside)
+                for part, true, inside in (
+                    around(given, detail, hole)
+                    for hole in holes(given.mask, options.side, options.places, options.seed + 1)
+                )
+            ]
+        ).T
+        print(
+            f"{name}, undamaged: step at the rim {rim.mean():.2f} (standard deviation "
+            f"{rim.std():.2f}, above 1.2 at {np.mean(rim > 1.2):.0%} of {len(rim)} places, at most "
+            f"{rim.max():.2f}); angle beyond 15 % at {np.mean(np.abs(angle - 1) > 0.15):.0%}",
             flush=True,
         )
 

@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import BandFile, DataError, rows_in_bands
+from processing._normal_doubts import Directions, pixel_doubts
 from processing._normal_map import directions
 from processing._normal_pixels import clear, lengths
-from rig import Notice, in_threads, pluralize
+from rig import Notice, in_threads
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -124,7 +125,7 @@ def decode_normals(
             notes.append(Notice("alpha-ignored", text, str(file), "info"))
     known = np.zeros((height, width), np.bool_)
     close = count = 0
-    facing = 0.0
+    seen = Directions()
     for rows in bands:
         vectors = np.ascontiguousarray(normals[rows])
         if doubled:
@@ -150,7 +151,7 @@ def decode_normals(
             # Unit vectors as floats can hold them are returned as they are.
             np.copyto(unit, vectors, where=(known[rows] & (off < _ROUNDING))[..., None])
         normals[rows] = unit
-        facing += float(unit[..., 2].sum(dtype=np.float64))
+        seen.add(unit, known[rows])
     if 2 * close <= count:
         decoded = f"{close} of {count} pixels decode" if count else "no pixel decodes"
         raise DataError(
@@ -159,7 +160,8 @@ def decode_normals(
         )
     if pixels.dtype == np.uint8:
         notes.append(_eight_bits(file))
-    return known, [*notes, *_doubts(str(file), stored.finite, mask, known, facing)]
+    notes += pixel_doubts(str(file), stored.finite, mask, known)
+    return known, [*notes, *seen.doubts(str(file))]
 
 
 class _Stored(NamedTuple):
@@ -276,35 +278,3 @@ def _eight_bits(file: Path) -> Notice:
     cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
     text = f"8-bit normals are quantised, an error of about {cost} degree"
     return Notice("normals-8-bit", text, str(file))
-
-
-def _doubts(
-    where: str, finite: Mask | None, mask: Mask | None, known: Mask, facing: float
-) -> list[Notice]:
-    """Return notices about pixels without a normal, and about the direction of the others."""
-    warnings = []
-    not_finite = 0
-    if finite is not None:
-        lacking = np.logical_not(finite, out=finite)
-        if mask is not None:
-            lacking &= mask
-        not_finite = int(np.count_nonzero(lacking))
-    if not_finite:
-        words = (
-            "pixel has a NaN or infinite vector and is",
-            "pixels have a NaN or infinite vector and are",
-        )
-        text = f"{pluralize(not_finite, *words)} left out of the mask"
-        warnings.append(Notice("normals-not-finite", text, where))
-    lost = 0 if mask is None else int(np.count_nonzero(mask) - np.count_nonzero(known))
-    if lost:
-        words = (
-            "pixel of the mask has no unit vector and is",
-            "pixels of the mask have no unit vector and are",
-        )
-        text = f"{pluralize(lost, *words)} left out"
-        warnings.append(Notice("normals-not-unit", text, where))
-    if facing < 0:
-        text = "most normals face away from the camera: check the sign of z"
-        warnings.append(Notice("normals-face-away", text, where))
-    return warnings

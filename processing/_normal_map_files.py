@@ -123,7 +123,8 @@ def read_normals(
     NormalMapFile
         The map, normalised to unit length, and warnings about the use of alpha, 8-bit
         quantisation, vectors that are NaN or infinite (which are left out), pixels inside the mask
-        without a normal, and normals that face away from the camera.
+        without a normal, normals that face away from the camera, and a z that is in the red or
+        green channel.
 
     Raises
     ------

@@ -21,6 +21,8 @@ def read_map(
 ) -> processing.NormalMapFile:
     """Read a normal map; its notices name it if it is a surface only with other axes.
 
+    If z is in another channel than blue, that is named, and the axes are not judged.
+
     Parameters
     ----------
     path
@@ -33,6 +35,8 @@ def read_map(
         Largest allowed number of pixels.
     """
     read = processing.read_normals(path, green=green, max_pixels=max_pixels)
+    if any(notice.code == "normals-channels-swapped" for notice in read.warnings):
+        return read
     named = axes_doubts(path, read.normal_map.normals, read.normal_map.mask, green, option)
     return read._replace(warnings=(*read.warnings, *named))
 

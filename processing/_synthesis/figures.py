@@ -18,6 +18,8 @@ from processing._synthesis.spectrum import band_power, block_side
 _MOST = 2048
 # Lags at which fewer pixel pairs of the mask overlap than this share are not judged.
 _LEAST_PAIRS = 0.25
+# Nor those at which less than this share of the energy overlaps, which could be rounding only.
+_LEAST_ENERGY = 0.01
 _QUANTILES = 4096
 _AT_ONCE = 64
 
@@ -178,6 +180,7 @@ def _repeat_score(part: NormalMap, least: int) -> float:
         values -= float(values.sum(dtype=np.float64) / inside.sum()) * inside
     rows, columns = (next_fast_len(2 * side, real=True) for side in (height, width))
     energy = np.square(slopes[0]) + np.square(slopes[1])
+    total = float(energy.sum(dtype=np.float64))
     # One axis after the other, in place: the transforms of complete maps would take much memory.
     lags = [rfft(values, columns) for values in (inside, *slopes, energy)]
     del slopes, energy
@@ -189,15 +192,15 @@ def _repeat_score(part: NormalMap, least: int) -> float:
         for values, product in zip(lags, (*products, power.conj() * mask), strict=True):
             values[:, part_of] = ifft(product, axis=0)[:height]
     across = np.minimum(np.arange(columns), columns - np.arange(columns))
-    highest = math.nan
+    highest, least_energy = math.nan, _LEAST_ENERGY * total
     for first in range(0, height, _AT_ONCE):
         band = slice(first, first + _AT_ONCE)
         pairs, both, one, other = (irfft(values[band], columns) for values in lags)
         far = np.maximum(np.arange(height)[band, None], across) >= least
         # Numbers of pairs are whole; those of the transforms nearly.
         judged = far & (pairs > _LEAST_PAIRS * np.count_nonzero(part.mask) + 0.5)
-        if not judged.any():
-            continue
-        energy = np.sqrt(np.maximum(one[judged], 1e-12) * np.maximum(other[judged], 1e-12))
-        highest = float(np.fmax(highest, np.max(both[judged] / energy)))
+        judged &= np.minimum(one, other) > least_energy
+        if judged.any():
+            energy = np.sqrt(one[judged] * other[judged])
+            highest = float(np.fmax(highest, np.max(both[judged] / energy)))
     return highest

@@ -39,30 +39,43 @@ def _blocks(mask: Mask, block: int) -> npt.NDArray[np.int64]:
     return np.argwhere(inside[::step, ::step] == 0) * step
 
 
-def band_power(part: NormalMap, block: int, bands: int = BANDS) -> Double:
-    """Return the mean power of n_x and n_y in radial bands of frequency.
+def band_power(part: NormalMap, block: int) -> Double:
+    """Return the mean power ``(bands,)`` of n_x and n_y in 16 radial bands of frequency.
+
+    Parameters
+    ----------
+    part, block
+        As for `band_powers`.
+    """
+    power: Double = band_powers(part, block, BANDS).mean(axis=0)
+    return power
+
+
+def band_powers(part: NormalMap, block: int, bands: int) -> Double:
+    """Return the power of n_x and n_y in radial bands of frequency, for blocks all over a map.
 
     Parameters
     ----------
     part
         Detail component.
     block
-        Side of the windowed blocks that are averaged, of which some fit into the mask.
+        Side of the windowed blocks, of which some fit into the mask.
     bands
         Number of bands.
 
     Returns
     -------
     Double
-        ``(bands,)``; the bands have equal widths up to 0.5 cycles per pixel. The mean of a block is
-        in no band.
+        ``(blocks, bands)``; the bands have equal widths up to 0.5 cycles per pixel. The mean of a
+        block is in no band.
     """
     places = _blocks(part.mask, block)
     places = places[:: -(-len(places) // _MOST_BLOCKS)]
-    power = np.zeros((block, block // 2 + 1))
-    for y, x in places:
-        power += windowed_power(part.normals[y : y + block, x : x + block, :2].transpose(2, 0, 1))
-    return banded(power / len(places), bands)
+    slopes = part.normals[..., :2]
+    return np.stack([
+        banded(windowed_power(slopes[y : y + block, x : x + block].transpose(2, 0, 1)), bands)
+        for y, x in places
+    ])  # fmt: skip
 
 
 def windowed_power(slopes: Float) -> Float:

@@ -9,9 +9,8 @@ from scipy.fft import fftshift, irfft2, rfft2
 
 from processing._normal_map import NormalMap
 from processing._synthesis.spectrum import (
-    MOST_BLOCK,
     band_counts,
-    band_power,
+    band_powers,
     banded,
     block_side,
     frequencies,
@@ -22,15 +21,17 @@ from processing._synthesis.strips import SheetRows
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex64]
-Mask = npt.NDArray[np.bool_]
 
 # A filter is a kernel of 2 x reach + 1 pixels.
 _REACH = 32
+# Smaller sheets are hardly larger than the filter.
+_LEAST_SIDE = 3 * _REACH
 # Rows and columns of windows in which the power of a sheet is measured; of every twentieth, also
 # the power of the filtered window.
 _GRID, _FILTERED = 40, 20
-_ROUNDS = 16
-_LEAST_GAIN, _MOST_GAIN = 0.1, 1.5
+_ROUNDS, _LEAST_POWER = 16, 1e-30
+# Smooth materials have 1e-8 of their power at high frequencies, where cuts have much more.
+_LEAST_GAIN, _MOST_GAIN = 0.003, 1.5
 # The mean angle of a sheet is measured on every eighth row.
 _SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
 _ROWS = 512
@@ -41,8 +42,10 @@ def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> N
 
     The cuts between patches add power at low frequencies, because patches no longer end where
     their slopes add up to 0, and at the highest. The filter is isotropic and has one gain for each
-    band, 0.1 to 1.5. One factor on all slopes, at most 1.25, gives the sheet the power of the
-    exemplar, as far as its mean angle differs from that of the exemplar by at most 4 %.
+    band, 0.003 to 1.5. A difference is corrected less, the more it may be chance: a small sheet
+    contains few parts of the exemplar, whose power differs from part to part. One factor on all
+    slopes, at most 1.25, gives the sheet the power of the exemplar, as far as its mean angle
+    differs from that of the exemplar by at most 4 %.
 
     Parameters
     ----------
@@ -54,11 +57,12 @@ def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> N
     wrapped
         Whether the last column and row continue at the first.
     """
-    block = block_side(exemplar.mask, _inner(sheet))
-    if not block:
+    block, (height, width) = block_side(exemplar.mask), sheet.shape[:2]
+    if not block or min(height, width) < _LEAST_SIDE:
         return
     # Bands as narrow as the frequencies of a block.
-    wanted = np.maximum(band_power(exemplar, block, block // 2), 1e-30)
+    powers = np.maximum(band_powers(exemplar, block, block // 2), _LEAST_POWER)
+    wanted, spread = powers.mean(axis=0), powers.std(axis=0) / powers.mean(axis=0)
     has, waves, upright = _measured(sheet, block)
     sampled = [_mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
     steeper = _mean_angle(exemplar.normals[exemplar.mask]) / float(np.mean(sampled))
@@ -66,7 +70,10 @@ def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> N
     # The angle is that of the complete mask, the power only that of blocks inside.
     factor = np.clip(stronger, (1 - _ANGLE_ERROR) * steeper, (1 + _ANGLE_ERROR) * steeper)
     factor = np.clip(factor, 1 / _MOST_STEEPER, _MOST_STEEPER)
-    gains = _gains(has, waves, upright, wanted / stronger**2)
+    differs = np.log(wanted / stronger**2 / has)
+    chance = np.square(spread) * block**2 / (height * width)
+    differs *= np.square(differs) / (np.square(differs) + chance + 1e-12)
+    gains = _gains(has, waves, upright, has * np.exp(differs))
     kernel = fftshift(_kernel(factor * gains, block + 2 * _REACH))
     middle = slice(block // 2, block // 2 + 2 * _REACH + 1)
     _filter(sheet, np.ascontiguousarray(kernel[middle, middle]), wrapped=wrapped)
@@ -82,21 +89,16 @@ def _mean_angle(vectors: Float) -> float:
     return float(np.mean(np.arctan2(slopes, vectors[..., 2]), dtype=np.float64))
 
 
-def _inner(sheet: SheetRows) -> Mask:
-    """Return a part of the mask of the sheet without its margins, as large as a block or less."""
-    height, width = (min(max(side - 2 * _REACH, 0), MOST_BLOCK) for side in sheet.shape[:2])
-    return np.ones((height, width), np.bool_)
-
-
 def _measured(sheet: SheetRows, block: int) -> tuple[Double, Complex, Float]:
     """Return the power of a sheet in each band, and some of its windows.
 
-    These are larger than a block by the reach on each side. Returned are the transforms of n_x and
-    n_y, ``(n, 2, h, w / 2 + 1)``, and n_z in the blocks, ``(n, block, block)``.
+    These are larger than a block by the reach on each side, where a sheet ends by its reflection.
+    Returned are the transforms of n_x and n_y, ``(n, 2, h, w / 2 + 1)``, and n_z in the blocks,
+    ``(n, block, block)``.
     """
-    side = block + 2 * _REACH
+    height, side = sheet.shape[0], block + 2 * _REACH
     tops, lefts = (
-        np.linspace(0, length - side, min(_GRID, 1 + 2 * (length - side) // block)).astype(np.int64)
+        np.linspace(0, length - block, min(_GRID, 1 + 2 * (length - block) // block)).astype(int)
         for length in sheet.shape[:2]
     )
     count = len(tops) * len(lefts)
@@ -105,14 +107,20 @@ def _measured(sheet: SheetRows, block: int) -> tuple[Double, Complex, Float]:
     chosen = set(np.linspace(0, count - 1, -(-count // _FILTERED)).astype(np.int64).tolist())
     power, waves, upright = np.zeros((block, block // 2 + 1)), [], []
     for i, top in enumerate(tops):
-        rows = sheet[top : top + side]
+        first, last = max(top - _REACH, 0), min(top + block + _REACH, height)
+        beyond = first - (top - _REACH), top + block + _REACH - last
+        margins = *beyond, _REACH, _REACH
+        rows = np.asarray(
+            cv2.copyMakeBorder(sheet[first:last], *margins, cv2.BORDER_REFLECT_101), np.float32
+        )
         for j, left in enumerate(lefts):
             window = np.ascontiguousarray(rows[:, left : left + side].transpose(2, 0, 1))
             power += windowed_power(window[:2][inner])
             if i * len(lefts) + j in chosen:
                 waves.append(rfft2(window[:2]))
                 upright.append(window[2][inner[1:]])
-    return banded(power / count, block // 2), np.stack(waves), np.stack(upright)
+    has = np.maximum(banded(power / count, block // 2), _LEAST_POWER)
+    return has, np.stack(waves), np.stack(upright)
 
 
 def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Double:
@@ -140,13 +148,22 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
     rest = has - scale * alone
 
     def expected(gains: Double) -> Double:
-        return np.maximum(scale * filtered(gains) + np.square(gains) * rest, 1e-30)
+        return np.maximum(scale * filtered(gains) + np.square(gains) * rest, _LEAST_POWER)
 
     for _ in range(_ROUNDS):
-        gains *= np.sqrt(wanted / expected(gains))
+        gains *= np.exp(_smoothed(np.log(wanted / expected(gains))) / 2)
         gains = np.clip(gains, _LEAST_GAIN, _MOST_GAIN)
     scaled: Double = gains * np.sqrt(_total(has, block) / _total(expected(gains), block))
     return scaled
+
+
+def _smoothed(values: Double) -> Double:
+    """Return means over neighbouring bands.
+
+    The window of a block spreads power over them, so gains that alternate from band to band hardly
+    change the power; their filter is long, and its waves are seen in flat parts.
+    """
+    return np.convolve(np.pad(values, 1, "edge"), (0.25, 0.5, 0.25), "valid")
 
 
 def _kernel(gains: Double, side: int) -> Float:

@@ -121,3 +121,20 @@ def test_captured_maps_are_quiet_unless_green_is_inverted(name: str) -> None:
     if name != "plant":  # the narrow leaves of its detail are no surface with any axes
         for one, count in ((given, 0), (down, 1)):
             assert len(axes_notices(separate(one).detail)) == count
+
+
+@needs_data
+@pytest.mark.slow
+def test_swapped_channels_of_captured_maps_are_named(tmp_path: Path) -> None:
+    folder = Path(DATA or "")
+    files = [*folder.glob("reliefs/*.jpg"), *folder.glob("normals/*"), *folder.glob("normals/d*/*")]
+    for file in files:
+        if file.name == "diligent":
+            continue
+        read = read_normals(file)
+        assert "normals-channels-swapped" not in [notice.code for notice in read.warnings], file
+        for channels in ((2, 1, 0), (0, 2, 1)):
+            np.save(tmp_path / "n.npy", read.normal_map.normals[..., channels])
+            swapped = read_normals(tmp_path / "n.npy").warnings
+            assert "normals-channels-swapped" in [notice.code for notice in swapped], file
+    assert len(files) > 10

@@ -276,6 +276,27 @@ def test_normals_that_face_away_are_reported(tmp_path):
     assert warning.code == "normals-face-away"
 
 
+@pytest.mark.parametrize(
+    ("channels", "named"), [((2, 1, 0), "red"), ((0, 2, 1), "green"), ((1, 2, 0), "green")]
+)
+def test_z_in_another_channel_is_named(tmp_path, channels, named):
+    np.save(tmp_path / "n.npy", _cap().normals[..., channels])
+    (warning,) = read_normals(tmp_path / "n.npy").warnings
+    assert warning.code == "normals-channels-swapped"
+    assert f"{named} and blue seem to be swapped" in warning.text
+
+
+@pytest.mark.parametrize(
+    "tilt", [(0.9, 0.1, 0.2), (-0.9, 0.1, 0.2), (0.1, 0.9, 0.2), (0.1, 0.1, 1)]
+)
+def test_planes_do_not_show_swapped_channels(tmp_path, tilt):
+    """All components of a tilted plane have one sign."""
+    noise = np.random.default_rng(3).normal(scale=0.02, size=(40, 40, 3))
+    vectors = np.array(tilt) + noise
+    np.save(tmp_path / "n.npy", vectors / np.linalg.norm(vectors, axis=2, keepdims=True))
+    assert read_normals(tmp_path / "n.npy").warnings == ()
+
+
 def _photograph(path):
     colours = np.random.default_rng(0).uniform(0, 255, (40, 40, 3)) * np.array([1, 0.8, 0.5])
     write_png(path / "n.png", colours.astype(np.uint8))

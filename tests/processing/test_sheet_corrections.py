@@ -68,14 +68,42 @@ def test_the_filter_gives_a_sheet_the_spectrum_of_its_exemplar():
     assert after.detail_angle_deg == pytest.approx(after.exemplar_angle_deg, rel=0.05)
 
 
-def test_the_filter_leaves_what_has_the_spectrum_already():
-    """Round islands: bands of little power, five orders below the others, are not lifted."""
-    side = 256
-    noise = smooth_noise(side, 5, 4).normals[..., 0]
-    islands = np.where(noise > 0, np.float32(3), np.float32(0))
-    heights = cv2.GaussianBlur(np.tile(islands, (3, 3)), (0, 0), 1.5)
+def islands(side, seed):
+    """Return round islands with flat parts inside and between them, wrapped."""
+    noise = smooth_noise(side, 5, seed).normals[..., 0]
+    raised = np.where(noise > 0, np.float32(3), np.float32(0))
+    heights = cv2.GaussianBlur(np.tile(raised, (3, 3)), (0, 0), 1.5)
     down, right = (np.gradient(heights, axis=k)[side : 2 * side, side : 2 * side] for k in (0, 1))
-    given = NormalMap.from_vectors(np.dstack([-right, down, np.ones_like(right)]))
+    return NormalMap.from_vectors(np.dstack([-right, down, np.ones_like(right)]))
+
+
+def test_the_filter_leaves_what_has_the_spectrum_already():
+    """Islands: bands of little power, five orders below the others, are not lifted."""
+    given = islands(256, 4)
     sheet = np.tile(given.normals, (2, 2, 1))
     match_spectrum(sheet, given, wrapped=True)
     assert texture_figures(NormalMap.from_vectors(sheet), given).spectrum_distance < 0.1
+
+
+def test_small_sheets_do_not_follow_chance():
+    """Another part of the same noise has another power in each band, and hardly changes."""
+    changes = []
+    for seed in range(4):
+        exemplar, sheet = smooth_noise(96, 2, seed), smooth_noise(128, 2, seed + 100).normals
+        given = sheet.copy()
+        match_spectrum(sheet, exemplar, wrapped=True)
+        changes.append(np.square(sheet - given).sum() / np.square(given[..., :2]).sum())
+    # With gains that follow chance, the rms change is .21.
+    assert 0 < np.mean(np.sqrt(changes)) < 0.13
+
+
+def test_flat_parts_of_small_sheets_show_no_waves():
+    """Gains that alternate from band to band make a long filter, and steps of 3.5 degrees."""
+    waves = []
+    for seed in (4, 5, 6):
+        material = islands(256, seed).normals
+        sheet = material[120:248, 120:248].copy()
+        flat = np.hypot(sheet[..., 0], sheet[..., 1]) < 1e-3
+        match_spectrum(sheet, NormalMap.from_vectors(material[:96, :96]), wrapped=False)
+        waves.append(np.degrees(np.hypot(sheet[..., 0], sheet[..., 1])[flat].mean()))
+    assert np.mean(waves) < 2

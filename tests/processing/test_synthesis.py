@@ -135,6 +135,14 @@ def test_sheets_of_any_size(noise, size):
     np.testing.assert_allclose(np.linalg.norm(made.detail.normals, axis=2), 1, atol=1e-6)
 
 
+def test_lags_at_which_only_flat_parts_overlap_are_not_judged(noise):
+    """Rounding of the transforms would be divided by nothing."""
+    normals = np.zeros((512, 512, 3), np.float32)
+    normals[..., 2] = 1
+    normals[20:40, 20:40] = noise.normals[:20, :20]
+    assert texture_figures(NormalMap.from_vectors(normals), noise, patch=16).repeat_score < 0.6
+
+
 def test_the_figures_of_known_maps(noise):
     tiled = NormalMap(np.tile(noise.normals, (3, 3, 1)), np.tile(noise.mask, (3, 3)))
     figures = texture_figures(tiled, noise, patch=PATCH)

@@ -17,13 +17,14 @@ SIDE = 72
 
 @pytest.fixture(scope="module")
 def maps(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with a relief, the same with green down, and a mask."""
+    """Return a folder with a relief, the same with green down, with red as blue, and a mask."""
     folder = tmp_path_factory.mktemp("axes")
     waves = gaussian_filter(np.random.default_rng(3).normal(size=(SIDE, SIDE)), 2)
     down, right = np.gradient(1.2 * waves / waves.std())
     up = NormalMap.from_vectors(np.dstack([-right, down, np.ones_like(right)]))
     write_normals(folder / "up", up)
     write_normals(folder / "down", NormalMap(up.normals * np.float32([1, -1, 1]), up.mask))
+    np.save(folder / "bgr.npy", up.normals[..., ::-1])
     hole = np.zeros((SIDE, SIDE), np.bool_)
     hole[30:40, 30:40] = True
     write_mask(folder / "hole.png", hole)
@@ -74,3 +75,13 @@ def test_a_map_with_green_down_is_named(
         assert "--" not in found[0]["text"]
     else:
         assert found[0]["text"].endswith(f"if green is the other way round, {option}")
+
+
+def test_swapped_channels_are_the_only_cause_that_is_named(
+    sgp, maps: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(maps)
+    answer = sgp("detail", "separate", "bgr.npy", "--out", tmp_path / "out", "--json")
+    codes = [notice["code"] for notice in json.loads(answer.out)["notices"]]
+    assert "normals-channels-swapped" in codes
+    assert "normals-mirrored" not in codes
