@@ -35,6 +35,8 @@ class Judgement:
         with increasing prediction.
     invented
         Share of the detail that this network added.
+    pixels
+        Number of pixels.
     """
 
     bicubic_deg: float
@@ -43,6 +45,7 @@ class Judgement:
     heights: dict[str, float]
     ratios: list[float]
     invented: float
+    pixels: int
 
     @property
     def change(self) -> float:
@@ -103,7 +106,13 @@ def judge(
     }
     ratios = deviation_ratios(made, truth)
     return Judgement(
-        errors["bicubic"], errors["own"], by_domain, heights, ratios, made.invented_share
+        errors["bicubic"],
+        errors["own"],
+        by_domain,
+        heights,
+        ratios,
+        made.invented_share,
+        int(truth.mask.sum()),
     )
 
 

@@ -46,6 +46,12 @@ def errors(own: processing.SuperResolutionModel, found: Found, random: Random) -
         normals = statistics.mean(one.change for one in of_group)
         heights = statistics.mean(one.height_change("own") for one in of_group)
         rows[f"{name}, mean of changes"] = [None, None, normals, None, None, heights]
+        if group == _REAL:
+            pixels = [one.pixels for one in of_group]
+            bicubic = float(np.average([one.bicubic_deg for one in of_group], weights=pixels))
+            network = float(np.average([one.own_deg for one in of_group], weights=pixels))
+            change = 100 * (network / bicubic - 1)
+            rows[f"{name}, all pixels together"] = [bicubic, network, change, *[None] * 3]
     note = (
         f"The network is {own.name} (on {_SAID[own.domain]}). Normals: mean angle to the map over "
         "its complete mask. Heights: root mean square difference between the surfaces of the "

@@ -179,7 +179,7 @@ def test_normals_that_are_not_numbers_are_left_out(sgp, low: Path, tmp_path: Pat
 def judgement(changes: dict[str, list[float]]) -> Judgement:
     by_domain = {domain: [2 * (1 + c / 100) for c in each] for domain, each in changes.items()}
     heights = {"bicubic": 0.5, "own": 0.3} | dict.fromkeys(changes, 0.4)
-    return Judgement(2.0, 1.5, by_domain, heights, [1.0] * 10, 0.1)  # type: ignore[arg-type]
+    return Judgement(2.0, 1.5, by_domain, heights, [1.0] * 10, 0.1, 300)  # type: ignore[arg-type]
 
 
 # Changes for two seeds of a training; their mean over the maps is -25.25 and -26.75 %.
@@ -233,13 +233,17 @@ def test_domains_are_compared_only_between_networks_trained_alike() -> None:
 def test_the_tables_have_a_row_for_each_map_and_class() -> None:
     model = processing.read_superres_model(None, 4)
     one = judgement({})
-    found = [(kind, kind[:3], one) for kind in ("reliefs", "captured", "smooth")]
+    larger = dataclasses.replace(one, bicubic_deg=6.0, own_deg=5.5, pixels=900)
+    found = [("reliefs", "rel", one), ("captured", "cap", larger), ("smooth", "smo", one)]
     random = range(1000, 1010), Judged(2.5, 2.0, (0.9,) * 10)
     errors = tables.errors(model, found, random)
     change = pytest.approx(-25)
     assert errors.rows["rel"] == [2.0, 1.5, change, 0.5, 0.3, pytest.approx(-40)]
     assert errors.rows["random surfaces 1000 to 1009"][2] == pytest.approx(-20)
-    assert errors.rows["**reliefs and captured**, mean of changes"][2] == change
+    both = "**reliefs and captured**"
+    assert errors.rows[f"{both}, mean of changes"][2] == pytest.approx((-25 - 100 / 12) / 2)
+    # (300 * 2 + 900 * 6) / 1200, and the same of 1.5 and 5.5.
+    assert errors.rows[f"{both}, all pixels together"][:3] == pytest.approx([5, 4.5, -10])
     deviations = tables.deviations(4, found, random)
     assert deviations.rows["smo"] == [*one.ratios, 0.1]
     for table in (errors, deviations):
@@ -262,6 +266,7 @@ def test_a_map_is_judged_against_itself() -> None:
     # Compared networks run without turned copies.
     assert one.changes(own.domain)[0] > one.change
     assert set(one.heights) == {"bicubic", "own", own.domain}
+    assert one.pixels == cut.mask.sum()
     assert len(one.ratios) == 10
 
 
