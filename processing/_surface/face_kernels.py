@@ -114,7 +114,7 @@ def _kinds(parts: Ints, right: Mask, down: Mask, vertices: Float) -> Kinds:
     kinds = np.zeros((rows, columns), np.uint8)
     above = 0
     for r in range(rows - 1):
-        below = above + np.count_nonzero(parts[r] >= 0)
+        below = above + int(np.count_nonzero(parts[r] >= 0))
         start = below
         for c in range(columns - 1):
             adb, bde, ade, aeb = _square(parts, right, down, vertices, r, c, above, below)
