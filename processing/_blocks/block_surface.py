@@ -103,6 +103,7 @@ def integrate_in_blocks(
     pixel_mm: float | None = None,
     depth_mm: MapRows | None = None,
     sigma_deg: MapRows | None = None,
+    resume: bool = False,
     on_progress: Progress = no_progress,
 ) -> BlockSurface:
     """Integrate a normal map that is larger than memory.
@@ -120,7 +121,7 @@ def integrate_in_blocks(
     mask
         ``(H, W)`` bool, the pixels with a normal.
     folder
-        Existing folder of the files; 24 bytes per pixel, and 28 with a camera.
+        Existing folder of the files; up to 40 bytes per pixel, and 44 with a camera.
     rows
         Most rows of a block; `surface_memory` is what they need.
     camera, pixel_mm
@@ -129,6 +130,9 @@ def integrate_in_blocks(
         ``(H, W)`` approximate depth, as for `integrate`.
     sigma_deg
         ``(H, W)`` float32 standard deviations of the normals, as for `integrate`.
+    resume
+        Leave the result of each step in the folder, and continue after the last step that an
+        earlier call with the same arguments left there. Default: begin at the first step.
     on_progress
         Receives the stages ``integrating``, ``joining blocks`` and ``placing``, in blocks.
 
@@ -161,7 +165,7 @@ def integrate_in_blocks(
     blocks = plan_blocks(size[0], rows)
     relative = None if sigma_deg is None else relative_variances(sigma_deg, mask)
     shape = integrability(normals, mask)
-    solved = solve_in_blocks(normals, relative, blocks, camera, folder, on_progress)
+    solved = solve_in_blocks(normals, relative, blocks, camera, folder, resume, on_progress)
     pixels = int(solved.sizes.sum())
     if not pixels:
         raise EstimateError(

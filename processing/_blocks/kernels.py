@@ -44,3 +44,17 @@ def number_parts(
             labels[r, c] = number[part]
             sums[number[part]] += u[r, c]
             sizes[number[part]] += 1
+
+
+@numba.njit(cache=True)
+def extremes(u: Double, labels: Labels, count: int) -> Double:
+    """Return ``(2, count)`` smallest and largest values of each part; inf and -inf without any."""
+    found = np.full((2, count), np.inf)
+    found[1] = -np.inf
+    for r in range(labels.shape[0]):
+        for c in range(labels.shape[1]):
+            part = labels[r, c]
+            if part >= 0:
+                found[0, part] = min(found[0, part], u[r, c])
+                found[1, part] = max(found[1, part], u[r, c])
+    return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
@@ -13,6 +15,40 @@ Double = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]
 
 
+class Meeting(NamedTuple):
+    """The parts of two neighbouring blocks that have pixels in common.
+
+    Parameters
+    ----------
+    pairs
+        ``(2, N)`` parts of the upper and of the lower block, numbered over all blocks.
+    sizes
+        Number of pixels that they have in common.
+    means
+        Mean difference of their solutions, the upper one minus the lower one.
+    """
+
+    pairs: npt.NDArray[np.int64]
+    sizes: Double
+    means: Double
+
+
+NO_MEETING = Meeting(np.zeros((2, 0), np.int64), np.zeros(0), np.zeros(0))
+
+
+def meeting_of(upper: Side, lower: Side) -> Meeting:
+    """Return which parts meet in the rows that two blocks share."""
+    both = (upper.labels >= 0) & (lower.labels >= 0)
+    if not both.any():
+        return NO_MEETING
+    count = int(lower.labels.max()) + 1
+    code = upper.labels[both].astype(np.int64) * count + lower.labels[both]
+    codes, members = np.unique(code, return_inverse=True)
+    sizes = np.bincount(members).astype(np.float64)
+    means = np.bincount(members, upper.u[both] - lower.u[both]) / sizes
+    return Meeting(np.stack([codes // count, codes % count]), sizes, means)
+
+
 class LocalParts:
     """The parts of all blocks: which hang together, and the constants between their solutions.
 
@@ -21,27 +57,12 @@ class LocalParts:
 
     def __init__(self) -> None:
         self.count = 0
-        self._pairs: list[npt.NDArray[np.int64]] = []
-        self._sizes: list[Double] = []
-        self._means: list[Double] = []
+        self._meetings: list[Meeting] = []
 
-    def add(self, labels: Labels, count: int) -> Labels:
-        """Return the labels of a block with the numbers of its parts over all blocks."""
-        numbered = np.where(labels >= 0, labels + np.int32(self.count), np.int32(-1))
+    def add(self, count: int, meeting: Meeting) -> None:
+        """Add the parts of a block, and which of them meet those of the block above."""
         self.count += count
-        return numbered
-
-    def meet(self, upper: Side, lower: Side) -> None:
-        """Add the two solutions in shared rows."""
-        both = (upper.labels >= 0) & (lower.labels >= 0)
-        if not both.any():
-            return
-        code = upper.labels[both].astype(np.int64) * self.count + lower.labels[both]
-        codes, members = np.unique(code, return_inverse=True)
-        sizes = np.bincount(members)
-        self._pairs.append(np.stack([codes // self.count, codes % self.count]))
-        self._sizes.append(sizes.astype(np.float64))
-        self._means.append(np.bincount(members, upper.u[both] - lower.u[both]) / sizes)
+        self._meetings.append(meeting)
 
     def joined(self) -> tuple[Labels, int]:
         """Return the part of the surface of each part of a block, and their number.
@@ -57,10 +78,9 @@ class LocalParts:
     def constants(self) -> Double:
         """Return the constants that bring the solutions together, by least squares."""
         constants = np.zeros(self.count)
-        if not self._pairs:
-            return constants
-        upper, lower = np.concatenate(self._pairs, axis=1)
-        weights, means = np.concatenate(self._sizes), np.concatenate(self._means)
+        upper, lower = self._pairs()
+        weights = np.concatenate([each.sizes for each in self._meetings])
+        means = np.concatenate([each.means for each in self._meetings])
         # The first part of each that hang together keeps its heights.
         joined, _ = self.joined()
         free = np.ones(self.count, bool)
@@ -76,9 +96,10 @@ class LocalParts:
         return constants
 
     def _matrix(self, weights: Double | None = None) -> sparse.csr_array:
-        if not self._pairs:
-            return sparse.csr_array((self.count, self.count))
-        upper, lower = np.concatenate(self._pairs, axis=1)
+        upper, lower = self._pairs()
         values = np.ones(len(upper)) if weights is None else weights
         one = sparse.coo_array((values, (upper, lower)), (self.count, self.count))
         return sparse.csr_array(one + one.T)
+
+    def _pairs(self) -> npt.NDArray[np.int64]:
+        return np.concatenate([each.pairs for each in self._meetings], axis=1)

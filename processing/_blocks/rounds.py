@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import BandFile
 from processing._blocks.coarse import CoarseGrid
-from processing._blocks.plan import Blocks
+from processing._blocks.own_solutions import OwnSolutions
 from processing._blocks.seams import Seam
 from processing._surface.grid_graph import label_parts
 from processing._surface.multigrid import solve
@@ -18,8 +17,13 @@ from rig import Progress
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
-# Residual of the changes of a block, relative to the range of heights.
-_TOLERANCE = 2e-7
+# Largest error of the changes of a block, relative to the range of heights. Later rounds do not see
+# it: it adds up.
+_ACCURACY = 2e-6
+# Residual, relative to that of the changes, at which their rounding errors are reached.
+_ROUNDING = 1e-12
+_SLOWEST = 0.9
+_SAFETY = 1.5
 # Earlier rounds that are combined.
 _MEMORY = 3
 # The rounds end below this estimated error, relative to the range of heights.
@@ -51,40 +55,37 @@ class _Round(NamedTuple):
     Parameters
     ----------
     demands
-        For each seam, ``(2, W)`` changes of the first row of the lower block, and of the last row
+        ``(2, W)`` for each seam: changes of the first row of the lower block, and of the last row
         of the upper one.
     changes
         For each seam, ``(2h, W)`` float32 change of the difference.
+    largest
+        Largest change of a height.
+    estimate
+        Largest correction and difference before the round.
     """
 
-    demands: list[Double]
+    demands: Double
     changes: list[Float]
+    largest: float
+    estimate: float
 
 
 def bring_together(
-    blocks: Blocks,
-    seams: list[Seam],
+    own: OwnSolutions,
     grid: CoarseGrid,
-    weights: BandFile,
-    solution: BandFile,
     several: list[bool],
     span: float,
     on_progress: Progress,
 ) -> Rounds:
-    """Correct the blend of the solutions of all blocks until it is that of the whole.
+    """Correct the solutions of all blocks until their blend is that of the whole.
 
     Parameters
     ----------
-    blocks
-        The blocks.
-    seams
-        What they share; the differences are changed.
+    own
+        The solutions; changed.
     grid
         The coarse grid, with all weights.
-    weights
-        ``(H, 2, W)`` float32 weights of the edges to the right and down.
-    solution
-        ``(H, W)`` float64 blend; changed.
     several
         Whether each block has several parts.
     span
@@ -92,35 +93,50 @@ def bring_together(
     on_progress
         Receives the stage ``joining blocks``.
     """
+    files, places = own.files, range(len(several) - 1)
     past: list[_Round] = []
+    ratio = 1.0
     for count in range(_MOST_ROUNDS + 1):
-        differences = [seam.difference for seam in seams]
-        coarse = _correction(grid, seams, differences)
-        error = float(np.abs(coarse[np.isfinite(coarse)]).max(initial=0)) + max(
-            seam.largest for seam in seams
-        )
-        if error <= _ENOUGH * span or count == _MOST_ROUNDS:
-            break
-        demands = [np.zeros((2, seam.down.shape[1])) for seam in seams]
-        if past:
-            # All is linear: repeat earlier rounds as often as makes the differences smallest.
-            factors = _factors(past, differences)
-            for factor, earlier in zip(factors, past, strict=True):
-                for place in range(len(seams)):
-                    differences[place] = differences[place] + factor * earlier.changes[place]
-                    demands[place] += factor * earlier.demands[place]
+        begun = files.record(f"round-{count}")
+        if begun is None:
+            seams = [own.seam(place) for place in places]
+            differences = [seam.difference for seam in seams]
             coarse = _correction(grid, seams, differences)
-        for seam, difference, (first, last) in zip(seams, differences, demands, strict=True):
-            first += difference[0] + grid.row(coarse, seam.rows.start)
-            last += grid.row(coarse, seam.rows.stop - 1) - difference[-1]
-        # What remains of the residual of a change is not seen by later rounds.
-        largest = max(float(np.abs(demand).max()) for demand in demands)
-        tolerance = float(np.clip(_TOLERANCE * span / max(largest, 1e-30), 1e-9, 1e-2))
-        changes = _change(
-            blocks, seams, demands, weights, solution, several, tolerance, on_progress
-        )
-        past = [*past, _Round(demands, changes)][-_MEMORY:]
-    return Rounds(count, error, error <= _ENOUGH * span)
+            estimate = float(np.abs(coarse[np.isfinite(coarse)]).max(initial=0)) + max(
+                (seam.largest for seam in seams), default=0.0
+            )
+            if past:
+                remaining = min(estimate / past[-1].estimate, _SLOWEST)
+                # The errors of all rounds are a geometric series.
+                found = past[-1].largest / (1 - remaining)
+                ratio = max(1.0, _SAFETY * found / past[-1].estimate)
+            error = ratio * estimate + count * _ACCURACY * span
+            if error <= _ENOUGH * span or count == _MOST_ROUNDS:
+                return Rounds(count, error, error <= _ENOUGH * span)
+            demands = _demands(grid, seams, past, coarse)
+            begun = files.complete(f"round-{count}", demands=demands, estimate=estimate)
+            del seams, differences, coarse
+        demands = begun["demands"]
+        changes, largest = _change(own, demands, several, count, _ACCURACY * span, on_progress)
+        past = [*past, _Round(demands, changes, largest, float(begun["estimate"]))][-_MEMORY:]
+    raise AssertionError("the last round returns")
+
+
+def _demands(grid: CoarseGrid, seams: list[Seam], past: list[_Round], coarse: Double) -> Double:
+    """Return for each seam ``(2, W)`` changes, as `_Round` has them."""
+    differences = [seam.difference for seam in seams]
+    demands = np.zeros((len(seams), 2, seams[0].down.shape[1]))
+    if past:
+        # All is linear: repeat earlier rounds as often as makes the differences smallest.
+        for factor, earlier in zip(_factors(past, differences), past, strict=True):
+            demands += factor * earlier.demands
+            for place, changes in enumerate(earlier.changes):
+                differences[place] = differences[place] + factor * changes
+        coarse = _correction(grid, seams, differences)
+    for seam, difference, (first, last) in zip(seams, differences, demands, strict=True):
+        first += difference[0] + grid.row(coarse, seam.rows.start)
+        last += grid.row(coarse, seam.rows.stop - 1) - difference[-1]
+    return demands
 
 
 def _correction(grid: CoarseGrid, seams: list[Seam], differences: list[Double]) -> Double:
@@ -144,39 +160,43 @@ def _factors(past: list[_Round], differences: list[Double]) -> Double:
 
 
 def _change(
-    blocks: Blocks,
-    seams: list[Seam],
-    demands: list[Double],
-    weights: BandFile,
-    solution: BandFile,
+    own: OwnSolutions,
+    demands: Double,
     several: list[bool],
-    tolerance: float,
+    count: int,
+    accuracy: float,
     on_progress: Progress,
-) -> list[Float]:
-    """Change all blocks as demanded; return by how much the differences changed."""
-    changes = [np.zeros(seam.down.shape, np.float32) for seam in seams]
-    on_progress("joining blocks", 0, len(blocks.blocks))
-    for number, block in enumerate(blocks.blocks):
-        above = demands[number - 1][0] if number else None
-        below = demands[number][1] if number < len(seams) else None
-        change = _harmonic(weights[block.rows], above, below, several[number], tolerance)
-        if above is not None:
-            shared = change[: 2 * blocks.halo]
-            changes[number - 1] -= shared.astype(np.float32)
-            seams[number - 1].difference -= shared
-            shared *= 1 - seams[number - 1].share[:, None]
-        if below is not None:
-            shared = change[-2 * blocks.halo :]
-            changes[number] += shared.astype(np.float32)
-            seams[number].difference += shared
-            shared *= seams[number].share[:, None]
-        solution[block.rows] = solution[block.rows] + change
-        on_progress("joining blocks", number + 1, len(blocks.blocks))
-    return changes
+) -> tuple[list[Float], float]:
+    """Change all blocks as demanded; return by how much the differences and heights changed."""
+    files, shared, total = own.files, 2 * own.blocks.halo, len(several)
+    changes = [np.zeros((shared, demands.shape[2]), np.float32) for _ in demands]
+    largest = 0.0
+    on_progress("joining blocks", 0, total)
+    for number, block in enumerate(own.blocks.blocks):
+        name = f"change-{count}-{number}"
+        done = files.record(name)
+        if done is None:
+            above = demands[number - 1][0] if number else None
+            below = demands[number][1] if number < len(demands) else None
+            change = _harmonic(files.weights[block.rows], above, below, several[number], accuracy)
+            ends = change[:shared].astype(np.float32), change[-shared:].astype(np.float32)
+            most = max(float(change.max()), -float(change.min()))
+            change += own.solution(number).u
+            files.write_solution(number, count + 1, change)
+            del change
+            done = files.complete(name, above=ends[0], below=ends[1], largest=most)
+        own.advanced(number, count + 1)
+        if number:
+            changes[number - 1] -= done["above"]
+        if number < len(demands):
+            changes[number] += done["below"]
+        largest = max(largest, float(done["largest"]))
+        on_progress("joining blocks", number + 1, total)
+    return changes, largest
 
 
 def _harmonic(
-    weights: Float, above: Double | None, below: Double | None, several: bool, tolerance: float
+    weights: Float, above: Double | None, below: Double | None, several: bool, accuracy: float
 ) -> Double:
     """Return the change of a block if its first and last row change by given amounts.
 
@@ -188,8 +208,8 @@ def _harmonic(
         ``(W,)`` changes; None if the block ends at the border of the image.
     several
         Whether the block has several parts.
-    tolerance
-        Residual relative to that of these changes.
+    accuracy
+        Largest error.
     """
     height, width = len(weights), weights.shape[2]
     first, last = 1 if above is not None else 0, height - (below is not None)
@@ -208,7 +228,7 @@ def _harmonic(
         b[-2, 1:-1] += weights[-2, 1] * below
     down[-2] = 0
     del weights
-    found = solve(right, down, b, anchors=anchors, tolerance=tolerance).u
+    found = solve(right, down, b, anchors=anchors, tolerance=_ROUNDING, accuracy=accuracy).u
     if several:
         # Nothing changes where no row that changes is connected: the solver leaves a constant.
         labels, count = label_parts(right, down)

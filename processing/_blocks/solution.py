@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,22 +9,22 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import BandFile, CameraModel, MapRows
+from processing._blocks.block_files import BlockFiles, Record
 from processing._blocks.coarse import CoarseGrid
-from processing._blocks.free_solution import SomeSteps, solve_freely
-from processing._blocks.kernels import number_parts
-from processing._blocks.local_parts import LocalParts
+from processing._blocks.free_solution import FreeSolution, solve_freely
+from processing._blocks.kernels import extremes, number_parts
+from processing._blocks.local_parts import NO_MEETING, LocalParts, Meeting, meeting_of
+from processing._blocks.own_solutions import OwnSolutions
 from processing._blocks.plan import Blocks
 from processing._blocks.rounds import Rounds, bring_together
-from processing._blocks.seams import Seam, Side
+from processing._blocks.seams import Side
 from processing._surface.multigrid import Solution
 from rig import Progress
 
-Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
 # Steps that show whether the surface has the slopes of the normals, in each direction.
 _STEPS = 20_000
-_NONE = Solution(np.zeros((0, 0)), 0, 0.0, converged=True)
 
 
 class BlockSolution(NamedTuple):
@@ -63,6 +62,7 @@ def solve_in_blocks(
     blocks: Blocks,
     camera: CameraModel | None,
     folder: Path,
+    resume: bool,
     on_progress: Progress,
 ) -> BlockSolution:
     """Solve the surface of normals.
@@ -79,108 +79,106 @@ def solve_in_blocks(
         A perspective camera; None for an orthographic view.
     folder
         Folder of the files.
+    resume
+        Whether to continue what an earlier process left in the folder, and leave the steps there.
     on_progress
         Receives the stages ``integrating`` and ``joining blocks``.
     """
     height, width = normals.shape[:2]
-    u = BandFile(folder / "solution.raw", (height, width), np.dtype(np.float64))
-    parts = BandFile(folder / "parts.raw", (height, width), np.dtype(np.int32))
-    weights = BandFile(folder / "weights.raw", (height, 2, width), np.dtype(np.float32))
-    grid, local = CoarseGrid((height, width)), LocalParts()
-    sides: list[tuple[Side, Side]] = []
-    downs: list[Float] = []
-    steps: list[SomeSteps] = []
-    several: list[bool] = []
-    worst = _NONE
-    upper: Side | None = None
-    shared, total = 2 * blocks.halo, len(blocks.blocks)
+    files = BlockFiles(folder, blocks, width, resume=resume)
+    local, total = LocalParts(), len(blocks.blocks)
+    frees: list[Record] = []
     on_progress("integrating", 0, total)
     for number, block in enumerate(blocks.blocks):
-        free = solve_freely(normals, relative, block, camera, max(1, height * width // _STEPS))
-        labels = local.add(free.labels, free.part_count)
-        first = block.core.start - block.rows.start
-        core = slice(first, first + block.core.stop - block.core.start)
-        grid.add(block.core.start, free.right[core], free.down[core])
-        weights[block.core] = np.stack([free.right[core], free.down[core]], axis=1)
-        u[block.core], parts[block.core] = free.u[core], labels[core]
-        steps.append(free.steps)
-        several.append(free.part_count > 1)
-        if free.solution.relative_residual >= worst.relative_residual:
-            worst = replace(free.solution, u=_NONE.u)
-        if upper is not None:
-            lower = Side(free.u[:shared].copy(), labels[:shared].copy())
-            local.meet(upper, lower)
-            sides.append((upper, lower))
-            downs[-1][blocks.halo :] = free.down[blocks.halo : shared]
-        upper = Side(free.u[-shared:].copy(), labels[-shared:].copy())
-        downs.append(free.down[-shared:].copy())
-        del free, labels
+        free = files.record(f"free-{number}")
+        if free is None:
+            every = max(1, height * width // _STEPS)
+            solved = solve_freely(normals, relative, block, camera, every)
+            free = _stored(files, blocks, number, solved, local.count)
+            del solved
+        local.add(int(free["count"]), Meeting(free["pairs"], free["sizes"], free["means"]))
+        frees.append(free)
         on_progress("integrating", number + 1, total)
-    span = _add_constants(u, parts, local.constants(), blocks)
-    seams = [
-        _blended(u, parts, local.constants(), blocks, seam, sides[seam], downs[seam])
-        for seam in range(len(sides))
-    ]
-    del sides
-    rounds = Rounds(0, 0.0, settled=True)
-    if seams:
-        rounds = bring_together(blocks, seams, grid, weights, u, several, span, on_progress)
-    weights.close()
-    weights.path.unlink()
+    own = OwnSolutions(files, blocks, local.constants())
+    rounds = _rounds(own, frees, (height, width), on_progress)
+    files.remove_weights()
+    u = BandFile(folder / "solution.raw", (height, width), np.dtype(np.float64))
+    parts = BandFile(folder / "parts.raw", (height, width), np.dtype(np.int32))
     part_of, count = local.joined()
     numbers = np.full(count, -1, np.int32)
     sums, sizes = np.zeros(count), np.zeros(count, np.int64)
-    wanted, found = [], []
-    for block, some in zip(blocks.blocks, steps, strict=True):
-        values, labels = u[block.core], parts[block.core]
+    found = []
+    for number, (block, free) in enumerate(zip(blocks.blocks, frees, strict=True)):
+        values, labels = (core := own.blended(number)).u, core.labels
         number_parts(values, labels, part_of, numbers, sums, sizes)
-        parts[block.core] = labels
-        wanted.append(some.steps)
-        found.append(values.ravel()[some.there] - values.ravel()[some.here])
+        u[block.core], parts[block.core] = values, labels
+        found.append(values.ravel()[free["there"]] - values.ravel()[free["here"]])
+    worst = max(frees, key=lambda free: float(free["relative_residual"]))
+    if not resume:
+        files.remove()
     return BlockSolution(
         u,
         parts,
         sums / np.maximum(sizes, 1),
         sizes,
-        np.concatenate(wanted),
+        np.concatenate([free["steps"] for free in frees]),
         np.concatenate(found),
         rounds,
-        worst,
+        Solution(
+            np.zeros((0, 0)),
+            int(worst["iterations"]),
+            float(worst["relative_residual"]),
+            converged=bool(worst["converged"]),
+        ),
     )
 
 
-def _add_constants(u: BandFile, parts: BandFile, constants: Double, blocks: Blocks) -> float:
-    """Add the constant of each part of a block; return the range of the solution."""
-    lowest, highest = np.inf, -np.inf
-    for block in blocks.blocks:
-        labels = parts[block.core]
-        inside = labels >= 0
-        if not inside.any():
-            continue
-        values = u[block.core]
-        values[inside] += constants[labels[inside]]
-        u[block.core] = values
-        lowest = min(lowest, float(values[inside].min()))
-        highest = max(highest, float(values[inside].max()))
-    return max(highest - lowest, 0.0)
+def _stored(
+    files: BlockFiles, blocks: Blocks, number: int, free: FreeSolution, before: int
+) -> Record:
+    """Write the solution of a block; ``before`` is the number of parts of the blocks above."""
+    block, shared = blocks.blocks[number], 2 * blocks.halo
+    first = block.core.start - block.rows.start
+    core = slice(first, first + block.core.stop - block.core.start)
+    labels = np.where(free.labels >= 0, free.labels + np.int32(before), np.int32(-1))
+    files.weights[block.core] = np.stack([free.right[core], free.down[core]], axis=1)
+    files.weights.sync()
+    files.write_solution(number, 0, free.u)
+    files.write_labels(number, labels)
+    meeting = NO_MEETING
+    if number:
+        rows = slice(-shared, None)
+        upper = Side(files.solution(number - 1, 0, rows), files.labels(number - 1, rows))
+        meeting = meeting_of(upper, Side(free.u[:shared], labels[:shared]))
+    return files.complete(
+        f"free-{number}",
+        count=free.part_count,
+        extremes=extremes(free.u[core], free.labels[core], free.part_count),
+        iterations=free.solution.iterations,
+        relative_residual=free.solution.relative_residual,
+        converged=free.solution.converged,
+        **meeting._asdict(),
+        **free.steps._asdict(),
+    )
 
 
-def _blended(
-    u: BandFile,
-    parts: BandFile,
-    constants: Double,
-    blocks: Blocks,
-    seam: int,
-    sides: tuple[Side, Side],
-    down: Float,
-) -> Seam:
-    """Write the blend of both solutions of shared rows, and return the seam."""
-    rows, share = blocks.shared(seam), blocks.share_of_upper()
-    upper, lower = (side.u + np.append(constants, 0)[side.labels] for side in sides)
-    has_upper, has_lower = (side.labels >= 0 for side in sides)
-    difference = np.where(has_upper & has_lower, upper - lower, 0)
-    # Only pixels of the outermost rows may have one solution: the other block has no share there.
-    u[rows] = np.where(has_lower, lower + share[:, None] * difference, upper)
-    u[rows] = np.where(has_upper | has_lower, u[rows], 0)
-    parts[rows] = np.maximum(sides[0].labels, sides[1].labels)
-    return Seam(rows, share, down, difference)
+def _rounds(
+    own: OwnSolutions, frees: list[Record], size: tuple[int, int], on_progress: Progress
+) -> Rounds:
+    """Bring the solutions together, unless an earlier process did."""
+    files = own.files
+    done = files.record("rounds")
+    if done is None:
+        grid = CoarseGrid(size)
+        for block in own.blocks.blocks:
+            weights = files.weights[block.core]
+            grid.add(block.core.start, weights[:, 0], weights[:, 1])
+        several = [int(free["count"]) > 1 for free in frees]
+        ends = np.concatenate([free["extremes"] for free in frees], axis=1) + own.constants
+        span = max(float(ends[1].max(initial=-np.inf) - ends[0].min(initial=np.inf)), 0.0)
+        done = files.complete(
+            "rounds", **bring_together(own, grid, several, span, on_progress)._asdict()
+        )
+    rounds = Rounds(int(done["number"]), float(done["error"]), bool(done["settled"]))
+    own.all_advanced(rounds.number)
+    return rounds

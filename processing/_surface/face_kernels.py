@@ -10,9 +10,10 @@ Float = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.int32]
 Counts = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
+Kinds = npt.NDArray[np.uint8]
 
-# A triangle of each kind, by the corners of a square: a and b above d and e.
-_KINDS = 4  # a d b, b d e, a d e, a e b
+# Kinds of triangles, by the corners of a square, a and b above d and e: a d b, b d e, a d e, a e b.
+KINDS = 4
 
 
 def faces_of(
@@ -36,23 +37,40 @@ def faces_of(
         triangles a d b in reading order, then b d e, a d e and a e b. A square of four pixels of
         one part is split along its shorter diagonal, b d if both are equal.
     """
-    return faces_by_kind(parts, vertices, cut_right, cut_down)[0]
+    kinds, inside = kinds_of_triangles(parts, vertices, cut_right, cut_down), parts >= 0
+    return np.concatenate([faces_of_kind(kinds, inside, kind) for kind in range(KINDS)])
 
 
-def faces_by_kind(
+def kinds_of_triangles(
     parts: Ints, vertices: Float, cut_right: Mask | None = None, cut_down: Mask | None = None
-) -> tuple[Ints, Counts]:
-    """Return what `faces_of` returns, and the ``(4,)`` numbers of triangles of each kind."""
+) -> Kinds:
+    """Return the kinds of triangles of each square ``(H, W)``: bit 0 for a d b, and so on.
+
+    The parameters are those of `faces_of`. The pixel of a square is its upper left one.
+    """
     right = np.zeros(parts.shape, bool) if cut_right is None else np.ascontiguousarray(cut_right)
     down = np.zeros(parts.shape, bool) if cut_down is None else np.ascontiguousarray(cut_down)
-    per_row = np.count_nonzero(parts >= 0, axis=1)
-    first = np.concatenate([[0], np.cumsum(per_row)])
-    counts = _counted(parts, right, down, vertices, first)
-    ends = np.cumsum(counts.T.ravel())
-    begins = np.ascontiguousarray((ends - counts.T.ravel()).reshape(_KINDS, -1).T)
-    faces = np.zeros((int(ends[-1]) if len(ends) else 0, 3), np.int32)
-    _filled(parts, right, down, vertices, first, begins, faces)
-    return faces, counts.sum(axis=0)
+    return _kinds(parts, right, down, vertices)
+
+
+def faces_of_kind(kinds: Kinds, inside: Mask, kind: int, first: int = 0) -> Ints:
+    """Return the triangles of one kind in reading order; those of the last row need a next one.
+
+    Parameters
+    ----------
+    kinds
+        ``(H, W)`` kinds of each square.
+    inside
+        ``(H, W)`` bool, the pixels that are vertices.
+    kind
+        Number of the kind.
+    first
+        Number of the first vertex.
+    """
+    faces = np.zeros((np.count_nonzero(kinds[:-1] & (1 << kind)), 3), np.int32)
+    per_row = np.count_nonzero(inside, axis=1)
+    _fill(kinds, inside, first + np.cumsum(per_row) - per_row, kind, faces)
+    return faces
 
 
 @numba.njit(cache=True)
@@ -91,57 +109,34 @@ def _square(
 
 
 @numba.njit(cache=True)
-def _counted(parts: Ints, right: Mask, down: Mask, vertices: Float, first: Counts) -> Counts:
-    """Return the number of triangles of each row of squares and each kind."""
+def _kinds(parts: Ints, right: Mask, down: Mask, vertices: Float) -> Kinds:
     rows, columns = parts.shape
-    counts = np.zeros((max(rows - 1, 0), _KINDS), np.int64)
+    kinds = np.zeros((rows, columns), np.uint8)
+    above = 0
     for r in range(rows - 1):
-        above, below = first[r], first[r + 1]
+        below = above + int(np.count_nonzero(parts[r] >= 0))
+        start = below
         for c in range(columns - 1):
             adb, bde, ade, aeb = _square(parts, right, down, vertices, r, c, above, below)
-            counts[r, 0] += adb
-            counts[r, 1] += bde
-            counts[r, 2] += ade
-            counts[r, 3] += aeb
+            kinds[r, c] = adb + 2 * bde + 4 * ade + 8 * aeb
             above += parts[r, c] >= 0
             below += parts[r + 1, c] >= 0
-    return counts
+        above = start
+    return kinds
 
 
 @numba.njit(cache=True)
-def _put(faces: Ints, place: int, one: int, two: int, three: int) -> None:
-    faces[place, 0], faces[place, 1], faces[place, 2] = one, two, three
-
-
-@numba.njit(cache=True)
-def _filled(
-    parts: Ints,
-    right: Mask,
-    down: Mask,
-    vertices: Float,
-    first: Counts,
-    begins: Counts,
-    faces: Ints,
-) -> None:
-    """Write the triangles; those of a row of squares and a kind begin at ``begins``."""
-    rows, columns = parts.shape
+def _fill(kinds: Kinds, inside: Mask, first: Counts, kind: int, faces: Ints) -> None:
+    """Write the triangles of a kind; ``first`` is the number of the first vertex of each row."""
+    rows, columns = kinds.shape
+    place = 0
     for r in range(rows - 1):
-        above, below = first[r], first[r + 1]
-        i, j, k, m = begins[r, 0], begins[r, 1], begins[r, 2], begins[r, 3]
+        a, d = first[r], first[r + 1]
         for c in range(columns - 1):
-            adb, bde, ade, aeb = _square(parts, right, down, vertices, r, c, above, below)
-            b = above + (parts[r, c] >= 0)
-            e = below + (parts[r + 1, c] >= 0)
-            if adb:
-                _put(faces, i, above, below, b)
-                i += 1
-            if bde:
-                _put(faces, j, b, below, e)
-                j += 1
-            if ade:
-                _put(faces, k, above, below, e)
-                k += 1
-            if aeb:
-                _put(faces, m, above, e, b)
-                m += 1
-            above, below = b, e
+            b, e = a + inside[r, c], d + inside[r + 1, c]
+            if kinds[r, c] >> kind & 1:
+                faces[place, 0] = b if kind == 1 else a
+                faces[place, 1] = e if kind == 3 else d
+                faces[place, 2] = b if kind == 0 or kind == 3 else e
+                place += 1
+            a, d = b, e

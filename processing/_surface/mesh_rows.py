@@ -5,17 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, MapRows, rows_in_bands, write_pieces
-from processing._surface.face_kernels import faces_by_kind
+from processing._surface.face_kernels import KINDS, faces_of_kind, kinds_of_triangles
 from processing._surface.height_map import HeightRows, points_of_rows
 from processing._surface.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
 
 Float = npt.NDArray[np.float32]
+Kinds = npt.NDArray[np.uint8]
 
 # Bytes of a pixel with its points and triangles, and of a band.
 _PIXEL, _BAND = 150, 1 << 26
@@ -30,8 +30,8 @@ def write_mesh_rows(
 ) -> None:
     """Write the complete mesh of a surface of which rows are read, with the bytes of `write_mesh`.
 
-    The triangles are computed once for each kind of which the file has a section, so that they need
-    not be kept.
+    A file has a section for each kind of triangle. The kinds of each square of four pixels are kept
+    in memory, one byte per pixel.
 
     Parameters
     ----------
@@ -67,56 +67,43 @@ def write_mesh_rows(
         raise DataError(f"{path}: a mesh of a surface in files is a .ply or .stl file")
     height, width = surface.mask.shape
     bands = rows_in_bands(height, _PIXEL * width, _BAND, least=2)
-    count = sum(int(_band(surface, rows).counts.sum()) for rows in bands)
+    kinds = _kinds(surface, bands)
+    count = sum(int(np.count_nonzero(kinds & (1 << kind))) for kind in range(KINDS))
     if not count:
         raise DataError(
             "the surface contains no triangle: it is nowhere two pixels wide; check the mask"
         )
     if suffix == ".ply":
-        write_pieces(path, _ply(surface, bands, count, normals, colours))
+        write_pieces(path, _ply(surface, bands, kinds, count, normals, colours))
     else:
-        write_pieces(path, _stl(surface, bands, count))
+        write_pieces(path, _stl(surface, bands, kinds, count))
 
 
-class _Band(NamedTuple):
-    """Points and triangles of rows and of the next one.
-
-    Parameters
-    ----------
-    points
-        ``(N, 3)`` float32.
-    faces
-        ``(F, 3)`` numbers of points, in sections of one kind each.
-    counts
-        ``(4,)`` triangles of each section.
-    """
-
-    points: Float
-    faces: npt.NDArray[np.int32]
-    counts: npt.NDArray[np.int64]
-
-    def section(self, kind: int) -> npt.NDArray[np.int32]:
-        end = int(self.counts[: kind + 1].sum())
-        return self.faces[end - int(self.counts[kind]) : end]
+def _both(surface: HeightRows, rows: slice) -> slice:
+    """Return rows and the next one."""
+    return slice(rows.start, min(rows.stop + 1, len(surface.mask)))
 
 
-def _band(surface: HeightRows, rows: slice) -> _Band:
-    both = slice(rows.start, min(rows.stop + 1, len(surface.mask)))
-    points = points_of_rows(surface, both)[surface.mask[both]]
-    return _Band(points, *faces_by_kind(np.ascontiguousarray(surface.parts[both]), points))
+def _points(surface: HeightRows, rows: slice) -> Float:
+    """Return the points of rows and of the next one."""
+    both = _both(surface, rows)
+    return points_of_rows(surface, both)[surface.mask[both]]
 
 
-def _sections(surface: HeightRows, bands: list[slice]) -> Iterator[tuple[int, _Band, int]]:
-    """Yield the number of the first point of each band, the band and the kind of triangles."""
-    before = np.concatenate([[0], np.cumsum(np.count_nonzero(surface.mask, axis=1))])
-    for kind in range(4):
-        for rows in bands:
-            yield int(before[rows.start]), _band(surface, rows), kind
+def _kinds(surface: HeightRows, bands: list[slice]) -> Kinds:
+    """Return the kinds of the triangles of each square, a byte for each pixel."""
+    kinds = np.zeros(surface.mask.shape, np.uint8)
+    for rows in bands:
+        both = _both(surface, rows)
+        parts = np.ascontiguousarray(surface.parts[both])
+        kinds[both] = kinds_of_triangles(parts, _points(surface, rows))
+    return kinds
 
 
 def _ply(
     surface: HeightRows,
     bands: list[slice],
+    kinds: Kinds,
     count: int,
     normals: MapRows | None,
     colours: MapRows | None,
@@ -133,11 +120,20 @@ def _ply(
             None if normals is None else normals[rows][inside],
             painted,
         )
-    for first, band, kind in _sections(surface, bands):
-        yield form.faces(band.section(kind).astype(np.int64) + first)
+    per_row = np.count_nonzero(surface.mask, axis=1)
+    first = np.cumsum(per_row) - per_row
+    for kind in range(KINDS):
+        for rows in bands:
+            both = _both(surface, rows)
+            yield form.faces(
+                faces_of_kind(kinds[both], surface.mask[both], kind, int(first[rows.start]))
+            )
 
 
-def _stl(surface: HeightRows, bands: list[slice], count: int) -> Iterator[Piece]:
+def _stl(surface: HeightRows, bands: list[slice], kinds: Kinds, count: int) -> Iterator[Piece]:
     yield stl_header(surface.unit, count)
-    for _, band, kind in _sections(surface, bands):
-        yield stl_facets(band.points[band.section(kind)])
+    for kind in range(KINDS):
+        for rows in bands:
+            both = _both(surface, rows)
+            faces = faces_of_kind(kinds[both], surface.mask[both], kind)
+            yield stl_facets(_points(surface, rows)[faces])

@@ -15,6 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import eigvalsh_tridiagonal
 
 import processing._surface.multigrid_kernels as kernels
 from processing._surface.grid_graph import apply_laplacian
@@ -49,7 +50,7 @@ class Solution:
     relative_residual
         2-norm of b - L u divided by the 2-norm of b.
     converged
-        Whether the residual is within the tolerance.
+        Whether the residual is within the tolerance, or the error within the accuracy.
     """
 
     u: Double
@@ -66,6 +67,7 @@ def solve(
     anchors: Float | None = None,
     levels: Levels | None = None,
     tolerance: float = 1e-6,
+    accuracy: float = 0.0,
     max_iterations: int = 500,
     on_progress: Progress = no_progress,
 ) -> Solution:
@@ -89,6 +91,8 @@ def solve(
         The `coarsened` weights, if several systems have the same ones.
     tolerance
         Relative residual at which the iteration stops; values below 1e-14 mean 1e-14.
+    accuracy
+        Estimated largest error at which the iteration stops, too; 0 for none.
     max_iterations
         Maximum number of iterations.
     on_progress
@@ -113,7 +117,8 @@ def solve(
     digits = math.log(norm_r / target) if norm_r > target else 1.0
     percent = 0
     on_progress("integrating", percent, 100)
-    while norm_r > target and iteration < max_iterations:
+    accurate, lanczos = False, _Lanczos()
+    while norm_r > target and not accurate and iteration < max_iterations:
         correction = _cycle(levels, residual)
         gamma, previous = float(kernels.dot(residual, correction).sum()), gamma
         kernels.add_scaled(direction, correction, gamma / previous if iteration else 0.0)
@@ -124,6 +129,11 @@ def solve(
             break
         norm_r = math.sqrt(kernels.step(u, residual, direction, product, gamma / curvature).sum())
         iteration += 1
+        if accuracy:
+            lanczos.add(gamma / curvature, gamma / previous if previous else 0.0)
+            largest = max(float(correction.max()), -float(correction.min())) * scale
+            # Squared, because the slowest errors are found late.
+            accurate = largest <= accuracy and largest <= accuracy * lanczos.smallest() ** 2
         left = max(math.log(max(norm_r, target) / target), 0.0)
         percent = max(percent, round(100 * (1 - left / digits)))
         on_progress("integrating", percent, 100)
@@ -136,7 +146,31 @@ def solve(
             on_progress("integrating", 100, 100)
             return Solution(u, iteration, left_over, converged=left_over <= tolerance)
     u *= scale
-    return Solution(u, iteration, norm_r * scale / norm_b, converged=norm_r <= target)
+    return Solution(u, iteration, norm_r * scale / norm_b, converged=accurate or norm_r <= target)
+
+
+class _Lanczos:
+    """The matrix of Lanczos (1950) that conjugate gradients build: M L in the space they searched.
+
+    The smallest eigenvalue is the share of an error that a correction by M removes at least.
+    """
+
+    def __init__(self) -> None:
+        self._diagonal: list[float] = []
+        self._beside: list[float] = []
+        self._step = 1.0
+
+    def add(self, step: float, repeated: float) -> None:
+        """Add an iteration: the length of its step, and the share of the earlier direction."""
+        if self._diagonal:
+            self._beside.append(math.sqrt(repeated) / self._step)
+        self._diagonal.append(1 / step + repeated / self._step)
+        self._step = step
+
+    def smallest(self) -> float:
+        """Return the smallest eigenvalue."""
+        found = eigvalsh_tridiagonal(self._diagonal, self._beside, select="i", select_range=(0, 0))
+        return float(found[0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing import NormalMap, integrate, integrate_in_blocks
-from processing._blocks.local_parts import LocalParts
+from processing._blocks.local_parts import NO_MEETING, LocalParts, meeting_of
 from processing._blocks.plan import CELL, plan_blocks
 from processing._blocks.seams import Seam, Side
 
@@ -167,11 +167,11 @@ def test_the_residual_of_a_blend_is_that_of_its_laplacian():
 
 def test_constants_join_parts_of_blocks():
     parts = LocalParts()
-    first = parts.add(np.array([[0, 1, -1]], np.int32), 2)
-    second = parts.add(np.array([[0, 0, 1]], np.int32), 2)
-    parts.meet(Side(np.array([[1.0, 5.0, 0]]), first), Side(np.array([[3.0, 3.0, 0]]), second))
-    constants = parts.constants()
-    np.testing.assert_allclose(constants, [0, -4, -2, 0])
+    upper = Side(np.array([[1.0, 5.0, 0]]), np.array([[0, 1, -1]], np.int32))
+    lower = Side(np.array([[3.0, 3.0, 0]]), np.array([[2, 2, 3]], np.int32))
+    parts.add(2, NO_MEETING)
+    parts.add(2, meeting_of(upper, lower))
+    np.testing.assert_allclose(parts.constants(), [0, -4, -2, 0])
     joined, count = parts.joined()
     assert (list(joined), count) == ([0, 0, 0, 1], 2)
 
