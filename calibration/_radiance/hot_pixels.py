@@ -37,11 +37,11 @@ def hot_pixels(dark: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
     if min(dark.shape[:2]) < 5 or not dark.max() - dark.min() > _EXCESS:
         return np.zeros(dark.shape, np.bool_)
     excess = np.zeros_like(dark)
-    for rows in row_bands(len(dark)):  # the median of the whole would be one more image in memory
-        first = max(rows.start - _AROUND, 0)
-        band = np.ascontiguousarray(dark[first : rows.stop + _AROUND], np.float32)
-        median = cv2.medianBlur(band, 2 * _AROUND + 1)
-        excess[rows] = dark[rows] - median[rows.start - first :][: rows.stop - rows.start]
+    for band in row_bands(len(dark)):  # the median of the whole would be one more image in memory
+        first = max(band.start - _AROUND, 0)
+        around = np.ascontiguousarray(dark[first : band.stop + _AROUND], np.float32)
+        median = cv2.medianBlur(around, 2 * _AROUND + 1)
+        excess[band] = dark[band] - median[band.start - first :][: band.stop - band.start]
     # Some of the rows show the spread of all.
     rows = excess[:: max(1, len(excess) // _ROWS)]
     spread = 1.4826 * float(np.median(np.abs(rows)))
