@@ -31,7 +31,8 @@ from whole_commands import cost
 from acquisition import ComputedRows, Lights, write_exr
 
 SGP = [sys.executable, "-m", "sgp"]
-_COMMANDS = ("normals", "separate", "surface")
+_COMMANDS = ("normals", "run", "separate", "surface")
+_OF_RECORDINGS = ("normals", "run")
 _POLL_S = 1.0
 # Of the slopes of the waves, and rows after which it repeats.
 _NOISE, _NOISE_ROWS = 0.02, 128
@@ -99,12 +100,12 @@ def commands(
     root: Path, out: Path, megapixels: float, options: argparse.Namespace
 ) -> Iterator[tuple[str, list[str]]]:
     """Yield names and words of the commands."""
-    if "normals" in options.commands:
+    for command in [name for name in _OF_RECORDINGS if name in options.commands]:
         source = recorded(root, megapixels, options.lights)
         lights, mask = (str(source.with_suffix(end)) for end in (".json", ".png"))
         given = [str(source), "--lights", lights, "--mask", mask, "--memory", options.memory]
         for method in options.methods:
-            yield f"normals --method {method}", ["normals", *given, "--method", method]
+            yield f"{command} --method {method}", [command, *given, "--method", method]
     if "separate" in options.commands:
         normals = str(waves(root, megapixels))
         yield "detail separate", ["detail", "separate", normals, "--memory", options.memory]
@@ -121,7 +122,9 @@ def main() -> None:
     parser.add_argument("--memory", default="2G", help="limit that the commands get")
     parser.add_argument("--surface-memory", default="3500M", help="limit that `surface` gets")
     parser.add_argument("--commands", nargs="+", default=list(_COMMANDS), choices=_COMMANDS)
-    parser.add_argument("--methods", nargs="+", default=["ls", "cauchy"], help="of `normals`")
+    parser.add_argument(
+        "--methods", nargs="+", default=["ls", "cauchy"], help="of `normals` and `run`"
+    )
     parser.add_argument("--folder", type=Path, help="folder of recordings and results")
     options = parser.parse_args()
     print(

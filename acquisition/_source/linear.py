@@ -180,10 +180,14 @@ class Linearizer:
         return self._mean_of(self._references(role, exposure_us))
 
     def _mean_of(self, frames: list[Frame]) -> FloatImage:
-        total = self._linear(self.pixels(frames[0])).astype(np.float64)
-        for frame in frames[1:]:
-            total += self._linear(self.pixels(frame))
-        return np.asarray(total / len(frames), np.float32)
+        mean = np.zeros(frames[0].shape, np.float32)
+        # In parts, because sums need three times the memory; without a reader, each reads all.
+        for rows in [slice(0, len(mean))] if self._reader is None else row_bands(len(mean)):
+            total = self._linear(self.pixels(frames[0], rows)).astype(np.float64)
+            for frame in frames[1:]:
+                total += self._linear(self.pixels(frame, rows))
+            mean[rows] = total / len(frames)
+        return mean
 
 
 def row_bands(height: int) -> list[slice]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -23,6 +24,8 @@ from calibration._radiance.stack_tasks import (
 from rig import Notice, Progress, check_type, no_progress
 
 _THREADS = 4
+# Samples of the frames that are decoded at the same time, usually of 2 bytes.
+_DECODED = 250_000_000
 # Bytes of the values of a band, if the caller does not choose its rows.
 _BAND = 64_000_000
 # Rows of an image that are made at once. An even number keeps the colours of a mosaic in place.
@@ -63,7 +66,8 @@ class BandedStack:
             self._develop = Developer(source, lit, channel, self._reader)
             self._tasks = frames_of_lights(source, lit)
             of_lights = [frames for frames, _ in self._tasks]
-            with ThreadPoolExecutor(_THREADS) as pool:
+            threads = max(1, _DECODED // math.prod(source.frames[0].shape))
+            with ThreadPoolExecutor(min(threads, _THREADS)) as pool:
                 checked = pool.map(lambda frames: [*map(self._reader.check, frames)], of_lights)
                 for done, _ in enumerate(checked, start=1):
                     on_progress("reading", done, len(of_lights))

@@ -6,11 +6,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import row_bands
+
 # Share of the range from black to white above which a pixel is hot, and standard deviations of the
 # dark frame above its surroundings.
 _EXCESS = 0.01
 _DEVIATIONS = 8.0
 _ROWS = 200
+# Pixels around one, to each side, of which the median is taken.
+_AROUND = 2
 
 
 def hot_pixels(dark: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
@@ -32,7 +36,12 @@ def hot_pixels(dark: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
     # Every excess is above the darkest pixel.
     if min(dark.shape[:2]) < 5 or not dark.max() - dark.min() > _EXCESS:
         return np.zeros(dark.shape, np.bool_)
-    excess = dark - cv2.medianBlur(np.ascontiguousarray(dark, np.float32), 5)
+    excess = np.zeros_like(dark)
+    for band in row_bands(len(dark)):  # the median of the whole would be one more image in memory
+        first = max(band.start - _AROUND, 0)
+        around = np.ascontiguousarray(dark[first : band.stop + _AROUND], np.float32)
+        median = cv2.medianBlur(around, 2 * _AROUND + 1)
+        excess[band] = dark[band] - median[band.start - first :][: band.stop - band.start]
     # Some of the rows show the spread of all.
     rows = excess[:: max(1, len(excess) // _ROWS)]
     spread = 1.4826 * float(np.median(np.abs(rows)))

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import socket
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import acquisition
 from sgp._batch.perform import perform
@@ -63,6 +66,33 @@ class ClusterWorkers:
             self._client.cancel(list(futures))
 
 
+def check_scheduler(address: str) -> None:
+    """Refuse an address at which nothing listens, before Dask is imported, which takes seconds.
+
+    Raises
+    ------
+    UsageError
+        If it is no address, or the extra ``cluster`` is not installed.
+    ClusterError
+        If nothing answers.
+    """
+    if find_spec("distributed") is None:
+        text = "--scheduler needs Dask: pip install 'surface-geometry-processing[cluster]'"
+        raise UsageError(text)
+    try:
+        place = urlsplit(address if "://" in address else f"tcp://{address}")
+        host, port = place.hostname, place.port
+    except ValueError:
+        host = port = None
+    if not host or not port:
+        text = f"--scheduler {address} is no address: give one such as tcp://10.0.0.5:8786"
+        raise UsageError(text)
+    try:
+        socket.create_connection((host, port), timeout=_CONNECT_S).close()
+    except OSError as error:
+        raise _unanswered(address) from error
+
+
 @contextmanager
 def cluster(address: str, folder: Path) -> Iterator[ClusterWorkers]:
     """Connect to a scheduler, and check that all workers can do the work.
@@ -70,23 +100,22 @@ def cluster(address: str, folder: Path) -> Iterator[ClusterWorkers]:
     Raises
     ------
     UsageError
-        If the extra ``cluster`` is not installed, or a worker has another version of the software,
-        or more than one thread.
+        If a worker has another version of the software, or more than one thread.
     ClusterError
         If the scheduler does not answer, has no workers, or one of them does not see ``folder``.
     """
-    try:
-        from distributed import Client
-    except ImportError:
-        text = "--scheduler needs Dask: pip install 'surface-geometry-processing[cluster]'"
-        raise UsageError(text) from None
+    from distributed import Client
+
     try:
         client = Client(address, timeout=_CONNECT_S)
     except (OSError, ValueError) as error:
-        text = f"{address}: the scheduler does not answer: start it with `dask scheduler`"
-        raise ClusterError(text) from error
+        raise _unanswered(address) from error
     with client:
         yield ClusterWorkers(client, _checked(client, address, folder))
+
+
+def _unanswered(address: str) -> ClusterError:
+    return ClusterError(f"{address}: the scheduler does not answer: start it with `dask scheduler`")
 
 
 def _checked(client: Client, address: str, folder: Path) -> int:

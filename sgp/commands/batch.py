@@ -13,7 +13,7 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig as rigs
-from sgp._batch.cluster import cluster
+from sgp._batch.cluster import check_scheduler, cluster
 from sgp._batch.folder import batch_folder
 from sgp._batch.local import LocalWorkers
 from sgp._batch.names import names_of
@@ -26,6 +26,7 @@ from sgp._batch.task import Stage, Task, Workers
 from sgp._console import note
 from sgp._exit import UsageError
 from sgp._help import usage_complaint
+from sgp._memory_limit import size_text
 from sgp._metrics import BatchMetrics
 from sgp._options import Inputs, Memory, OptionalInput, Whole
 from sgp._output import check_output, write_record
@@ -94,9 +95,14 @@ def batch(
         text = "--memory is for this computer: start the workers of the cluster with --memory-limit"
         raise UsageError(text)
     if memory is not None and memory < _LEAST_MEMORY:
-        raise UsageError("--memory is too small for the libraries alone: give at least 512M")
+        given, least = size_text(memory), size_text(_LEAST_MEMORY)
+        raise UsageError(
+            f"--memory {given} is too small for the libraries alone: give at least --memory {least}"
+        )
     if not source:
         raise UsageError("no source is given: name at least one recording")
+    if scheduler is not None:
+        check_scheduler(scheduler)
     chosen = Recipe() if recipe is None else read_recipe(recipe)
     check_output(out, [*source, recipe], force=True)
     with batch_folder(out) as states:

@@ -42,7 +42,8 @@ class VirtualCamera:
     exposure.
 
     All random values of a frame depend on the seed, the LED, the exposure time, the gain, and the
-    number of equal shots before it; they do not depend on the order of the other shots.
+    number of equal shots before it; they do not depend on the order of the other shots. A shot does
+    not count if its light was cut off before its frame was complete, because a busy host is slow.
 
     Parameters
     ----------
@@ -170,8 +171,14 @@ class VirtualCamera:
         exposure, end_ns = self._wait(frame_id, timeout_s, waiting)
         self._stale = False
         del self._started[frame_id]
+        pixels = self._sensor.pixels(exposure, end_ns, waiting)
+        led = self._bench.led(exposure.start_ns)
+        if exposure.end_ns is None and self._bench.led(time.monotonic_ns()) != led:
+            # The board's watchdog cut the light off: the rig discards the frame, and shoots again.
+            self._sensor.forget(led, exposure)
+            self._lamps_ns = exposure.lamps_ns
         return CameraFrame(
-            pixels=self._sensor.pixels(exposure, end_ns, waiting),
+            pixels=pixels,
             frame_id=frame_id,
             timestamp_ns=exposure.start_ns,
             exposure_us=exposure.exposure_us,

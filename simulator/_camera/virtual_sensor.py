@@ -133,13 +133,20 @@ class VirtualSensor:
             )
         return plane
 
-    def _key(self, led: int | None, exposure: Exposure) -> tuple[int, ...]:
-        shot = (
+    def forget(self, led: int | None, exposure: Exposure) -> None:
+        """Do not count the latest of equal shots, so that the next one gives the same frame."""
+        self._taken[self._shot(led, exposure)] -= 1
+
+    def _shot(self, led: int | None, exposure: Exposure) -> tuple[int, ...]:
+        return (
             self._formation.seed,
             0 if led is None else led + 1,
             round(exposure.exposure_us * 1000),
             round(exposure.gain_db * 1000),
         )
+
+    def _key(self, led: int | None, exposure: Exposure) -> tuple[int, ...]:
+        shot = self._shot(led, exposure)
         repeat = self._taken.get(shot, 0)
         self._taken[shot] = repeat + 1
         return (*shot, repeat)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 import acquisition
+from sgp._batch import cluster
 from sgp._batch.cluster import _checked, _probe
 from sgp._exit import ClusterError, UsageError
 from tests.sgp.test_cli_batch import recipe as recipe
@@ -72,6 +74,39 @@ def test_without_dask_the_extra_is_named(sgp, two, tmp_path, monkeypatch) -> Non
     monkeypatch.setitem(sys.modules, "distributed", None)
     words = ["batch", *two, "--out", tmp_path / "out", "--scheduler", ADDRESS]
     assert "pip install 'surface-geometry-processing[cluster]'" in sgp(*words).error_line(2)
+
+
+@pytest.mark.parametrize("listens", [False, True])
+def test_a_scheduler_that_does_not_answer_costs_no_import(
+    sgp, two, tmp_path, monkeypatch, listens
+) -> None:
+    monkeypatch.setattr(cluster, "_CONNECT_S", 0.2)
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(__spec__=True))  # no Client
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as server:
+        place = server.getsockname()
+        if not listens:
+            server.close()
+            waiting = []
+        else:  # the system drops further connections, like a host that is switched off
+            waiting = [socket.create_connection(place)]
+        words = ["batch", *two, "--out", tmp_path / "out"]
+        address = f"tcp://127.0.0.1:{place[1]}"
+        text = sgp(*words, "--scheduler", address).error_line(3)
+        for one in waiting:
+            one.close()
+    assert text.endswith(
+        f"{address}: the scheduler does not answer: start it with `dask scheduler`"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("address", ["10.0.0.5", "tcp://:8786", "tcp://10.0.0.5:many", "[::1"])
+def test_a_wrong_address_is_refused(sgp, two, tmp_path, address) -> None:
+    words = ["batch", *two, "--out", tmp_path / "out", "--scheduler", address]
+    text = sgp(*words).error_line(2)
+    assert text.endswith(
+        f"--scheduler {address} is no address: give one such as tcp://10.0.0.5:8786"
+    )
 
 
 def dask(*words: object, folder: Path) -> subprocess.Popen[bytes]:

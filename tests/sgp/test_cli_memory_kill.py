@@ -1,4 +1,4 @@
-"""``sgp normals --memory`` that is killed, and continued by the same command."""
+"""``sgp normals`` and ``sgp run --memory`` that are killed, and continued by the same command."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ for line in sys.stdin:
 
 
 @pytest.fixture
-def command(tmp_path: Path) -> list[str]:
-    """The command, without its output folder, for a bumpy ball with noise that fills the frame."""
+def options(tmp_path: Path) -> list[str]:
+    """Recording and options, for a bumpy ball with noise that fills the frame."""
     (tmp_path / "images").mkdir()
     rng = np.random.default_rng(67)
     y, x = (np.mgrid[: SIZE[0], : SIZE[1]] - 160.0) / 210
@@ -56,27 +56,61 @@ def command(tmp_path: Path) -> list[str]:
         pixels = np.rint(np.clip(shade, 0, 1) * 65535).astype(np.uint16)
         write_png(tmp_path / "images" / f"ball.{i:02}.png", pixels)
     write_mask(tmp_path / "images" / "mask.png", x**2 + y**2 < 0.6)
-    words = ("normals", tmp_path / "images", "--lights", tmp_path / "lights.json")
-    return [*map(str, words), "--memory", MEMORY, "--out"]
+    words = (tmp_path / "images", "--lights", tmp_path / "lights.json", "--memory", MEMORY)
+    return [*map(str, words)]
 
 
-def rows_done(out: Path) -> list[tuple[int, int]]:
-    """Return the rows that the journal names, without a last line that was cut short."""
-    try:
-        lines = (out / ".part-normals" / "journal.jsonl").read_bytes().split(b"\n")[:-1]
-    except FileNotFoundError:
-        return []
-    return [tuple(json.loads(line)) for line in lines]
+class Watched:
+    """The files of a command that show how far it is.
 
+    Parameters
+    ----------
+    out
+        Folder of the result.
+    stages
+        Folders of the stages; none for a command with a single one.
+    """
 
-def rows_filled(out: Path) -> set[int]:
-    """Return the rows of the unfinished albedo that contain a value."""
-    albedo = np.fromfile(out / ".part-normals" / "albedo.raw", np.float32).reshape(SIZE)
-    return set(np.flatnonzero(albedo.any(axis=1)))
+    def __init__(self, out: Path, stages: tuple[str, ...]) -> None:
+        self.out, self.stages = out, stages
+        self.normals = out / "normals" if stages else out
+        self._part = self.normals / ".part-normals"
 
+    def rows_done(self) -> list[tuple[int, int]]:
+        """Return the rows that the journal names, without a last line that was cut short."""
+        try:
+            lines = (self._part / "journal.jsonl").read_bytes().split(b"\n")[:-1]
+        except FileNotFoundError:
+            return []
+        return [tuple(json.loads(line)) for line in lines]
 
-def results(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.suffix != ".json"}
+    def rows_filled(self) -> set[int]:
+        """Return the rows of the unfinished albedo that contain a value."""
+        albedo = np.fromfile(self._part / "albedo.raw", np.float32).reshape(SIZE)
+        return set(np.flatnonzero(albedo.any(axis=1)))
+
+    def reached(self, target: int | str) -> bool:
+        """Return whether so many rows, or a stage, are complete."""
+        if isinstance(target, str):
+            return (self.out / target / f"{target}.json").exists()
+        rows = sum(last - first for first, last in self.rows_done())
+        return rows >= target or (self.normals / "normals.json").exists()
+
+    def complete(self) -> dict[str, int]:
+        """Return the stages that a run counts as complete, with the time of their records."""
+        names = [
+            name for name in self.stages if (self.out / ".part-summary" / f"{name}.json").exists()
+        ]
+        return {name: (self.out / name / f"{name}.json").stat().st_mtime_ns for name in names}
+
+    def results(self) -> dict[str, bytes]:
+        """Return maps, pictures, masks and meshes."""
+        kinds = {".exr", ".png", ".ply"}
+        return {
+            str(path.relative_to(self.out)): path.read_bytes()
+            for path in self.out.rglob("*")
+            if path.suffix in kinds
+        }
 
 
 class Server:
@@ -117,21 +151,30 @@ def server() -> Iterator[Server]:
 
 
 @pytest.mark.slow
-def test_killed_at_random_moments(server: Server, command: list[str], tmp_path: Path) -> None:
-    """Nothing that the journal names is lost, and at most one band is computed again."""
-    whole, out = tmp_path / "whole", tmp_path / "out"
-    server.start([*command, str(whole)])
+@pytest.mark.parametrize(
+    ("name", "stages"),
+    [("normals", ()), ("run", ("normals", "detail", "surface"))],
+    ids=["normals", "run"],
+)
+def test_killed_at_random_moments(
+    server: Server, options: list[str], tmp_path: Path, name: str, stages: tuple[str, ...]
+) -> None:
+    """Nothing that is complete is lost, and at most one band is computed again."""
+    # A batch repeats a run with --force.
+    command = [name, *options, *(["--force"] if stages else []), "--out"]
+    whole, watched = Watched(tmp_path / "whole", stages), Watched(tmp_path / "out", stages)
+    server.start([*command, str(whole.out)])
     assert server.status() == 0
     rng = np.random.default_rng(10)
-    # Rows after which the process is killed; the last kills hit the files of the result.
-    targets = [0, *np.sort(rng.integers(0, SIZE[0], KILLS - 3)), SIZE[0], SIZE[0]]
-    killed, before, again = 0, [], [0]
+    # Rows or stages after which the process is killed; the last kills hit the files of the result.
+    ends = stages or (SIZE[0], SIZE[0])
+    rows = np.sort(rng.integers(0, SIZE[0], KILLS - 1 - len(ends)))
+    targets = [0, *(int(row) for row in rows), *ends]
+    killed, before, again, complete = 0, [], [0], {}
     for target in targets:
-        pid = server.start([*command, str(out)])
+        pid = server.start([*command, str(watched.out)])
         limit = time.monotonic() + 60
-        while (
-            sum(b - a for a, b in rows_done(out)) < target and not (out / "normals.json").exists()
-        ):
+        while not watched.reached(target):
             assert time.monotonic() < limit, before
             time.sleep(0.005)
         time.sleep(rng.uniform(0, 0.1))
@@ -142,17 +185,24 @@ def test_killed_at_random_moments(server: Server, command: list[str], tmp_path: 
             break  # complete before the signal came
         assert status == -signal.SIGKILL
         killed += 1
-        done = rows_done(out)
-        assert done[: len(before)] == before
+        assert complete.items() <= watched.complete().items()
+        complete = watched.complete()
+        done = watched.rows_done()
+        if not complete:
+            assert done[: len(before)] == before
         if done:
             named = {row for first, last in done for row in range(first, last)}
-            again.append(len(rows_filled(out) - named))
-        before = done
+            again.append(len(watched.rows_filled() - named))
+            before = done
     if status:
-        server.start([*command, str(out)])
+        server.start([*command, str(watched.out)])
         assert server.status() == 0
+    times = [(watched.out / one / f"{one}.json").stat().st_mtime_ns for one in complete]
+    assert times == list(complete.values())
     assert killed >= KILLS // 2, targets
     assert len(before) > 5
-    assert max(again) <= max(last - first for first, last in before), (again, before)
-    assert results(out) == results(whole)
-    assert not (out / ".part-normals").exists()
+    band = max(last - first for first, last in before)
+    sys.stdout.write(f"{name}: {killed} kills, bands of {band} rows; rows lost: {again[1:]}\n")
+    assert max(again) <= band, (again, before)
+    assert watched.results() == whole.results()
+    assert not list(watched.out.rglob(".part-*"))

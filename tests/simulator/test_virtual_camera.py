@@ -13,6 +13,7 @@ from simulator._camera import virtual_sensor
 from simulator._camera.image_formation import ImageFormation
 from simulator._camera.sensor import fixed_pattern
 from simulator._camera.virtual_camera import VirtualCamera
+from simulator._scene.lamps import Lamps
 from tests.simulator.camera_options import grouped
 
 SIZE = (3, 5)
@@ -124,6 +125,28 @@ def test_without_real_time_the_light_counts_by_its_share(room):
     time.sleep(0.02)
     # 270 in the dark, 8270 if the LED is on throughout.
     assert 300 < camera.fetch(frame_id, 1.0).pixels[0, 0] < 8200
+
+
+def test_a_shot_whose_light_was_cut_off_is_the_same_when_it_is_taken_again(room):
+    """A busy host loses shots, and the frames of a recording must not depend on that."""
+    lamps = Lamps(warm_up=0.2, warm_up_s=0.01, flicker=0.1)
+    options = {"realtime": False, "noisy": True, "lamps": lamps}
+    room.light(3, 0, 10**7)
+    undisturbed = room.camera(**options)
+    first, second = (shoot(undisturbed, 2000).pixels for _ in range(2))
+    camera = room.camera(**options)
+
+    def cut_off(*shot):
+        room.writer.put_out(time.monotonic_ns())
+        return photons(*shot)
+
+    photons, camera._sensor._photons = camera._sensor._photons, cut_off
+    shoot(camera, 2000)
+    camera._sensor._photons = photons
+    room.light(3, 0, 10**7)
+    np.testing.assert_array_equal(shoot(camera, 2000).pixels, first)
+    np.testing.assert_array_equal(shoot(camera, 2000).pixels, second)
+    assert (first != second).any()
 
 
 def test_frame_ids_increase_and_older_frames_are_not_returned(room):
