@@ -12,7 +12,7 @@ from calibration._spheres.reflection import mirror_points
 from calibration._spheres.robust import Array
 from rig import short_repr
 
-# The variance of highlights is as stated with the weight of so many residuals: few show little.
+# The variances are as stated with the weight of so many residuals: few show little.
 _EXPECTED = 10
 _ROUNDS = 8
 _WORST_SHARE = 0.25
@@ -93,7 +93,7 @@ def refine(
     covariance, is minimised. The covariance of the positions has two parts. That of the highlights
     is multiplied by the reduced chi-square if that exceeds 1, because then their errors are larger
     than stated, and also if it is below 1 and the errors are independent. That of the outlines is
-    multiplied by how much the centres deviate from the outlines, if that is more than expected.
+    multiplied by how much the centres deviate from the outlines, under the same conditions.
 
     Parameters
     ----------
@@ -137,6 +137,7 @@ def refine(
     if peaks and share == 1:
         share = min((system.square + _EXPECTED) / (freedom + _EXPECTED), 1.0)
     outlines_share = system.outlines_share((centres - spheres.centres_mm).ravel())
+    outlines_share = outlines_share if peaks else max(outlines_share, 1.0)
     covariance = system.covariance(share, outlines_share)
     own: Array = np.asarray(np.linalg.inv(system.of_light), np.float64)
     independent = (share if peaks else 0.0) * own
@@ -193,7 +194,7 @@ class System:
         return self.square - float(change)
 
     def outlines_share(self, off: Array) -> float:
-        """Return the variance of the outlines in multiples of that stated, at least 1.
+        """Return the variance of the outlines in multiples of that stated.
 
         ``off (3 K,)`` is how far the centres are from the outlines; what the highlights do not
         determine follows the outlines and shows nothing about them.
@@ -201,7 +202,7 @@ class System:
         _, schur = self._eliminated()
         freedom = len(off) - float(np.trace(np.linalg.solve(schur, self.of_outlines)))
         square = float(off @ self.of_outlines @ off)
-        return max((square + _EXPECTED) / (freedom + _EXPECTED), 1.0)
+        return (square + _EXPECTED) / (freedom + _EXPECTED)
 
     def covariance(self, share: float = 1.0, outlines_share: float = 1.0) -> Array:
         """Return the covariances ``(N, 3, 3)`` of the lights.

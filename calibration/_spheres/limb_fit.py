@@ -30,7 +30,7 @@ _TUKEY, _MOST_UNUSUAL, _FINEST = 2.5, 1.5, 1e-3
 _GROUP_PX, _FEWEST_GROUPS, _MOST_GROUPS = 12.0, 12, 36
 _LEAST_SEEN = 0.3
 # Errors of the model on an even plane, and by the contrast of a texture.
-_MODEL_PX, _BY_TEXTURE_PX = 0.004, (2.0, 2.0, 3.0)
+_MODEL_PX, _BY_TEXTURE_PX = 0.003, (2.0, 2.0, 3.0)
 _MOST_MOVE_PX, _LARGEST_PX = 1.0, 0.5
 
 

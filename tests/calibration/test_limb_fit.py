@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration._spheres.limb_fit import fit_limb
+from calibration._spheres.limb_fit import _texture, fit_limb
 from calibration._spheres.spots import reduce_stack
 from calibration._spheres.surroundings import Balls, MirroredPlane
 from simulator import Checker, ChromeSphere, Even, Gradient, Lens, render, scene_named
@@ -105,3 +105,13 @@ def test_no_outline(even):
     cut = Balls(np.array([[3.0, 3.0]]), np.array([40.0]))
     plane = MirroredPlane(values, reduce_stack(values), camera)
     assert fit_limb(values, plane, cut) is None
+
+
+def test_texture_is_what_all_lights_show_alike():
+    """Relative to the brightness; residuals of single lights are noise, also of bright ones."""
+    rng = np.random.default_rng(5)
+    level = rng.uniform(0.1, 2.0, (12, 60, 1))
+    print_, noise = rng.normal(0, 0.05, (60, 20)), rng.normal(0, 0.05, (12, 60, 20))
+    seen, weights = level * np.ones(20), 1 / level[..., 0] ** 2
+    assert _texture(level * (print_ + noise), seen, weights) == pytest.approx(0.05, rel=0.05)
+    assert _texture(level * noise, seen, weights) < 0.004
