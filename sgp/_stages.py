@@ -134,10 +134,12 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     lit_by = None
     if options.spheres:
         places_mm = led_positions(options.rig, source.setup.rig)
-        kept = acquisition.exclude(source, options.excluded_by_name).light_ids
+        kept = acquisition.exclude(source, options.excluded_by_name)
         # The lights come from all images.
         lit, lit_by = light_by_spheres(source, options.radius_mm, places_mm)
-        source = acquisition.exclude(lit, [name for name in lit.light_ids if name not in kept])
+        left_out = [name for name in lit.light_ids if name not in kept.light_ids]
+        noted = (*lit.warnings, *kept.warnings[len(source.warnings) :])
+        source = replace(acquisition.exclude(lit, left_out), warnings=noted)
         compared = rig_notices(lit_by.estimate.lights, options.rig, source.setup.rig)
         lit_by = replace(lit_by, warnings=(*lit_by.warnings, *compared))
     left = len(source.light_ids)

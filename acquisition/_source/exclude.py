@@ -9,7 +9,7 @@ from dataclasses import replace
 from acquisition._errors import DataError
 from acquisition._source.source import Source
 from acquisition._values.lights import light_id
-from rig import check_type, pluralize
+from rig import Notice, check_type, pluralize
 
 _LISTED = 12
 _RANGE = re.compile(r"([0-9]{1,9})(?:-([0-9]{1,9}))?")
@@ -26,6 +26,8 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
         Ids of `Source.light_ids` (``L07``, ``buddha.7``; names of files are accepted too), numbers
         (``7``) or ranges of numbers (``0-5``). The number of an image is the first number in its
         id that differs between all images. A range may contain numbers that no image has.
+        If it begins before the first or ends after the last, a notice says what it leaves out:
+        the numbers may begin at 1 instead of 0.
 
     Returns
     -------
@@ -56,11 +58,17 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
     ids = source.light_ids
     numbers = _numbers(ids)
     left_out: set[str] = set()
-    for entry in images:
-        named = _named(entry.strip(), ids, numbers)
+    notices = []
+    for entry in map(str.strip, images):
+        # Names come first, since they may look like ranges.
+        named, span = _of_name(entry, ids), _range(entry)
+        if span is not None and not named:
+            named = {name for number, name in numbers.items() if span[0] <= number <= span[1]}
+            if named and not min(numbers) <= span[0] <= span[1] <= max(numbers):
+                notices.append(_beyond(source, span, len(named), numbers))
         if not named:
             raise DataError(
-                f"{source.path}: no image is named {entry.strip()[:40]!r}: there "
+                f"{source.path}: no image is named {entry[:40]!r}: there "
                 f"{'is' if len(ids) == 1 else 'are'} {_listing(ids)}"
             )
         left_out |= named
@@ -77,20 +85,35 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
             if frame.role != "light" or frame.light_id not in left_out
         ),
         lights=None if source.lights is None else source.lights.take(kept),
+        warnings=(*source.warnings, *notices),
     )
 
 
-def _named(entry: str, ids: tuple[str, ...], numbers: dict[int, str]) -> set[str]:
-    """Return the ids that an entry names: by name first, since names may look like ranges."""
+def _of_name(entry: str, ids: tuple[str, ...]) -> set[str]:
+    """Return the ids that are an entry: exactly, in other letters, or as names of files."""
     for same in (str, str.casefold, light_id):
         found = {name for name in ids if same(name) == same(entry)}
         if found:
             return found
+    return set()
+
+
+def _range(entry: str) -> tuple[int, int] | None:
+    """Return the first and the last number that an entry names; None if it is only a name."""
     match = _RANGE.fullmatch(entry)
     if match is None:
-        return set()
+        return None
     first, last = sorted((int(match[1]), int(match[2] or match[1])))
-    return {name for number, name in numbers.items() if first <= number <= last}
+    return first, last
+
+
+def _beyond(source: Source, span: tuple[int, int], named: int, numbers: dict[int, str]) -> Notice:
+    """Return the notice about a range that the numbers of the images do not cover."""
+    text = (
+        f"{span[0]}-{span[1]} leaves out {pluralize(named, 'image')}: the images have the numbers "
+        f"{min(numbers)} to {max(numbers)}"
+    )
+    return Notice("range-beyond-images", text, str(source.path))
 
 
 def _numbers(ids: tuple[str, ...]) -> dict[int, str]:

@@ -88,8 +88,25 @@ def test_names_come_before_numbers(tmp_path) -> None:
     for name in ("1-2.png", "1-3.png", "1-4.png"):
         write_png(tmp_path / name, np.full((4, 5), 9, np.uint16))
     source = read_source(tmp_path)
-    assert exclude(source, ["1-3"]).light_ids == ("1-2", "1-4")
+    part = exclude(source, ["1-3"])
+    assert part.light_ids == ("1-2", "1-4")
+    assert part.warnings == source.warnings
     assert exclude(source, ["2"]).light_ids == ("1-3", "1-4")
+
+
+@pytest.mark.parametrize(
+    ("images", "texts"),
+    [
+        (["0-8", "11-12"], ["0-8 leaves out 2 images: the images have the numbers 7 to 12"]),
+        (["14-12"], ["12-14 leaves out 1 image: the images have the numbers 7 to 12"]),
+        (["7-8", "9", "shot2_12_v1"], []),
+    ],
+)
+def test_a_range_that_the_numbers_do_not_cover_is_noted(source, images, texts) -> None:
+    notices = exclude(source, images).warnings[len(source.warnings) :]
+    assert [(notice.code, notice.text) for notice in notices] == [
+        ("range-beyond-images", text) for text in texts
+    ]
 
 
 def test_a_crop_has_mask_camera_and_truth_of_the_region(source) -> None:
