@@ -24,7 +24,7 @@ from processing import (
     read_superres_model,
     super_resolve,
 )
-from processing._superres import super_resolve as module
+from processing._superres import enlargement as module
 from processing._superres.blend import blend
 from processing._superres.filling import filled_outwards
 from processing._superres.interpolation import bicubic, smoothly, units, without_averaging
