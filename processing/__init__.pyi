@@ -98,8 +98,12 @@ from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._stereo.stereo_maps import StereoMaps as StereoMaps
 from ._superres.deviations import Deviations as Deviations
 from ._superres.low_resolution import low_resolution as low_resolution
+from ._superres.memory import least_memory_of_super_resolution as least_memory_of_super_resolution
+from ._superres.memory import memory_of_super_resolution as memory_of_super_resolution
 from ._superres.model import SuperResolutionModel as SuperResolutionModel
 from ._superres.model import read_superres_model as read_superres_model
+from ._superres.stored_super_resolution import StoredSuperResolution as StoredSuperResolution
+from ._superres.stored_super_resolution import super_resolve_on_disk as super_resolve_on_disk
 from ._superres.super_resolution import PixelSampling as PixelSampling
 from ._superres.super_resolution import SuperResolution as SuperResolution
 from ._superres.super_resolution import SuperResolutionMethod as SuperResolutionMethod

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, TypeVar
 
 import acquisition
 import rig
+from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._output import sha256
 from sgp._result import plain
+
+
+class Stored(Protocol):
+    """A result whose maps are in files."""
+
+    @property
+    def store(self) -> acquisition.BandStore:
+        """The files."""
+
+
+AnyStored = TypeVar("AnyStored", bound=Stored)
 
 
 @dataclass(frozen=True)
@@ -54,6 +67,15 @@ def is_in_bands(memory: int | None, need: Need) -> bool:
     return True
 
 
+def must_be_stored(memory: int | None, need: Need, path: Path) -> bool:
+    """Return whether the maps of a result belong into files.
+
+    What is unfinished is continued, even if more memory is free now. Parameters and errors are
+    those of `is_in_bands`; ``path`` is the future result.
+    """
+    return is_in_bands(memory, need) or acquisition.is_unfinished(path)
+
+
 def bytes_of_bands(memory: int | None, need: Need) -> int:
     """Return the bytes for bands: the limit, or the least if even that is not free."""
     return max(rig.memory_budget(memory), need.least)
@@ -92,6 +114,29 @@ def other_maps_refused() -> Iterator[None]:
             f"{error.folder} contains unfinished maps of a command with another {error.other}: "
             "repeat that command, choose another folder, or add --force to begin again"
         ) from error
+
+
+@contextmanager
+def stored(compute: Callable[[rig.Progress], AnyStored]) -> Iterator[AnyStored]:
+    """Provide a result whose maps are in files, which are removed if the block ends well.
+
+    After an error, the same command continues with them.
+
+    Parameters
+    ----------
+    compute
+        Function of the receiver of progress that computes the result, or continues it.
+
+    Raises
+    ------
+    UsageError
+        If there are unfinished maps of another command.
+    """
+    with other_maps_refused(), Stages() as progress:
+        made = compute(progress)
+    with made.store:
+        yield made
+        made.store.remove()
 
 
 def size_text(count: int) -> str:

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import processing
+from collections.abc import Sequence
+from pathlib import Path
+
 import rig
 from sgp._record import records_of
 
 _PROJECT = "sgp project"
 
 
-def points_notices(read: processing.NormalMapFile) -> list[rig.Notice]:
+def points_notices(files: Sequence[Path]) -> list[rig.Notice]:
     """Name a map that has the normals at the centres of pixels, by the record next to it.
 
     The normals alone do not show it: means over pixels look like points of a smoother surface. A
     map without a record is named, too.
     """
-    commands = {record.command for file in read.files for _, record in records_of(file)}
-    where = str(read.files[0])
+    commands = {record.command for file in files for _, record in records_of(file)}
+    where = str(files[0])
     if _PROJECT in commands:
         text = (
             f"{_PROJECT} draws the normals at the centres of the pixels: they are averaged over "

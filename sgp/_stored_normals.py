@@ -10,9 +10,8 @@ from pathlib import Path
 import acquisition
 import processing
 import rig
-from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._memory_limit import identity, other_maps_refused, size_text, too_small
+from sgp._memory_limit import identity, other_maps_refused, size_text, stored, too_small
 from sgp._options import SourceOptions
 from sgp._stages import compute_normals, with_answers
 from sgp._uncertainty import Normals
@@ -51,42 +50,35 @@ def normals_within(
         If the memory is too small.
     """
     path = out / "normals"
-    on_disk = are_normals_on_disk(memory, source, options)
-    if not on_disk and (force or not acquisition.is_unfinished(path)):
+
+    def depends_on() -> dict[str, object]:
+        given = {name: value for name, value in asdict(options).items() if not _is_file(value)}
+        return identity({**given, "pixel_mm": pixel_mm}, files)
+
+    if not are_normals_on_disk(memory, source, options):
+        if not force and acquisition.is_unfinished(path):
+            with other_maps_refused():
+                acquisition.check_unfinished(path, depends_on())
         yield compute_normals(source, options, pixel_mm)
         acquisition.remove_unfinished(path)
         return
-    given = {name: value for name, value in asdict(options).items() if not _is_file(value)}
-    depends_on = identity({**given, "pixel_mm": pixel_mm}, files)
-    with other_maps_refused():
-        if not force:
-            acquisition.check_unfinished(path, depends_on)
-        with Stages() as progress:
-            stage = (
-                None
-                if not on_disk
-                else processing.reconstruct_on_disk(
-                    source,
-                    path,
-                    memory=max(rig.memory_budget(memory), processing.least_memory(source)),
-                    identity=depends_on,
-                    replace=force,
-                    method=options.method,
-                    distant=options.distant,
-                    height_mm=options.height_mm,
-                    rests_on_plane=options.rests_on_plane,
-                    pixel_mm=pixel_mm,
-                    exclude_disagreeing=options.exclude_disagreeing,
-                    on_progress=progress,
-                )
-            )
-    if stage is None:
-        yield compute_normals(source, options, pixel_mm)
-        acquisition.remove_unfinished(path)
-        return
-    with stage.store:
+    with stored(
+        lambda progress: processing.reconstruct_on_disk(
+            source,
+            path,
+            memory=max(rig.memory_budget(memory), processing.least_memory(source)),
+            identity=depends_on(),
+            replace=force,
+            method=options.method,
+            distant=options.distant,
+            height_mm=options.height_mm,
+            rests_on_plane=options.rests_on_plane,
+            pixel_mm=pixel_mm,
+            exclude_disagreeing=options.exclude_disagreeing,
+            on_progress=progress,
+        )
+    ) as stage:
         yield replace(stage, warnings=with_answers(stage.warnings, source))
-        stage.store.remove()
 
 
 def are_normals_on_disk(

@@ -8,11 +8,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Literal
 
-import acquisition
 import processing
 from sgp._console import Stages
 from sgp._map_doubts import axes_doubts, read_map
-from sgp._memory_limit import Need, bytes_of_bands, identity, is_in_bands, other_maps_refused
+from sgp._memory_limit import Need, bytes_of_bands, identity, must_be_stored, stored
 from sgp._stage_options import SeparationOptions
 
 Green = Literal["up", "down"]
@@ -52,8 +51,7 @@ def separation_within(
     found = processing.find_normals(normals, max_pixels=max_pixels)
     shape_filter, path = options.shape_filter(), out / "detail"
     need = separation_need(found.size, shape_filter)
-    # What is unfinished is continued, even if more memory is free now.
-    if not is_in_bands(memory, need) and not acquisition.is_unfinished(path):
+    if not must_be_stored(memory, need, path):
         read = read_map(normals, green=green, max_pixels=max_pixels)
         with Stages() as progress:
             parts = processing.separate(
@@ -63,8 +61,8 @@ def separation_within(
         yield parts, read._replace(normal_map=parts.shape)
         return
     depends_on = identity({**asdict(options), "green": green}, list(found.files))
-    with other_maps_refused(), Stages() as progress:
-        stored = processing.separate_on_disk(
+    with stored(
+        lambda progress: processing.separate_on_disk(
             normals,
             path,
             memory=bytes_of_bands(memory, need),
@@ -75,10 +73,9 @@ def separation_within(
             max_pixels=max_pixels,
             on_progress=progress,
         )
-    with stored.store:
-        doubts = axes_doubts(normals, stored.normals, stored.mask, green)
-        yield stored, replace(stored, warnings=(*stored.warnings, *doubts))
-        stored.store.remove()
+    ) as made:
+        doubts = axes_doubts(normals, made.normals, made.mask, green)
+        yield made, replace(made, warnings=(*made.warnings, *doubts))
 
 
 def separation_need(size: tuple[int, int], shape_filter: processing.ShapeFilter) -> Need:

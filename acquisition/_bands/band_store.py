@@ -163,6 +163,7 @@ class BandStore(Mapping[str, BandFile]):
                 self.folder.unlink()
         make_folder(self.folder)
         self._files: dict[str, BandFile] = {}
+        self._others: list[BandFile] = []
         self._journal = -1
         self._lock = lock_folder(self.folder, _DOING)
         try:
@@ -237,14 +238,26 @@ class BandStore(Mapping[str, BandFile]):
                 f"computed, {free / 1e9:.1f} GB are free: free space, or choose another disk"
             )
 
+    def close_with(self, file: BandFile) -> None:
+        """Close another file in the folder, such as that of an input, together with the maps."""
+        self._others.append(file)
+
     def close(self) -> None:
         """Close the files, which stay; harmless if repeated."""
-        for file in self._files.values():
+        for file in (*self._files.values(), *self._others):
             file.close()
         for descriptor in (self._journal, self._lock):
             if descriptor >= 0:
                 os.close(descriptor)
         self._journal = self._lock = -1
+
+    def abandon(self) -> None:
+        """Close the files after an error: maps of which no row is complete are deleted."""
+        self.close()
+        if not self.done:
+            self.remove()
+            with suppress(OSError):
+                self.folder.parent.rmdir()  # if nothing else is in it
 
     def remove(self) -> None:
         """Delete the maps, after their result is complete."""

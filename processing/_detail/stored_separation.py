@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -121,7 +120,7 @@ def separate_on_disk(
         count = rows_of_band(size, shape_filter, memory)
         _fill(store, read.mask, count, shape_filter, on_progress)
     except BaseException:
-        _leave(store, target)
+        store.abandon()
         raise
     return StoredSeparation(
         normals=store["normals"],
@@ -160,14 +159,3 @@ def _fill(
             store["sums"][judged] = sums_of_rows(angles, mask[judged])
         store.complete(rows)
         on_progress("detail", rows.stop, height)
-
-
-def _leave(store: BandStore, target: Path) -> None:
-    """Keep maps of which some rows are complete; leave nothing else."""
-    if store.done:
-        store.close()
-        return
-    store.close()
-    store.remove()
-    with suppress(OSError):
-        target.parent.rmdir()

@@ -1,20 +1,24 @@
-"""Enlarge a normal map tile by tile."""
+"""Enlarge rows of a normal map tile by tile."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import MapRows
 from processing._detail.rotation import rotate_from_z
+from processing._detail.rows import halo_rows
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap
 from processing._superres.blend import blend, roughness_gate
 from processing._superres.filling import filled_outwards
 from processing._superres.interpolation import (
+    REACH_PX,
     bicubic,
     enlarged_mask,
     smoothly,
@@ -36,7 +40,7 @@ _CENTRAL_PX = 2
 
 @dataclass(frozen=True, eq=False)
 class LowMap:
-    """A map of the low resolution and its components, continued beyond their mask.
+    """Rows of a map of the low resolution and its components, continued beyond their mask.
 
     Parameters
     ----------
@@ -67,53 +71,60 @@ class LowMap:
 
     @classmethod
     def of(
-        cls, normal_map: NormalMap, scale: int, halo: int, sampling: PixelSampling = "area"
+        cls,
+        normals: MapRows,
+        mask: Mask,
+        rows: slice,
+        scale: int,
+        halo: int,
+        sampling: PixelSampling = "area",
     ) -> LowMap:
-        """Separate a map, and continue its components as far as a network can see."""
-        mask, given, side = normal_map.mask, normal_map.normals, scale
-        if sampling == "points":
-            normal_map, side = means_of_points(normal_map, scale), _CENTRAL_PX
-        shape, detail = _components(normal_map)
-        normals, shape, detail = (
-            filled_outwards(vectors, mask, halo) for vectors in (normal_map.normals, shape, detail)
+        """Separate rows of a map, and continue its components as far as a network can see."""
+        # What the filter, the continuation and the means of points depend on.
+        read = _with_margin(rows, halo + halo_rows(ShapeFilter()) + 2 * REACH_PX, len(mask))
+        near = _with_margin(rows, halo, len(mask))
+        part = NormalMap.of_unit_vectors(
+            np.ascontiguousarray(normals[read], np.float32), mask[read]
         )
-        near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        central = without_averaging(normals, scale)
-        gate = roughness_gate(normals)
-        return cls(normals, shape, detail, central, given, side, gate, mask, near)
+        given, side = part.normals[_within(rows, read)].copy(), scale
+        if sampling == "points":
+            part, side = means_of_points(part, scale), _CENTRAL_PX
+        cut, inner = _within(near, read), _within(rows, near)
+        # One after the other, because copies of all of them would take much memory.
+        vectors = [part.normals[cut].copy(), *(each[cut].copy() for each in _components(part))]
+        del part
+        for number, each in enumerate(vectors):
+            vectors[number] = filled_outwards(each, mask[near], halo)
+        central = without_averaging(vectors[0], scale)[inner]
+        gate = roughness_gate(vectors[0])[inner]
+        normals, shape, detail = (each[inner] for each in vectors)
+        reach = reached(mask[near])[inner]
+        return cls(normals, shape, detail, central, given, side, gate, mask[rows], reach)
 
 
-@dataclass(frozen=True, eq=False)
-class HighMap:
-    """What is known about a map of the high resolution; 0 outside its mask.
+def reached(mask: Mask) -> Mask:
+    """Return where a result may have pixels: a mask of the low resolution and its neighbours."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+
+
+class HighTile(NamedTuple):
+    """A tile of the high resolution; 0 outside its mask.
 
     Parameters
     ----------
     normals, mask
         The map.
     variance
-        ``(H, W)`` mean-square error in radians squared.
+        ``(H, W)`` mean-square error in radians squared; None for bicubic interpolation.
     added_deg, detail_deg
         ``(H, W)`` angles between interpolation without a network and the map, and the shape.
     """
 
     normals: Float
     mask: Mask
-    variance: Float
+    variance: Float | None
     added_deg: Float
     detail_deg: Float
-
-    @classmethod
-    def empty(cls, size: tuple[int, int]) -> HighMap:
-        """Return a map without pixels.
-
-        Raises
-        ------
-        MemoryError
-            If it does not fit into the memory.
-        """
-        maps = [np.zeros(size, np.float32) for _ in range(3)]
-        return cls(np.zeros((*size, 3), np.float32), np.zeros(size, np.bool_), *maps)
 
 
 def enlarge(
@@ -124,30 +135,26 @@ def enlarge(
     network: Network | None,
     domain: Domain,
     self_ensemble: bool,
-    high: HighMap,
-) -> None:
+) -> HighTile:
     """Compute a tile of the high resolution.
 
     Parameters
     ----------
     low
-        The map.
+        Rows of the map.
     tile
-        Its part.
+        Their part.
     scale
         Factor of the resolution.
     wanted
-        ``(H, W)`` mask of the high resolution; None for the enlarged mask of the map.
+        Mask of the high resolution, of the tile; None for the enlarged mask of the map.
     network, domain, self_ensemble
         The network, None for bicubic interpolation; what it was trained on; whether the mean of
         turned copies is used.
-    high
-        Receives the tile.
     """
-    around, core = tile.around, enlarged_window(tile.core, scale)
-    inside = enlarged_window(tile.inside, scale)
+    around, inside = tile.around, enlarged_window(tile.inside, scale)
     shape = units(bicubic(low.shape[around], scale)[inside])
-    high.mask[core] = mask = _mask(low, tile, scale, wanted)
+    mask, variance = _mask(low, tile, scale, wanted), None
     plain = normals = units(bicubic(low.normals[around], scale)[inside])
     if network is not None:
         plain = units(smoothly(low.central[around], scale)[inside])
@@ -161,18 +168,30 @@ def enlarge(
         normals, variance = blend(plain, sharp, square, np.exp(answer[..., 3:]), gate)
         normals = with_given(normals, low.given[tile.core], mask, low.side)
         known = network.deviations
-        high.variance[core] = variance if known is None else known.corrected(variance)
-    high.normals[core] = np.where(mask[..., None], normals, 0)
-    high.added_deg[core] = np.where(mask, angle_map_deg(normals, plain, mask), 0)
-    high.detail_deg[core] = np.where(mask, angle_map_deg(plain, shape, mask), 0)
+        variance = variance if known is None else known.corrected(variance)
+    return HighTile(
+        np.where(mask[..., None], normals, np.float32(0)),
+        mask,
+        variance,
+        np.where(mask, angle_map_deg(normals, plain, mask), np.float32(0)),
+        np.where(mask, angle_map_deg(plain, shape, mask), np.float32(0)),
+    )
 
 
 def _mask(low: LowMap, tile: Tile, scale: int, wanted: Mask | None) -> Mask:
-    inside = enlarged_window(tile.inside, scale)
     if wanted is None:
+        inside = enlarged_window(tile.inside, scale)
         return enlarged_mask(low.mask[tile.around], scale)[inside]
-    near = low.reach[tile.core].repeat(scale, axis=0).repeat(scale, axis=1)
-    return near & wanted[enlarged_window(tile.core, scale)]
+    return low.reach[tile.core].repeat(scale, axis=0).repeat(scale, axis=1) & wanted
+
+
+def _with_margin(rows: slice, margin: int, height: int) -> slice:
+    return slice(max(rows.start - margin, 0), min(rows.stop + margin, height))
+
+
+def _within(rows: slice, outer: slice) -> slice:
+    """Return rows as rows of a part of the map."""
+    return slice(rows.start - outer.start, rows.stop - outer.start)
 
 
 def _components(normal_map: NormalMap) -> tuple[Float, Float]:

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from processing._detail.separation import sums_of_rows
 from processing._normal_map import NormalMap
 from processing._superres.model import SuperResolutionModel
 
@@ -71,4 +72,5 @@ class SuperResolution:
     @cached_property
     def mean_added_deg(self) -> float:
         """Mean of `added_deg` over the mask."""
-        return float(np.mean(self.added_deg[self.normal_map.mask], dtype=np.float64))
+        mask = self.normal_map.mask
+        return float(sums_of_rows(self.added_deg, mask).sum() / np.count_nonzero(mask))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import numpy as np
@@ -10,24 +9,17 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
-from processing._superres.enlarge import HighMap, LowMap, enlarge
-from processing._superres.interpolation import REACH_PX
-from processing._superres.model import SCALES, SuperResolutionModel, read_superres_model
-from processing._superres.network import Network
+from processing._superres.enlargement import Enlargement, Maps, invented_share
+from processing._superres.model import SuperResolutionModel
 from processing._superres.super_resolution import (
     PixelSampling,
     SuperResolution,
     SuperResolutionMethod,
 )
-from processing._superres.tiles import tiles
+from processing._superres.tiles import enlarged_rows
 from rig import MAX_PIXELS, Progress, no_progress
 
 Mask = npt.NDArray[np.bool_]
-
-# Side of a tile in pixels of the low resolution, and its least ratio to the halo.
-TILE_PX, _HALOS = 128, 2
-# At scale 2, turned copies take more than 20 CPU s for 1 million pixels.
-_ENSEMBLE_SCALE = 4
 
 
 def super_resolve(
@@ -104,75 +96,48 @@ def super_resolve(
     SuperResolution(NormalMap(float32[96, 128, 3], 12288 normals), bicubic, x4)
     """
     check_normal_map("normal_map", normal_map)
-    high = _allocated(normal_map.size, scale, max_pixels)
-    if mask is not None and (mask.dtype != np.bool_ or mask.shape != high.mask.shape):
+    way = Enlargement.by(scale, method, model, self_ensemble, sampling)
+    size = way.size(normal_map.size, max_pixels)
+    if mask is not None and (mask.dtype != np.bool_ or mask.shape != size):
         raise DataError(
             f"a mask of {mask.dtype} and shape {mask.shape} does not fit: bool of shape "
-            f"{high.mask.shape} is required"
+            f"{size} is required"
         )
-    used, network, halo = None, None, REACH_PX
-    if method == "bicubic":
-        if model is not None or self_ensemble:
-            raise DataError("bicubic interpolation uses no network: leave out the network")
-    else:
-        if isinstance(model, SuperResolutionModel):
-            used = model
-            used.check(scale, method)
-        else:
-            used = read_superres_model(model, scale, method)
-        network, halo = Network(used), max(used.halo_px, REACH_PX)
-    turned = scale == _ENSEMBLE_SCALE if self_ensemble is None else self_ensemble
-    low = LowMap.of(normal_map, scale, halo, "area" if used is None else sampling)
-    domain = "normals" if used is None else used.domain
-    parts = list(tiles(low.reach, max(TILE_PX, _HALOS * halo), halo))
-    on_progress("super-resolution", 0, len(parts))
-    for done, tile in enumerate(parts):
-        enlarge(low, tile, scale, mask, network, domain, turned, high)
-        on_progress("super-resolution", done + 1, len(parts))
-    if not high.mask.any():
+    maps, low = _allocated(way, size), normal_map.mask
+    bands = way.bands(low)
+    count, done = way.tile_count(low, bands), 0
+
+    def on_tile() -> None:
+        nonlocal done
+        done += 1
+        on_progress("super-resolution", done, count)
+
+    on_progress("super-resolution", 0, count)
+    for band in bands:
+        for name, rows in way.rows(normal_map.normals, low, band, mask, on_tile).items():
+            maps[name][enlarged_rows(band.core, scale)] = rows
+    if not maps["mask"].any():
         raise DataError("the mask of the higher resolution has no pixel near the normal map")
-    return _result(high, scale, used, used is not None and turned)
+    return SuperResolution(
+        NormalMap.of_unit_vectors(maps["normals"], maps["mask"]),
+        maps.get("sigma_deg"),
+        maps["added_deg"],
+        maps["invented"],
+        invented_share(maps["sums"]),
+        way.method,
+        scale,
+        way.model,
+        way.self_ensemble,
+    )
 
 
-def _allocated(size: tuple[int, int], scale: int, max_pixels: int) -> HighMap:
-    """Return an empty map of the higher resolution, or raise `DataError`."""
-    if scale not in SCALES:
-        raise DataError(f"a scale of {scale} is not available: use 2 or 4")
-    height, width = (scale * length for length in size)
-    if height * width > max_pixels:
-        raise DataError(
-            f"scale {scale} turns {size[1]} x {size[0]} pixels into {width} x {height}, "
-            f"{max_pixels} are allowed: use a part of the map, or raise the limit on pixels"
-        )
+def _allocated(way: Enlargement, size: tuple[int, int]) -> Maps:
+    """Return empty maps of the higher resolution, or raise `DataError`."""
     try:
-        return HighMap.empty((height, width))
+        return {name: np.zeros(*form) for name, form in way.forms(size).items()}
     except MemoryError as error:
+        height, width = size
         raise DataError(
             f"a map of {width} x {height} pixels does not fit into the memory: it needs "
             f"{25 * width * height / 1e9:.1f} GB; use a part of the map"
         ) from error
-
-
-def _result(
-    high: HighMap, scale: int, model: SuperResolutionModel | None, self_ensemble: bool
-) -> SuperResolution:
-    mask = high.mask
-    added, own = high.added_deg, high.detail_deg
-    squares = added**2
-    sums = float(np.sum(squares[mask], dtype=np.float64))
-    owns = float(np.sum(own[mask].astype(np.float64) ** 2))
-    squares /= np.maximum(squares + own**2, np.float32(1e-12))
-    sigma = None
-    if model is not None:
-        sigma = np.where(mask, np.float32(math.degrees(1)) * np.sqrt(high.variance), np.nan)
-    return SuperResolution(
-        NormalMap.of_unit_vectors(high.normals, mask),
-        None if sigma is None else np.asarray(sigma, np.float32),
-        added,
-        squares,
-        sums / (sums + owns) if sums else 0.0,
-        "bicubic" if model is None else model.domain,
-        scale,
-        model,
-        self_ensemble,
-    )

@@ -1,4 +1,4 @@
-"""Tiles of an image, with halos."""
+"""Tiles of an image, with halos, in rows from the top downwards."""
 
 from __future__ import annotations
 
@@ -29,34 +29,57 @@ class Tile(NamedTuple):
     inside: Window
 
 
-def tiles(mask: npt.NDArray[np.bool_], side: int, halo: int) -> Iterator[Tile]:
-    """Yield the tiles of an image that contain pixels of a mask.
+class Span(NamedTuple):
+    """Some of the rows or columns of an image, as in `Tile`."""
+
+    core: slice
+    around: slice
+    inside: slice
+
+
+def spans(length: int, side: int, halo: int) -> list[Span]:
+    """Return the parts of the rows or columns of an image.
 
     Parameters
     ----------
-    mask
-        ``(h, w)`` bool.
+    length
+        Number of rows or columns.
     side, halo
-        Side of the cores, and width of the halo around them.
+        Length of the parts, and width of the halo around them.
     """
-    for row in range(0, mask.shape[0], side):
-        for column in range(0, mask.shape[1], side):
-            spans = [
-                _span(first, side, halo, length)
-                for first, length in zip((row, column), mask.shape, strict=True)
-            ]
-            core = spans[0][0], spans[1][0]
-            if mask[core].any():
-                yield Tile(core, (spans[0][1], spans[1][1]), (spans[0][2], spans[1][2]))
+    made = []
+    for first in range(0, length, side):
+        last = min(first + side, length)
+        begin, end = max(first - halo, 0), min(last + halo, length)
+        core, inside = slice(first, last), slice(first - begin, last - begin)
+        made.append(Span(core, slice(begin, end), inside))
+    return made
+
+
+def tiles(reach: npt.NDArray[np.bool_], rows: slice, side: int, halo: int) -> Iterator[Tile]:
+    """Yield the tiles of one row of tiles that contain pixels of a mask.
+
+    Parameters
+    ----------
+    reach
+        ``(h, w)`` bool, of the rows with their halo.
+    rows
+        The rows of the cores.
+    side, halo
+        Width of the cores, and width of the halo around them.
+    """
+    for columns in spans(reach.shape[1], side, halo):
+        core = rows, columns.core
+        if reach[core].any():
+            yield Tile(core, (slice(0, len(reach)), columns.around), (rows, columns.inside))
 
 
 def enlarged_window(window: Window, scale: int) -> Window:
     """Return a window in pixels of a resolution that is higher by a factor."""
-    rows, columns = (slice(part.start * scale, part.stop * scale) for part in window)
+    rows, columns = (enlarged_rows(part, scale) for part in window)
     return rows, columns
 
 
-def _span(first: int, side: int, halo: int, length: int) -> tuple[slice, slice, slice]:
-    last = min(first + side, length)
-    begin, end = max(first - halo, 0), min(last + halo, length)
-    return slice(first, last), slice(begin, end), slice(first - begin, last - begin)
+def enlarged_rows(rows: slice, scale: int) -> slice:
+    """Return rows in pixels of a resolution that is higher by a factor."""
+    return slice(rows.start * scale, rows.stop * scale)

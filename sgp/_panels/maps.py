@@ -138,7 +138,12 @@ def shaded_panel(
 def lit_panel(title: str, normal_map: processing.NormalMap, crop: Crop | None = None) -> Panel:
     """Show a normal map lit from the upper left, as `shaded_panel` shows a height map."""
     crop = crop or Crop.around(normal_map.mask)
-    return _lit(title, crop.picture(normal_map.normals, normal_map.mask), crop)
+    return lit_vectors_panel(title, normal_map.normals, normal_map.mask, crop)
+
+
+def lit_vectors_panel(title: str, vectors: acquisition.MapRows, mask: Mask, crop: Crop) -> Panel:
+    """Show normals as `lit_panel`; they may be in a file."""
+    return _lit(title, crop.picture(vectors, mask), crop)
 
 
 def _lit(title: str, normals: npt.NDArray[np.floating[Any]], crop: Crop) -> Panel:

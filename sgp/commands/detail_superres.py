@@ -13,12 +13,12 @@ import rig
 from sgp._camera_doubts import camera_notices
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._map_doubts import read_map
-from sgp._options import Input, OptionalInput, Pixels, Positive
+from sgp._options import Input, Memory, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._point_samples import points_notices
 from sgp._result import Result
 from sgp._stage_options import MapOptions
+from sgp._stored_superres import Enlarging, enlarged_within, network_files
 from sgp._write_superres import measure_superres, write_superres_maps, write_superres_picture
 
 _MAPS = MapOptions()
@@ -38,6 +38,7 @@ def superres(
     camera: OptionalInput = None,
     green: Literal["up", "down"] = "up",
     maps: MapOptions = _MAPS,
+    memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -83,6 +84,10 @@ def superres(
         Direction of the green channel in an image file.
     maps
         Form of the PNG.
+    memory
+        Memory to use, such as 3G or 500M; default: half of what is free. Maps that do not fit are
+        computed in bands of rows, in files in the output folder; the same command continues them
+        if it was interrupted.
     max_pixels
         Refuse images with more pixels than this, before decoding them, and results with more than
         this and 200 million.
@@ -96,30 +101,30 @@ def superres(
     network = None
     if method != "bicubic":
         network = processing.read_superres_model(model, scale, method)
-    read = read_map(normals, green=green, max_pixels=max_pixels)
-    doubts = [] if sampling or network is None else points_notices(read)
+    found = processing.find_normals(normals, max_pixels=max_pixels)
+    doubts = [] if sampling or network is None else points_notices(found.files)
     points = any(doubt.code == "superres-points" for doubt in doubts)
-    used = sampling or ("points" if points else "area")
-    view = None if camera is None else acquisition.read_camera(camera, read.normal_map.size)
-    with Stages() as progress:
-        made = processing.super_resolve(
-            read.normal_map,
-            scale,
-            method=method,
-            model=network,
-            self_ensemble=self_ensemble,
-            sampling=used,
-            max_pixels=max(max_pixels, rig.MAX_PIXELS),
-            on_progress=progress,
-        )
-    claim_folder(out, "superres.json")
-    result = Result(warnings=[*read.warnings, *doubts], inputs=[*read.files])
-    with Stages() as progress:
-        result.outputs = processing.write_normals(
-            out, made.normal_map, green=maps.green_out, on_progress=progress
-        )
-    result.outputs |= write_superres_maps(out, made)
-    measure_superres(made, result)
+    how = Enlarging(
+        scale=scale,
+        method=method,
+        network=network,
+        self_ensemble=self_ensemble,
+        sampling=sampling or ("points" if points else "area"),
+    )
+    view = None if camera is None else acquisition.read_camera(camera, found.size)
+    with enlarged_within(
+        memory, normals, how, green=green, max_pixels=max_pixels, out=out, force=force
+    ) as enlarged:
+        claim_folder(out, "superres.json")
+        result = Result(warnings=[*enlarged.warnings, *doubts], inputs=[*enlarged.files])
+        with Stages() as progress:
+            result.outputs = processing.write_normal_rows(
+                out, enlarged.normals, enlarged.mask, green=maps.green_out, on_progress=progress
+            )
+        result.outputs |= write_superres_maps(out, enlarged)
+        measure_superres(enlarged, result)
+        result.outputs["picture"] = out / "superres.png"
+        write_superres_picture(result.outputs["picture"], normals.name, enlarged)
     size = pixel_mm
     if camera is not None and view is not None:
         result.inputs.append(camera)
@@ -132,9 +137,11 @@ def superres(
         result.metrics = {**result.metrics, "pixel_mm": size / scale}
         result.summary.append(f"pixel          {size / scale:.4g} mm")
     if network is not None:
-        result.inputs += [network.path, network.path.with_suffix(".json")]
-        result.parameters = {"model": network.name, "method": network.domain, "sampling": used}
-        result.parameters["self_ensemble"] = made.self_ensemble
-    result.outputs["picture"] = out / "superres.png"
-    write_superres_picture(result.outputs["picture"], normals.name, read.normal_map, made)
+        result.inputs += network_files(network)
+        result.parameters = {
+            "model": network.name,
+            "method": network.domain,
+            "sampling": how.sampling,
+            "self_ensemble": enlarged.made.self_ensemble,
+        }
     return result

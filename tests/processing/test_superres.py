@@ -24,7 +24,7 @@ from processing import (
     read_superres_model,
     super_resolve,
 )
-from processing._superres import super_resolve as module
+from processing._superres import enlargement as module
 from processing._superres.blend import blend
 from processing._superres.filling import filled_outwards
 from processing._superres.interpolation import bicubic, smoothly, units, without_averaging
@@ -411,10 +411,10 @@ def test_scales_sizes_and_names_that_do_not_exist(monkeypatch):
     with pytest.raises(TypeError, match="normal_map must be a NormalMap"):
         super_resolve(low.normals, 4)
 
-    def full(size):
+    def full(way, size):
         raise MemoryError
 
-    monkeypatch.setattr(module.HighMap, "empty", full)
+    monkeypatch.setattr(module.Enlargement, "forms", full)
     with pytest.raises(DataError, match="48 x 48 pixels does not fit into the memory"):
         super_resolve(low, 4)
 
