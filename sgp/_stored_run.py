@@ -313,7 +313,8 @@ class _Run:
                 max_pixels=most,
             )
             result = self.records.write(
-                "surface", lambda _: stored_surface(inputs, options, way, folder)
+                "surface",
+                lambda _: stored_surface(inputs, options, way, folder, force=self._force),
             )
             return self._keep("surface", result)
         sigma = acquisition.read_image(normals.outputs["normal_sigma_deg"], max_pixels=most)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -12,12 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 import acquisition
+import calibration
 import processing
 import rig
 from sgp._console import Stages, shown
 from sgp._exit import UsageError
-from sgp._memory_limit import size_text
-from sgp._output import claim_folder
+from sgp._memory_limit import identity, other_maps_refused, size_text
+from sgp._output import claim_folder, sha256
 from sgp._result import Result
 from sgp._sigma_map import store_sigma
 from sgp._stage_metrics import SurfaceMetrics
@@ -64,35 +65,65 @@ class SurfaceInputs:
 
 
 def stored_surface(
-    inputs: SurfaceInputs, options: SurfaceOptions, way: SurfaceWay, out: Path
+    inputs: SurfaceInputs, options: SurfaceOptions, way: SurfaceWay, out: Path, *, force: bool
 ) -> Result:
     """Solve a surface in blocks and write its files; temporary files are in the output folder.
+
+    The blocks that an earlier process solved from the same inputs are not solved again.
+
+    Parameters
+    ----------
+    inputs, options, way, out
+        What is computed, how, and where.
+    force
+        Whether blocks of other inputs are removed.
 
     Raises
     ------
     DataError
         If the disk has too little space, besides the errors of the readers and the solver.
+    UsageError
+        If there are blocks of other inputs.
     """
+    depends_on = _identity(inputs)
+    if not force:
+        with other_maps_refused():
+            acquisition.check_unfinished(out / "surface", depends_on)
     place = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
     free = shutil.disk_usage(place).free
-    if free < way.disk:
+    if free < way.disk and not acquisition.is_unfinished(out / "surface"):
         raise acquisition.DataError(
             f"{out}: the surface needs about {size_text(way.disk)} of disk while it is computed, "
             f"{size_text(free)} are free: free space, or choose another disk"
         )
     forms = dict.fromkeys(("curl", "residual"), (way.size, np.float32))
-    # Files of a process that was killed are written again.
-    identity = {"command": "sgp surface"}
     with ExitStack() as opened:
         store = opened.enter_context(
-            acquisition.BandStore(out / "surface", identity, forms, replace=True)
+            acquisition.BandStore(out / "surface", depends_on, forms, replace=force)
         )
         try:
-            return _computed(inputs, options, way, out, store, opened)
-        finally:
+            result = _computed(inputs, options, way, out, store, opened)
+        except (acquisition.DataError, calibration.EstimateError, UsageError):
+            # These inputs have no surface: there is nothing to continue.
             store.remove()
             with suppress(OSError):
-                out.rmdir()  # if nothing was written
+                out.rmdir()
+            raise
+        store.remove()
+        return result
+
+
+def _identity(inputs: SurfaceInputs) -> dict[str, object]:
+    """Return what the solutions of blocks depend on."""
+    found = processing.find_normals(inputs.normals, max_pixels=inputs.max_pixels)
+    weights = inputs.sigma if inputs.weighted else None
+    given = {
+        "green": inputs.green,
+        "camera": None if inputs.camera is None else asdict(inputs.camera),
+        "mask": None if inputs.mask is None else sha256(inputs.mask),
+        "sigma": None if weights is None else sha256(weights),
+    }
+    return identity(given, list(found.files))
 
 
 def _computed(
@@ -145,6 +176,7 @@ def _computed(
             pixel_mm=inputs.pixel_mm,
             depth_mm=inputs.depth_mm,
             sigma_deg=sigma if inputs.weighted else None,
+            resume=True,
             on_progress=progress,
         )
     opened.callback(surface.close)

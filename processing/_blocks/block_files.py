@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import BandFile, write_durably
-from processing._blocks.plan import Blocks
+from processing._blocks.plan import plan_blocks
 
 Array = npt.NDArray[Any]
 Double = npt.NDArray[np.float64]
@@ -31,20 +31,24 @@ class BlockFiles:
     ----------
     folder
         Existing folder.
-    blocks
-        The blocks.
-    width
-        Columns of the image.
+    size
+        Rows and columns of the image.
+    rows
+        Most rows of a block, as for `plan_blocks`.
     resume
-        Keep the steps that an earlier process completed; otherwise they are removed.
+        Keep the steps that an earlier process completed, and its blocks if they are not larger.
+        Otherwise, all steps are removed.
     """
 
-    def __init__(self, folder: Path, blocks: Blocks, width: int, *, resume: bool) -> None:
-        self._folder, self._blocks, self._width = folder, blocks, width
-        if not resume:
+    def __init__(self, folder: Path, size: tuple[int, int], rows: int, *, resume: bool) -> None:
+        self._folder, self._width = folder, size[1]
+        plan = self.record("plan") if resume else None
+        if plan is None or plan["rows"] > rows:
             self.remove()
-        height = blocks.blocks[-1].core.stop
-        self.weights = BandFile(folder / "weights.raw", (height, 2, width), np.dtype(np.float32))
+            plan = self.complete("plan", rows=rows)
+        self.blocks = plan_blocks(size[0], int(plan["rows"]))
+        form = (size[0], 2, size[1]), np.dtype(np.float32)
+        self.weights = BandFile(folder / "weights.raw", *form)
 
     def record(self, name: str) -> Record | None:
         """Return the record of a step; None if it is not done."""
@@ -106,7 +110,7 @@ class BlockFiles:
         return self._file(f"labels-{number}", number, np.dtype(np.int32))
 
     def _file(self, name: str, number: int, kind: np.dtype[Any]) -> BandFile:
-        rows = self._blocks.blocks[number].rows
+        rows = self.blocks.blocks[number].rows
         return BandFile(self._path(name), (rows.stop - rows.start, self._width), kind)
 
     def _path(self, name: str) -> Path:

@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from acquisition import BandFile, CameraModel, DataError, MapRows, rows_in_bands
 from calibration import EstimateError
-from processing._blocks.plan import Blocks, plan_blocks
+from processing._blocks.block_files import BlockFiles
+from processing._blocks.plan import Blocks
 from processing._blocks.relative_variances import relative_variances
 from processing._blocks.solution import BlockSolution, solve_in_blocks
 from processing._surface.consistency import angle_between_deg, consistency_warning
@@ -132,7 +133,8 @@ def integrate_in_blocks(
         ``(H, W)`` float32 standard deviations of the normals, as for `integrate`.
     resume
         Leave the result of each step in the folder, and continue after the last step that an
-        earlier call with the same arguments left there. Default: begin at the first step.
+        earlier call with the same arguments left there, with its blocks if they have no more than
+        ``rows``. Default: begin at the first step.
     on_progress
         Receives the stages ``integrating``, ``joining blocks`` and ``placing``, in blocks.
 
@@ -162,10 +164,13 @@ def integrate_in_blocks(
     """
     scale = scale_of(camera, pixel_mm)
     size = _check(normals, mask, camera, depth_mm, scale)
-    blocks = plan_blocks(size[0], rows)
     relative = None if sigma_deg is None else relative_variances(sigma_deg, mask)
     shape = integrability(normals, mask)
-    solved = solve_in_blocks(normals, relative, blocks, camera, folder, resume, on_progress)
+    files = BlockFiles(folder, size, rows, resume=resume)
+    blocks = files.blocks
+    solved = solve_in_blocks(normals, relative, camera, files, folder, on_progress)
+    if not resume:
+        files.remove()
     pixels = int(solved.sizes.sum())
     if not pixels:
         raise EstimateError(

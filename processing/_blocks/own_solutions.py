@@ -6,7 +6,6 @@ import numpy as np
 import numpy.typing as npt
 
 from processing._blocks.block_files import BlockFiles
-from processing._blocks.plan import Blocks
 from processing._blocks.seams import Seam, Side
 
 Double = npt.NDArray[np.float64]
@@ -20,15 +19,13 @@ class OwnSolutions:
     ----------
     files
         The files.
-    blocks
-        The blocks.
     constants
         What is added to each part of a block before the first round.
     """
 
-    def __init__(self, files: BlockFiles, blocks: Blocks, constants: Double) -> None:
-        self.files, self.blocks, self.constants = files, blocks, constants
-        self._after = [0] * len(blocks.blocks)
+    def __init__(self, files: BlockFiles, constants: Double) -> None:
+        self.files, self.blocks, self.constants = files, files.blocks, constants
+        self._after = [0] * len(files.blocks.blocks)
 
     def advanced(self, number: int, after: int) -> None:
         """Use the solution of a block after a round, and remove that before it."""

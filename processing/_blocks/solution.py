@@ -15,7 +15,6 @@ from processing._blocks.free_solution import FreeSolution, solve_freely
 from processing._blocks.kernels import extremes, number_parts
 from processing._blocks.local_parts import NO_MEETING, LocalParts, Meeting, meeting_of
 from processing._blocks.own_solutions import OwnSolutions
-from processing._blocks.plan import Blocks
 from processing._blocks.rounds import Rounds, bring_together
 from processing._blocks.seams import Side
 from processing._surface.multigrid import Solution
@@ -59,10 +58,9 @@ class BlockSolution(NamedTuple):
 def solve_in_blocks(
     normals: MapRows,
     relative: MapRows | None,
-    blocks: Blocks,
     camera: CameraModel | None,
+    files: BlockFiles,
     folder: Path,
-    resume: bool,
     on_progress: Progress,
 ) -> BlockSolution:
     """Solve the surface of normals.
@@ -73,19 +71,17 @@ def solve_in_blocks(
         ``(H, W, 3)`` float32, 0 where a normal is not known.
     relative
         ``(H, W)`` variances of the normals; None if all are equal.
-    blocks
-        The blocks.
     camera
         A perspective camera; None for an orthographic view.
+    files
+        Files of the blocks: steps that they contain are not repeated.
     folder
-        Folder of the files.
-    resume
-        Whether to continue what an earlier process left in the folder, and leave the steps there.
+        Folder of the other files.
     on_progress
         Receives the stages ``integrating`` and ``joining blocks``.
     """
     height, width = normals.shape[:2]
-    files = BlockFiles(folder, blocks, width, resume=resume)
+    blocks = files.blocks
     local, total = LocalParts(), len(blocks.blocks)
     frees: list[Record] = []
     on_progress("integrating", 0, total)
@@ -94,12 +90,12 @@ def solve_in_blocks(
         if free is None:
             every = max(1, height * width // _STEPS)
             solved = solve_freely(normals, relative, block, camera, every)
-            free = _stored(files, blocks, number, solved, local.count)
+            free = _stored(files, number, solved, local.count)
             del solved
         local.add(int(free["count"]), Meeting(free["pairs"], free["sizes"], free["means"]))
         frees.append(free)
         on_progress("integrating", number + 1, total)
-    own = OwnSolutions(files, blocks, local.constants())
+    own = OwnSolutions(files, local.constants())
     rounds = _rounds(own, frees, (height, width), on_progress)
     files.remove_weights()
     u = BandFile(folder / "solution.raw", (height, width), np.dtype(np.float64))
@@ -114,8 +110,6 @@ def solve_in_blocks(
         u[block.core], parts[block.core] = values, labels
         found.append(values.ravel()[free["there"]] - values.ravel()[free["here"]])
     worst = max(frees, key=lambda free: float(free["relative_residual"]))
-    if not resume:
-        files.remove()
     return BlockSolution(
         u,
         parts,
@@ -133,11 +127,9 @@ def solve_in_blocks(
     )
 
 
-def _stored(
-    files: BlockFiles, blocks: Blocks, number: int, free: FreeSolution, before: int
-) -> Record:
+def _stored(files: BlockFiles, number: int, free: FreeSolution, before: int) -> Record:
     """Write the solution of a block; ``before`` is the number of parts of the blocks above."""
-    block, shared = blocks.blocks[number], 2 * blocks.halo
+    block, shared = files.blocks.blocks[number], 2 * files.blocks.halo
     first = block.core.start - block.rows.start
     core = slice(first, first + block.core.stop - block.core.start)
     labels = np.where(free.labels >= 0, free.labels + np.int32(before), np.int32(-1))

@@ -115,7 +115,7 @@ def surface(
             green=green,
             max_pixels=max_pixels,
         )
-        result = stored_surface(inputs, options, way, out)
+        result = stored_surface(inputs, options, way, out, force=force)
         doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
         result.warnings = [*notices, *doubts]
         result.inputs += [path for path in (mask, albedo, camera, sigma) if path is not None]

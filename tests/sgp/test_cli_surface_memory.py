@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from acquisition import (
-    BandFile,
-    BandStore,
     CameraModel,
     read_image,
     write_camera,
@@ -24,6 +24,7 @@ from acquisition import (
 from acquisition._storage import disk
 from processing import NormalMap, write_normals
 from processing._blocks import memory
+from processing._blocks.block_files import BlockFiles
 from sgp import _surface_memory
 
 SIZE = (192, 60)
@@ -107,33 +108,61 @@ def test_the_least_memory_works(sgp, given) -> None:
     assert sgp("surface", *given, "--out", "x", "--memory", least).code == 0
 
 
-def test_what_is_interrupted_leaves_nothing_and_is_repeated(sgp, given, monkeypatch) -> None:
-    """Ctrl-C and a full disk; files of a process that was killed are written again."""
+def test_what_is_interrupted_is_continued(sgp, given, monkeypatch) -> None:
+    """Ctrl-C and a full disk between blocks and rounds, with less memory afterwards."""
     command = ["surface", *given, "--out", "x", "--memory"]
+    assert sgp(*command[:-2], "whole", "--memory", LITTLE).code == 0
+    steps = 0
     for error, code in ((KeyboardInterrupt(), 130), (OSError(errno.ENOSPC, "no space left"), 3)):
         with monkeypatch.context() as patched:
-            patched.setattr(BandFile, "__setitem__", stopped(error))
+            patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, error))
             assert sgp(*command, LITTLE).code == code
-        assert not Path("x").exists()
-    for enough in (LITTLE, "1G"):
-        leave_of_killed(Path("x"))
-        assert sgp(*command, enough).code == 0
-        assert not Path("x/.part-surface").exists()
-        shutil.rmtree("x")
+        before, steps = steps, len(list(Path("x/.part-surface").glob("step-*")))
+        assert steps > before
+    # More memory does not change the blocks.
+    assert sgp(*command, "950K").code == 0
+    assert not Path("x/.part-surface").exists()
+    for path in Path("whole").glob("*.[eps]*"):
+        assert path.suffix == ".json" or path.read_bytes() == Path("x", path.name).read_bytes()
 
 
-def stopped(error: BaseException) -> Callable[..., None]:
-    def write(*_: object) -> None:
-        with disk(Path("height.raw"), "write"):
+def test_blocks_of_other_inputs_are_refused_by_name(sgp, given, monkeypatch) -> None:
+    command = ["surface", *given, "--out", "x", "--memory", LITTLE]
+    with monkeypatch.context() as patched:
+        patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, OSError("broken")))
+        assert sgp(*command).code == 3
+    other = sgp(*command, "--camera", "camera.json")
+    assert other.code == 2
+    assert "another camera: repeat that command" in other.err
+    assert Path("x/.part-surface").exists()
+    assert sgp(*command, "--camera", "camera.json", "--force").code == 0
+    shutil.rmtree("x")
+    with monkeypatch.context() as patched:
+        patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, OSError("broken")))
+        assert sgp(*command).code == 3
+    assert sgp(*command[:-1], "1G").code == 0
+    assert not Path("x/.part-surface").exists()
+
+
+def stopped(complete: Callable[..., Any], after: int, error: BaseException) -> Callable[..., Any]:
+    """Return a method that raises an error after some calls."""
+    calls = itertools.count()
+
+    def stop(*given: Any, **record: Any) -> Any:
+        if next(calls) < after:
+            return complete(*given, **record)
+        with disk(Path("step.npz"), "write"):
             raise error
 
-    return write
+    return stop
 
 
-def leave_of_killed(out: Path) -> None:
-    form = {"curl": ((3, 3), np.float32)}
-    BandStore(out / "surface", {"command": "sgp surface"}, form).close()
-    (out / ".part-surface" / "normals.raw").write_bytes(b"cut short")
+def test_inputs_without_a_surface_leave_nothing(sgp, given) -> None:
+    write_mask("mask.png", np.eye(*SIZE, dtype=bool))
+    answer = sgp("surface", *given, "--out", "x", "--memory", LITTLE)
+    assert answer.code == 5
+    assert "no two neighbouring pixels" in answer.err
+    assert not Path("x").exists()
 
 
 def test_a_disk_that_is_too_small_is_refused_at_once(sgp, given, monkeypatch) -> None:
