@@ -13,7 +13,7 @@ from acquisition import BandStore, read_image
 from processing._blocks import memory as block_memory
 from processing._detail import rows
 from processing._reconstruction import memory
-from sgp import _stored_run, _stored_separation, _surface_memory
+from sgp import _memory_limit, _stored_run, _surface_memory
 from tests.sgp.test_cli_memory import files, stop
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 
@@ -33,7 +33,7 @@ def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
         (_surface_memory, "_PROGRAM"),
     ):
         monkeypatch.setattr(module, name, 0)
-    for module in (_stored_run, _stored_separation):  # the map is too small for several bands
+    for module in (_stored_run, _memory_limit):  # the map is too small for several bands
         monkeypatch.setattr(module, "is_in_bands", lambda memory, need: memory is not None)
 
 
