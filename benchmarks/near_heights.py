@@ -3,7 +3,8 @@
 Scenes of the simulator under 36 LEDs with shot noise, under the lights as they are, and under
 lights that are all 10 mm too high or too low. Each figure is the height that was found minus the
 true one in mm, with its stated standard deviation. A name such as ``coin+.3`` has a coat of that
-roughness (GGX, F0 .04). Seeds 0 to 3 were used for development.
+roughness (GGX, F0 .04). "normals" are mean errors in degrees under the lights as they are, at the
+points that were found and, after "of", at the true ones. Seeds 0 to 3 were used for development.
 
     python benchmarks/near_heights.py --first-seed 101 --seeds 3
 """
@@ -11,21 +12,25 @@ roughness (GGX, F0 .04). Seeds 0 to 3 were used for development.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from harness import command_line
 
 from acquisition import Lights
+from processing import angular_error, photometric_stereo
 from processing._reconstruction.near_height import near_height
 from processing._reconstruction.views import Perspective
-from simulator import Ggx, Rendering, render, scene_named
+from processing._stereo.method import Method
+from simulator import Ggx, Rendering, Truth, render, scene_named
 
 SCENES = (
     "coin", "tilted-plane", "sphere", "scales", "woodcarving", "leather", "plane", "step-gauge",
     "coin+.3", "coin+.15", "sphere+.3",
 )  # fmt: skip
 PHOTONS = 10_000
+METHODS: tuple[Method, ...] = ("ls", "cauchy", "best")
 
 
 def rendered(name: str, seed: int, size: tuple[int, int], leds: int) -> Rendering:
@@ -48,6 +53,19 @@ def images(rendering: Rendering, seed: int) -> npt.NDArray[np.float32]:
     return np.asarray(measured / strengths[:, None, None], np.float32)
 
 
+def error_deg(
+    values: npt.NDArray[np.float32], truth: Truth, depth: npt.NDArray[Any], method: Method
+) -> float:
+    """Return the mean error of normals for which the surface is at a depth, mm."""
+    if truth.camera is None:
+        raise SystemExit("the scene has no camera")
+    points = truth.camera.points_at(np.where(truth.mask, depth, np.median(depth[truth.mask])))
+    solved = photometric_stereo(
+        values, truth.lights, truth.mask, method=method, points_mm=points, camera=truth.camera
+    )
+    return angular_error(solved.normal_map, truth.normals, truth.mask).mae_deg
+
+
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--first-seed", type=int, default=101, help="first seed of the scenes")
@@ -68,7 +86,7 @@ def main() -> None:
                 raise SystemExit(f"{name} has no camera")
             view = Perspective(truth.camera)
             true_mm = float(np.nanmean(truth.height_mm[truth.mask]))
-            row = []
+            row, depths = [], {}
             for label, shift in shifts.items():
                 lights = Lights(
                     positions_mm=truth.lights.positions_mm + np.array([0, 0, shift]),
@@ -80,8 +98,17 @@ def main() -> None:
                 doubtful[label] += named and "+" not in name
                 off, sigma = found.mean_height_mm - true_mm, found.mean_height_sigma_mm
                 row.append(f"{off:7.2f} +- {sigma:.2f} {'doubtful' if named else '':8}")
+                depths[label] = found.depth
             count += "+" not in name
             print(f"{seed:4d} {name:13}", *row, flush=True)
+            cells = []
+            for method in METHODS:
+                at_found = error_deg(values, truth, depths["as they are"], method)
+                at_truth = error_deg(values, truth, truth.depth_mm, method)
+                cells.append(
+                    f"{method} {at_found:.3f} of {at_truth:.3f} ({at_found / at_truth:.2f})"
+                )
+            print(f"{'':5}normals", *cells, flush=True)
     print(f"doubtful of {count} matte scenes:", ", ".join(f"{k} {v}" for k, v in doubtful.items()))
 
 

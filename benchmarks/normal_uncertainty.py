@@ -15,6 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 
 import numpy as np
 import numpy.typing as npt
@@ -57,12 +59,14 @@ def dome(count: int, lowest: float = 0.35) -> Lights:
     return Lights(np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1))
 
 
-def ball(rng: np.random.Generator, *, size: int, cast: bool, gloss: float | None = None) -> Case:
+def ball(
+    rng: np.random.Generator, *, size: int, count: int, cast: bool, gloss: float | None = None
+) -> Case:
     """Return a ball with an albedo from .1 to .9; at most a third of the lights may be blocked."""
     y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
     z = np.sqrt(np.clip(1 - x * x - y * y, 0, None))
     normals, mask = np.stack([x, y, z], axis=-1), np.hypot(x, y) < 0.95
-    lights = dome(36)
+    lights = dome(count)
     vectors = lights.unit_directions
     shading = np.clip(np.einsum("nc,hwc->nhw", vectors, normals), 0, None)
     albedo = 0.5 + 0.4 * np.sin(7 * x + rng.uniform(0, 6)) * np.cos(6 * y + rng.uniform(0, 6))
@@ -82,9 +86,10 @@ def ball(rng: np.random.Generator, *, size: int, cast: bool, gloss: float | None
     return Case(images, lights, normals, mask, shadows=shadows)
 
 
-def relief(name: str, *, width: int, seed: int, sharp: bool = True) -> Case:
+def relief(name: str, *, width: int, seed: int, count: int = 36, sharp: bool = True) -> Case:
     """Return a scene of the simulator under near lights."""
-    scene = scene_named(name, width=width, height=width * 4 // 5, leds=36, seed=seed, sharp=sharp)
+    size = {"width": width, "height": width * 4 // 5}
+    scene = scene_named(name, **size, leds=count, seed=seed, sharp=sharp)
     rendering = render(scene)
     truth = rendering.truth
     strength = np.asarray(truth.lights.intensities).mean(axis=1)[:, None, None]
@@ -129,19 +134,19 @@ def recorded(case: Case, factor: Array, rng: np.random.Generator) -> Array:
     return np.where(noisy < 1, noisy, np.nan)
 
 
-def cases(seed: int, size: int) -> Iterator[tuple[str, bool, int, list[Case]]]:
+def cases(seed: int, size: int, count: int) -> Iterator[tuple[str, bool, int, list[Case]]]:
     """Yield name, whether lights have errors, repetitions, and scenes of each row."""
     rng = np.random.default_rng(seed)
-    plain = [ball(rng, size=size, cast=False)]
-    yield "distant", False, 3, plain
-    cast = [ball(rng, size=size, cast=True)]
-    yield "distant, cast shadows", False, 3, cast
-    yield "distant, light errors", True, 30, [ball(rng, size=size // 2, cast=True)]
+    make = partial(ball, rng, count=count)
+    yield "distant", False, 3, [make(size=size, cast=False)]
+    yield "distant, cast shadows", False, 3, [make(size=size, cast=True)]
+    yield "distant, light errors", True, 30, [make(size=size // 2, cast=True)]
     for name in ("coin", "sphere", "woodcarving"):
-        yield f"near, {name}", False, 2, [relief(name, width=2 * size, seed=seed)]
-    yield "near, sphere, light errors", True, 30, [relief("sphere", width=size, seed=seed)]
-    yield "glossy, GGX 0.3", False, 2, [ball(rng, size=size, cast=False, gloss=0.3)]
-    yield "glossy, GGX 0.15", False, 2, [ball(rng, size=size, cast=False, gloss=0.15)]
+        yield f"near, {name}", False, 2, [relief(name, width=2 * size, seed=seed, count=count)]
+    sphere = [relief("sphere", width=size, seed=seed, count=count)]
+    yield "near, sphere, light errors", True, 30, sphere
+    yield "glossy, GGX 0.3", False, 2, [make(size=size, cast=False, gloss=0.3)]
+    yield "glossy, GGX 0.15", False, 2, [make(size=size, cast=False, gloss=0.15)]
 
 
 def ratios(actual: Array, predicted: Array) -> Array:
@@ -177,10 +182,13 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--seed", type=int, default=1, help="seed of scenes, noise and lights")
     parser.add_argument("--size", type=int, default=100, help="size of the scenes, pixels")
+    parser.add_argument("--lights", type=int, default=36, help="number of lights")
+    parser.add_argument("--rows", type=int, default=9, help="number of rows, from the first on")
     options = parser.parse_args()
     head = "actual / predicted, lowest and highest decile"
-    print(f"{head:46} known          unknown    rms deg, predicted")
-    for name, errors, repeats, scenes in cases(options.seed, options.size):
+    print(f"{head:46} known          unknown    rms deg, predicted", flush=True)
+    rows = islice(cases(options.seed, options.size, options.lights), options.rows)
+    for name, errors, repeats, scenes in rows:
         for method in METHODS:
             row, rms = [], []
             for known in (True, False):
@@ -194,7 +202,7 @@ def main() -> None:
                 found = ratios(of_all, sigmas)
                 row.append(f"{found.min():6.2f} {found.max():5.2f}")
                 rms.append(f"{np.sqrt(np.mean(of_all**2)):7.3f} {np.sqrt(np.mean(sigmas**2)):6.3f}")
-            print(f"{name:30} {method:12} {row[0]}   {row[1]}   {rms[0]} {rms[1]}")
+            print(f"{name:30} {method:12} {row[0]}   {row[1]}   {rms[0]} {rms[1]}", flush=True)
 
 
 if __name__ == "__main__":

@@ -34,6 +34,9 @@ _QUANTILE_TO_SIGMA = 1 / 0.31864
 # median is too small; the factor is 1 + 5 / (n - 3) (Rousseeuw and Leroy, 1987).
 _LARGEST = 2.0
 _FEW_SAMPLES = 5.0
+# Least variance without light, relative to the least variance of the bins. The samples may not show
+# it, and too small a one makes outliers of all samples in shadow.
+_LEAST_FLOOR = 0.03
 # Least standard deviation, relative to the median signal: images without noise have no law.
 _LEAST = 1e-5
 
@@ -81,10 +84,10 @@ def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None
     lit, usable, signal = lit[kept], usable[kept, None], signal[kept]
     of_kept = vectors[kept if len(vectors) > 1 else [0]]
     noise = difference[kept] - np.einsum("pc,pcn->pn", change[kept], of_kept)
-    left = _shares_left(of_kept, lit)
-    shows = lit & (left > _LEAST_LEFT)
-    noise /= np.sqrt(2 * np.where(shows, left, 1))
-    law = _fitted((signal * intensities)[shows], (noise * intensities)[shows], intensities)
+    share, level = _parts(of_kept, lit, signal, intensities)
+    shows = lit & (share > _LEAST_LEFT)
+    noise /= np.sqrt(2 * np.where(shows, share, 1))
+    law = _fitted(level[shows], (noise * intensities)[shows], intensities)
     if law is None:
         return None
     # Where many samples are outliers, they spoil the differences more than a robust fit.
@@ -100,14 +103,32 @@ def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None
     return np.asarray(law * min(largest, 1.0) ** 2, np.float32)
 
 
-def _shares_left(vectors: Float, lit: Mask) -> Double:
-    """Return the shares ``(P, N)`` of the variance of noise that least squares leave of samples.
+def _parts(vectors: Float, lit: Mask, signal: Double, intensities: Double) -> tuple[Double, Double]:
+    """Return what the residuals of least squares show of the noise of one sensor.
 
-    They are 1 minus the leverages of the lit samples.
+    With the hat matrix H, the residual of sample i has ``(1 - H)_ij^2`` of the variance of each
+    sample j. Before the division by the intensities, this is a share of the variance that a sample
+    of another signal has, because the law is linear.
+
+    Returns
+    -------
+    shares, levels
+        ``(P, N)``: the shares, which are 1 minus the leverages if all intensities are equal, and
+        the signals before the division by the intensities.
     """
     of_lit = np.where(lit[:, None], vectors, 0).astype(np.float64)
-    inverse = np.linalg.inv(of_lit @ of_lit.transpose(0, 2, 1))
-    return np.asarray(1 - np.einsum("pin,pin->pn", of_lit, inverse @ of_lit))
+    transposed = of_lit.transpose(0, 2, 1)
+    solving = np.linalg.inv(of_lit @ transposed) @ of_lit
+    leverage = np.einsum("pin,pin->pn", of_lit, solving)
+
+    def mixed(variances: Double) -> Double:
+        of_all = (of_lit * variances[:, None]) @ transposed
+        others = np.einsum("pin,pin->pn", solving, of_all @ solving)
+        return np.asarray(((1 - 2 * leverage) * variances + others) * intensities**2)
+
+    shares = mixed(np.broadcast_to(1 / intensities**2, lit.shape))
+    levels = mixed(np.where(lit, signal, 0) / intensities)
+    return shares, np.divide(levels, shares, out=np.zeros_like(levels), where=shares > 0)
 
 
 def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
@@ -122,8 +143,7 @@ def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
         return None
     terms = np.stack([np.ones(_BINS), level], axis=1) / variance[:, None]
     floor, slope = _not_negative(terms, np.ones(_BINS))
-    # A sample in the dark has some noise, too.
-    floor = max(floor, 1e-3 * float(variance.min()))
+    floor = max(floor, _LEAST_FLOOR * float(variance.min()))
     return np.stack([floor / intensities**2, slope / intensities])[None].astype(np.float32)
 
 

@@ -58,6 +58,27 @@ def test_few_lights_show_the_law_as_well(scene):
         np.testing.assert_allclose(found / (floor + slope * 0.5), 1, atol=0.25)
 
 
+def test_the_noise_of_bright_samples_is_not_that_of_dark_ones():
+    """Least squares of 6 samples spread it; taken for that of each sample, slopes are .3 to .5."""
+    y, x = np.mgrid[1 : -1 : 100 * 1j, -1 : 1 : 100 * 1j]
+    mask = np.hypot(x, y) < 0.95
+    normals = np.stack([x, y, np.sqrt(np.clip(1 - x * x - y * y, 0, None))])
+    z = np.linspace(0.98, 0.35, 6)
+    turn = np.arange(6) * np.pi * (3 - np.sqrt(5))
+    r = np.sqrt(1 - z * z)
+    lights = Lights(np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1))
+    images = 0.7 * np.clip(np.tensordot(lights.unit_directions, normals, 1), 0, None)
+    slope, floor = 1e-4, 2.5e-7
+    slopes = []
+    for seed in range(54, 60):
+        rng = np.random.default_rng(seed)
+        values = images + rng.normal(size=images.shape) * np.sqrt(floor + slope * images)
+        frames = Frames(values.astype(np.float32))
+        law = law_of_images(frames, LightModel(lights, None, mask), mask)
+        slopes.append(law[0, 1] / slope)
+    np.testing.assert_allclose(np.mean(slopes), 1, atol=0.2)
+
+
 def test_images_that_do_not_show_their_noise_have_no_law(scene):
     _, directions, signal, _ = scene
     lights = Lights(directions)
