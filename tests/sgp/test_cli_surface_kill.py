@@ -20,7 +20,7 @@ __all__ = ["server"]
 
 SIZE = (480, 300)
 # A few MB more than interpreter and libraries: blocks of a few dozen rows.
-MEMORY = "463M"
+MEMORY = "349M"
 KILLS = 10
 
 
