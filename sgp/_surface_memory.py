@@ -10,9 +10,10 @@ from sgp._exit import UsageError
 from sgp._memory_limit import size_text, too_small
 
 # Interpreter, libraries and bands of rows that are written.
-_PROGRAM = 450_000_000
-# Bytes per pixel of a surface in memory: the normals while it is solved, all maps and the mesh.
-_NORMALS, _WRITING = 14, 110
+_PROGRAM = 330_000_000
+# Bytes per pixel of a surface in memory: the normals while it is solved, all maps and the mesh,
+# measured at 5 and 20 megapixels; depths and deviations are additional maps.
+_NORMALS, _WRITING, _MAP = 14, 105, 8
 # Bytes per pixel in blocks while the files are written: masks, and a map for its median; and of
 # the temporary and final files.
 _FINISHING = 12
@@ -112,7 +113,8 @@ def surface_way(
 def _whole(size: tuple[int, int], *, camera: bool, sigma: bool) -> int:
     pixels = size[0] * size[1]
     solving = processing.surface_memory(size, camera=camera, sigma=sigma) + _NORMALS * pixels
-    return _PROGRAM + max(solving, _WRITING * pixels)
+    writing = _WRITING + (camera + sigma) * _MAP
+    return _PROGRAM + max(solving, writing * pixels)
 
 
 def _blocks(size: tuple[int, int], *, camera: bool, sigma: bool) -> dict[int, int]:

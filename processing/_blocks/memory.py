@@ -8,9 +8,9 @@ from processing._blocks.plan import plan_blocks
 _FIXED = 30_000_000
 # Bytes per pixel of a surface that is solved as a whole; additional ones with a camera, and with
 # deviations of the normals.
-_WHOLE, _CAMERA, _SIGMA = 70, 42, 14
+_WHOLE, _CAMERA, _SIGMA = 70, 45, 14
 # Bytes per pixel of the largest block, of the rows that two blocks share, and of the map.
-_BLOCK, _SHARED, _MAP = 90, 48, 2
+_BLOCK, _SHARED, _MAP = 82, 48, 2
 
 
 def surface_memory(
@@ -18,7 +18,7 @@ def surface_memory(
 ) -> int:
     """Return the bytes that the integration of a normal map needs, besides its inputs.
 
-    The estimate is 5 to 55 % above the peaks that were measured from 1 to 10 megapixels. Jumps,
+    The estimate is 3 to 55 % above the peaks that were measured from 1 to 10 megapixels. Jumps,
     priors and errors of heights need more.
 
     Parameters

@@ -57,8 +57,7 @@ class OwnSolutions:
     def blended(self, number: int) -> Side:
         """Return the core of a block, blended with its neighbours in shared rows."""
         block, halo = self.blocks.blocks[number], self.blocks.halo
-        first = block.core.start - block.rows.start
-        own = self.solution(number, slice(first, first + block.core.stop - block.core.start))
+        own = self.solution(number, block.inner)
         share = self.blocks.share_of_upper()[:, None]
         if number:
             above = self.solution(number - 1, slice(-halo, None))

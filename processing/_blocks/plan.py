@@ -31,6 +31,12 @@ class Block(NamedTuple):
     core: slice
     rows: slice
 
+    @property
+    def inner(self) -> slice:
+        """The core, counted from the first row."""
+        first = self.core.start - self.rows.start
+        return slice(first, first + self.core.stop - self.core.start)
+
 
 class Blocks(NamedTuple):
     """All blocks of a surface.

@@ -22,8 +22,8 @@ Double = npt.NDArray[np.float64]
 _ACCURACY = 2e-6
 # Residual, relative to that of the changes, at which their rounding errors are reached.
 _ROUNDING = 1e-12
-_SLOWEST = 0.9
-_SAFETY = 1.5
+# Of the estimate: the largest share of an error that a round is taken to leave, and a factor.
+_SLOWEST, _SAFETY = 0.9, 1.5
 # Earlier rounds that are combined.
 _MEMORY = 3
 # The rounds end below this estimated error, relative to the range of heights.

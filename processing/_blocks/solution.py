@@ -105,10 +105,10 @@ def solve_in_blocks(
     sums, sizes = np.zeros(count), np.zeros(count, np.int64)
     found = []
     for number, (block, free) in enumerate(zip(blocks.blocks, frees, strict=True)):
-        values, labels = (core := own.blended(number)).u, core.labels
-        number_parts(values, labels, part_of, numbers, sums, sizes)
-        u[block.core], parts[block.core] = values, labels
-        found.append(values.ravel()[free["there"]] - values.ravel()[free["here"]])
+        core = own.blended(number)
+        number_parts(core.u, core.labels, part_of, numbers, sums, sizes)
+        u[block.core], parts[block.core] = core.u, core.labels
+        found.append(core.u.ravel()[free["there"]] - core.u.ravel()[free["here"]])
     worst = max(frees, key=lambda free: float(free["relative_residual"]))
     return BlockSolution(
         u,
@@ -130,8 +130,7 @@ def solve_in_blocks(
 def _stored(files: BlockFiles, number: int, free: FreeSolution, before: int) -> Record:
     """Write the solution of a block; ``before`` is the number of parts of the blocks above."""
     block, shared = files.blocks.blocks[number], 2 * files.blocks.halo
-    first = block.core.start - block.rows.start
-    core = slice(first, first + block.core.stop - block.core.start)
+    core = block.inner
     labels = np.where(free.labels >= 0, free.labels + np.int32(before), np.int32(-1))
     files.weights[block.core] = np.stack([free.right[core], free.down[core]], axis=1)
     files.weights.sync()

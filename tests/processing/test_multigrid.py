@@ -243,6 +243,23 @@ def test_a_tolerance_below_the_rounding_errors_does_no_harm(size: int, seed: int
     assert np.ptp(error) < 1e-9
 
 
+@pytest.mark.parametrize("low", [-1, -4])
+def test_an_accuracy_is_that_of_the_heights(low: float) -> None:
+    """Also with weights down to 1e-4, where a small residual does not mean a small error."""
+    right, down = graph(disc(96), 5, low)
+    noise = np.random.default_rng(5).normal(size=(2, *right.shape))
+    b = divergence(right, down, noise[0], noise[1])
+    exact = solve(right, down, b, tolerance=1e-13)
+    some = solve(right, down, b, tolerance=1e-13, accuracy=1e-3)
+    labels = label_parts(right, down)[0]
+    inside = labels >= 0
+    off = (some.u - exact.u)[inside]
+    means = np.bincount(labels[inside], off) / np.bincount(labels[inside])
+    assert np.abs(off - means[labels[inside]]).max() < 1e-3
+    assert some.converged
+    assert some.iterations < exact.iterations
+
+
 def test_a_solver_without_convergence_reports_it() -> None:
     right, down = graph(disc(100), 4, -3)
     b = divergence(right, down, *steps(waves((100, 100))))
