@@ -34,6 +34,8 @@ _NEAR = 2.0
 # Without a plane, only the edges show that there is a ball. False outlines have up to .48, all of
 # those below .6 get a notice.
 _LEAST_SUPPORT = 0.45
+# Noise supports up to a quarter: an outline with less on its bright side is not seen there.
+_NOT_SEEN = 0.25
 # Contact shadows and what is mirrored at the limb move the edges of all images by up to 0.2 px.
 # The 99.9 % quantile of chi-square with 3 degrees of freedom.
 _MODEL_PX, _DIFFERENT = 0.15, 16.3
@@ -109,18 +111,24 @@ def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
 
     An edge of one picture may be the border of what a ball mirrors. So, if less than half of the
     outline is supported, outlines around it are compared as well, up to 1.45 times as large. None
-    if less than 45 % of the best one is supported.
+    if less than 45 % of the best one is supported. Outlines that are not seen where their
+    surroundings are bright do not count.
     """
-    found = _found(values, sphere.outline)
+    found = [one for one in _found(values, sphere.outline) if not _is_border(one)]
     if max((one.support for one in found), default=0.0) < _DECIDED:
         size = sphere.outline.radius_px
         around = Ellipse(sphere.outline.centre_px, (_AROUND * size, _AROUND * size))
         larger = joint_near(values, around, _AROUND_REACH * size)
-        found += [] if larger is None else [larger]
+        found += [] if larger is None or _is_border(larger) else [larger]
     joint = best_of(found)
     if joint is None or joint.support < _LEAST_SUPPORT:
         return None
     return _with_outline(values, sphere, joint, np.zeros((3, 3)))
+
+
+def _is_border(one: JointNear) -> bool:
+    """Return whether an outline is the border of what a ball mirrors: black surroundings."""
+    return one.bright_support < _NOT_SEEN
 
 
 def _found(values: Images, outline: Ellipse) -> list[JointNear]:

@@ -142,6 +142,29 @@ def part_covariance(values: Images, outline: Ellipse) -> Array:
     return total
 
 
+def edge_agreement(values: Images, outline: Ellipse) -> tuple[Array, Array]:
+    """Return angles around an outline, and how well an edge agrees with it at each.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, not NaN.
+    outline
+        The outline of all, from `joint_outline`.
+
+    Returns
+    -------
+    angles, agreement
+        ``(M,)`` each; the agreement is 0 without an edge, 1 for one on the outline. Its mean is the
+        support.
+    """
+    edges = _Edges(values, outline)
+    try:
+        return edges.angles, edges.fit(edges.every_image, edges.every_angle).weights
+    except EstimateError:
+        return edges.angles, np.zeros(len(edges.angles))
+
+
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """A circle near the approximate outline: its change, and edges and weights of all angles."""

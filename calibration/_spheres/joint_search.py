@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
+from calibration._spheres.bright_side import bright_support
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.image_noise import image_noise
 from calibration._spheres.joint_edge import JointOutline, joint_outline, part_covariance
 from calibration._spheres.limb import LARGEST_BLUR_PX
 from calibration._spheres.outline import SHARP_PX, scatter_px
@@ -26,8 +27,6 @@ _MOST_IMAGES = 18
 # An outline that edges support this well has no rival. Noise supports up to .25 of large outlines.
 _WITHOUT_DOUBT, _LEAST_SUPPORT = 0.65, 0.3
 _LEADERS, _QUICK_ANGLES = 6, 360
-# So many pixels show the noise of an image.
-_SHOW_NOISE = 40_000
 _SAME_PX, _NEAR_PX = 0.25, 1.0
 # Edges that are more blurred than the model of the limb are seen in smaller images. The same
 # distances from an outline are fewer pixels there, so more edges must agree, by this share.
@@ -50,9 +49,13 @@ class JointNear(JointOutline):
     ----------
     covariance_px2
         ``(3, 3)``, of centre x, centre y and radius, without systematic errors.
+    bright_support
+        Support where the surroundings are bright, see `bright_side.bright_support`; NaN if they are
+        hardly bright, and of an outline without doubt.
     """
 
     covariance_px2: Array
+    bright_support: float = float("nan")
 
     @property
     def model_px(self) -> float:
@@ -118,6 +121,8 @@ class _Seen:
         """Return the best outline in pixels of the large images."""
         joint = self.found[0]
         covariance = _covariance(self.found) + part_covariance(self.images, joint.outline)
+        doubted = joint.support <= _WITHOUT_DOUBT
+        bright = bright_support(self.images, joint.outline) if doubted else float("nan")
         return JointNear(
             _shifted(_scaled(joint.outline, self.factor), self.start),
             joint.points_px * self.factor + self.start,
@@ -125,6 +130,7 @@ class _Seen:
             joint.support,
             joint.blur_px * self.factor,
             covariance * self.factor**2,
+            bright,
         )
 
 
@@ -259,10 +265,7 @@ def _covariance(found: list[JointOutline]) -> Array:
 
 def _lifted(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Return an image to which a multiple of its noise is added, for its logarithm."""
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    residue = cv2.filter2D(image, -1, kernel)
-    every = max(int(np.sqrt(residue.size / _SHOW_NOISE)), 1)
-    noise = float(np.percentile(np.abs(residue[::every, ::every]), 75)) / 6.9
+    noise = image_noise(image)
     offset = max(10 * noise, 0.002 * float(image.mean()), 1e-4)
     return np.maximum(image, 0) + np.float32(offset)
 
