@@ -10,7 +10,7 @@ from rig import Notice, pluralize
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-# Normals with a smaller z hardly face the camera. In maps of objects at most .7 % do not (an owl,
+# Normals with a smaller z hardly face the camera. Of 66 maps, at most .7 % do not (an owl,
 # which also shows its back); if another component is stored as z, nearly half of them.
 _LEAST_Z, _MOST_AWAY = 0.02, 0.1
 # The channel in which z is stored: noise and quantisation may make a few of its values negative.

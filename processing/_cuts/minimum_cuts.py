@@ -69,6 +69,17 @@ def _keep(old: Float, new: Float, taken: Mask) -> None:
 
 
 @numba.njit(cache=True)
+def _turned(part: Float) -> Float:
+    """Return a copy with rows and columns exchanged; to compile ``transpose`` takes longer."""
+    out = np.zeros((part.shape[1], part.shape[0], 3), np.float32)
+    for r in range(part.shape[0]):
+        for c in range(part.shape[1]):
+            for k in range(3):
+                out[c, r, k] = part[r, c, k]
+    return out
+
+
+@numba.njit(cache=True)
 def taken_pixels(window: Float, patch: Float, bands: Bands) -> npt.NDArray[np.bool_]:
     """Return which pixels of a window a patch replaces.
 
@@ -88,9 +99,10 @@ def taken_pixels(window: Float, patch: Float, bands: Bands) -> npt.NDArray[np.bo
         _keep(
             window[:, : -right - 1 : -1], patch[:, : -right - 1 : -1], taken[:, : -right - 1 : -1]
         )
-    old, new, across = window.transpose(1, 0, 2), patch.transpose(1, 0, 2), taken.T
+    height, across = len(window), taken.T
     if top > 1:
-        _keep(old[:, :top], new[:, :top], across[:, :top])
+        _keep(_turned(window[:top])[:, :top], _turned(patch[:top])[:, :top], across[:, :top])
     if bottom > 1:
-        _keep(old[:, : -bottom - 1 : -1], new[:, : -bottom - 1 : -1], across[:, : -bottom - 1 : -1])
+        old, new = _turned(window[height - bottom :]), _turned(patch[height - bottom :])
+        _keep(old[:, ::-1], new[:, ::-1], across[:, : -bottom - 1 : -1])
     return taken

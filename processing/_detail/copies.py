@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from processing._cuts.minimum_cuts import taken_pixels
 
-# Compiled in: processing/_cuts/minimum_cuts.py a65f518b5540
+# Compiled in: processing/_cuts/minimum_cuts.py 599a21c2471f
 Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from processing._cuts.minimum_cuts import taken_pixels
 from processing._synthesis.patch_search import stream
 
-# Compiled in: processing/_cuts/minimum_cuts.py a65f518b5540
+# Compiled in: processing/_cuts/minimum_cuts.py 599a21c2471f
 # Compiled in: processing/_synthesis/patch_search.py f774940a9c88
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

@@ -73,8 +73,9 @@ def patch_map(steps: Float, turn: Float) -> tuple[Float, Float, Float]:
                 for m in range(2):
                     field[r, c, k, m] = -steps[r, c, k, m] if opposite else steps[r, c, k, m]
     offsets = np.zeros((size, size, 2), np.float32)
-    _summed(field, offsets, True)
-    _summed(field, offsets, False)
+    # Not constants, for each of which it would be compiled.
+    for down_first in (True, False):
+        _summed(field, offsets, down_first)
     jacobian = np.zeros((size, size, 2, 2), np.float32)
     for r in range(size):
         for c in range(size):
