@@ -59,7 +59,7 @@ def enlarged_within(
     """
     found = processing.find_normals(normals, max_pixels=max_pixels)
     path, most = out / "superres", max(max_pixels, rig.MAX_PIXELS)
-    need = superres_need(found.size, how.scale)
+    need = superres_need(found.size, how.scale, how.network)
     if not must_be_stored(memory, need, path):
         read = read_map(normals, green=green, max_pixels=max_pixels)
         with Stages() as progress:
@@ -104,11 +104,15 @@ def enlarged_within(
         yield Enlarged.on_disk(on_disk, axes_doubts(normals, on_disk.low, on_disk.low_mask, green))
 
 
-def superres_need(size: tuple[int, int], scale: int) -> Need:
+def superres_need(
+    size: tuple[int, int], scale: int, network: processing.SuperResolutionModel | None
+) -> Need:
     """Return the memory that the enlargement of a map of (height, width) needs."""
+    # Without a network, what it would need is reserved, too.
+    halo = {} if network is None else {"halo_px": network.halo_px}
     return Need(
-        processing.memory_of_super_resolution(size, scale),
-        processing.least_memory_of_super_resolution(size, scale),
+        processing.memory_of_super_resolution(size, scale, **halo),
+        processing.least_memory_of_super_resolution(size, scale, **halo),
         f"a normal map of {size[1]} x {size[0]} pixels at scale {scale}",
     )
 

@@ -15,7 +15,7 @@ Mask = npt.NDArray[np.bool_]
 # The interpreter, libraries and compiled kernels.
 _FIXED = 330_000_000
 # Bytes per pixel that is separated: normals, shape, detail, and what the filter computes of them.
-_OF_BAND, _OF_EDGE_AWARE_BAND = 50, 160
+_OF_BAND, _OF_EDGE_AWARE_BAND = 50, 225
 # Bytes per pixel: of a map in memory besides that, and of masks while the maps are on disk.
 _MAP, _ON_DISK = 13, 6
 _LEAST_ROWS = 8

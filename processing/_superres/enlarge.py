@@ -80,8 +80,7 @@ class LowMap:
         sampling: PixelSampling = "area",
     ) -> LowMap:
         """Separate rows of a map, and continue its components as far as a network can see."""
-        # What the filter, the continuation and the means of points depend on.
-        read = _with_margin(rows, halo + halo_rows(ShapeFilter()) + 2 * REACH_PX, len(mask))
+        read = _with_margin(rows, margin_rows(halo), len(mask))
         near = _with_margin(rows, halo, len(mask))
         part = NormalMap.of_unit_vectors(
             np.ascontiguousarray(normals[read], np.float32), mask[read]
@@ -100,6 +99,12 @@ class LowMap:
         normals, shape, detail = (each[inner] for each in vectors)
         reach = reached(mask[near])[inner]
         return cls(normals, shape, detail, central, given, side, gate, mask[rows], reach)
+
+
+def margin_rows(halo: int) -> int:
+    """Return the rows above and below that `LowMap.of` reads, of a network with a halo."""
+    # What the continuation, the filter and the means of points depend on.
+    return halo + halo_rows(ShapeFilter()) + 2 * REACH_PX
 
 
 def reached(mask: Mask) -> Mask:

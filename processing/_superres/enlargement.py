@@ -30,6 +30,11 @@ _ENSEMBLE_SCALE = 4
 _SUMS = 3
 
 
+def tile_side(halo: int) -> int:
+    """Return the side of a tile for a halo, both in pixels of the low resolution."""
+    return max(TILE_PX, _HALOS * halo)
+
+
 @dataclass(frozen=True, eq=False)
 class Enlargement:
     """How a normal map is enlarged.
@@ -89,7 +94,7 @@ class Enlargement:
     @property
     def side(self) -> int:
         """Side of a tile in pixels of the low resolution."""
-        return max(TILE_PX, _HALOS * self.halo)
+        return tile_side(self.halo)
 
     def size(self, low: tuple[int, int], max_pixels: int) -> tuple[int, int]:
         """Return the size of the result, of a map of (height, width).

@@ -21,7 +21,6 @@ SIZE = (95, 13)
 def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Interpreter and libraries count as nothing, so that tiny maps do not fit; small tiles."""
     monkeypatch.setattr(memory, "_FIXED", 0)
-    monkeypatch.setattr(memory, "_ROWS", 38)
     monkeypatch.setattr(enlargement, "TILE_PX", 16)
 
 
