@@ -96,13 +96,12 @@ def remove_unfinished(path: Path) -> None:
     >>> from acquisition import remove_unfinished
     >>> remove_unfinished(Path("normals"))
     """
-    if not is_unfinished(path):
-        return
     folder = part_path(path)
+    if not folder.is_dir():
+        return
     lock = lock_folder(folder, _DOING)
     try:
-        with disk(folder, "remove"):
-            shutil.rmtree(folder)
+        _remove(folder)
     finally:
         os.close(lock)
 
@@ -263,14 +262,20 @@ class BandStore(Mapping[str, BandFile]):
         """Delete the maps, after their result is complete."""
         for file in self._files.values():
             file.close()
-        with disk(self.folder, "remove"), suppress(FileNotFoundError):
-            shutil.rmtree(self.folder)
+        _remove(self.folder)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _remove(folder: Path) -> None:
+    """Delete maps; what a kill leaves of them has no identity, and is not continued."""
+    with disk(folder, "remove"), suppress(FileNotFoundError):
+        (folder / _IDENTITY).unlink(missing_ok=True)
+        shutil.rmtree(folder)
 
 
 def _identity(file: Path) -> dict[str, Any] | None:

@@ -116,6 +116,32 @@ def test_damage_and_strange_files(tmp_path: Path) -> None:
     assert not list(target.iterdir())
 
 
+def test_a_kill_while_maps_are_removed_leaves_nothing_to_continue(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise a file that is missing would be read as zeros."""
+    path, form = tmp_path / "normals", {"albedo": ((6, 4), np.float32)}
+    store = BandStore(path, {}, form)
+    store["albedo"][0:6] = 1.0
+    store.complete(slice(0, 6))
+
+    def killed(folder: Path) -> None:
+        (folder / "albedo.raw").unlink()
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(band_store.shutil, "rmtree", killed)
+        with pytest.raises(KeyboardInterrupt):
+            store.remove()
+    store.close()
+    assert (store.folder / "journal.jsonl").is_file()
+    with BandStore(path, {}, form) as again:
+        assert again.missing() == [slice(0, 6)]
+    (store.folder / "identity.json").unlink()
+    band_store.remove_unfinished(path)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_one_process_at_a_time(tmp_path: Path) -> None:
     with open_store(tmp_path), pytest.raises(SessionInUseError, match="computing these maps"):
         open_store(tmp_path)
