@@ -348,7 +348,8 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
         print(dumps({"ok": False, "error": line, "exit_code": code, **listed}))
     from sgp._fitted import fitted
 
-    print(fitted(f"error: {line}", STDERR), file=STDERR)
+    # One write: a signal must not separate the line from its end.
+    STDERR.write(fitted(f"error: {line}", STDERR) + "\n")
     return code
 
 

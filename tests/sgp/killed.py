@@ -8,11 +8,13 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 # A process that forks one child for each line of words, so that imports are paid once.
 SERVER = """
@@ -99,7 +101,7 @@ class Unfinished:
 
 def results(folder: Path) -> dict[str, bytes]:
     """Return maps, pictures, masks and meshes; records and reports contain times."""
-    kinds = {".exr", ".png", ".ply"}
+    kinds = {".exr", ".png", ".ply", ".stl"}
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
@@ -141,6 +143,13 @@ class Server:
         self._process.stdin.close()
         self._process.stdout.close()
         self._process.wait(60)
+
+
+@pytest.fixture
+def server(request: pytest.FixtureRequest) -> Iterator[Server]:
+    server = Server(getattr(request, "param", ""))
+    yield server
+    server.close()
 
 
 def check_killed(

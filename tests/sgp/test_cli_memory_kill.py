@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,9 @@ from processing import (
     least_memory_of_super_resolution,
     write_normals,
 )
-from tests.sgp.killed import Server, Unfinished, check_killed
+from tests.sgp.killed import Server, Unfinished, check_killed, server
+
+__all__ = ["server"]
 
 SIZE = (320, 400)
 COUNT = 12
@@ -52,13 +53,6 @@ def options(tmp_path: Path) -> list[str]:
     write_mask(tmp_path / "images" / "mask.png", x**2 + y**2 < 0.6)
     words = (tmp_path / "images", "--lights", tmp_path / "lights.json", "--memory", MEMORY)
     return [*map(str, words)]
-
-
-@pytest.fixture
-def server(request: pytest.FixtureRequest) -> Iterator[Server]:
-    server = Server(getattr(request, "param", ""))
-    yield server
-    server.close()
 
 
 @pytest.mark.slow

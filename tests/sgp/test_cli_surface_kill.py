@@ -14,7 +14,7 @@ import pytest
 
 from acquisition import read_image
 from processing import NormalMap, write_normals
-from tests.sgp.test_cli_memory_kill import Server, results, server
+from tests.sgp.killed import Server, results, server
 
 __all__ = ["server"]
 
