@@ -130,16 +130,18 @@ def all_agree(
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def _kind_of(value: float, shading: float, distance: float, scale: float, least: float) -> int:
-    """Return the kind of a measured sample."""
-    if shading <= 0.0:
-        return ATTACHED if value <= 0.0 or distance <= _CUT * scale else _OUTLIER
-    beyond = distance > _CUT * scale
-    if value < _SHADOWED * shading and beyond:
-        return CAST
-    if value < _DEEP * shading and least == 1.0 and distance > _CUT:
-        return CAST
-    return _OUTLIER if beyond else LIT
+def _kind_of(
+    value: np.float32, shading: np.float32, distance: np.float32, limit: np.float32,
+    deep: np.float32,
+) -> np.uint8:  # fmt: skip
+    """Return the kind of a measured sample, without branches: its callers vectorise."""
+    zero, half, cut = np.float32(0), np.float32(_SHADOWED), np.float32(_CUT)
+    beyond = distance > limit
+    shadowed = (value < half * shading) & beyond
+    shadowed |= (value < deep * shading) & (distance > cut)
+    facing = CAST if shadowed else (_OUTLIER if beyond else LIT)
+    averted = ATTACHED if (value <= zero) | (distance <= limit) else _OUTLIER
+    return np.uint8(averted if shading <= zero else facing)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
@@ -149,26 +151,38 @@ def judged(
 ) -> tuple[np.float32, int, int]:  # fmt: skip
     """Write kinds and weights by a scale of the distances; return it and what `all_agree` does."""
     shading, variance, distance, weight = scratch[0], scratch[1], scratch[2], scratch[3]
-    zero, one, cut = np.float32(0), np.float32(1), np.float32(_CUT)
-    found = 0
+    zero, one, cut, infinite = np.float32(0), np.float32(1), np.float32(_CUT), np.float32(np.inf)
+    # Dark samples count from the second step on, if they agree.
+    agreeing = cut * scale if step > 0 else -one
+    found = np.int32(0)
     for k in range(count):
-        weight[found] = distance[k]
-        bright = v[k] > dark or (step > 0 and distance[k] <= cut * scale)
-        found += int(shading[k] > zero and bright)
+        counts = (shading[k] > zero) & ((v[k] > dark) | (distance[k] <= agreeing))
+        weight[k] = distance[k] if counts else infinite
+        found += np.int32(counts)
     if found > 0:
-        scale = np.float32(MAD_TO_SIGMA) * ranked(weight, found, found // 2, max(least, scale))
+        # The median of those that count: the others are larger than any limit.
+        scale = np.float32(MAD_TO_SIGMA) * ranked(weight, count, found // 2, max(least, scale))
     scale = max(least, scale)
-    lit, dim = 0, 0
+    limit = cut * scale
+    # No sample is below the other share, if the law is not that of the noise.
+    deep = np.float32(_DEEP) if least == one else -infinite
+    if count == len(kinds):
+        for k in range(count):
+            kinds[k] = _kind_of(v[k], shading[k], distance[k], limit, deep)
+    else:
+        for k in range(count):
+            kinds[index[k]] = _kind_of(v[k], shading[k], distance[k], limit, deep)
+    lit, dim = np.int32(0), np.int32(0)
+    # In the first step, a dark sample may be in a shadow, if the given solution is wrong.
+    darkest = dark if step == 0 else -infinite
     for k in range(count):
-        kind = _kind_of(v[k], shading[k], distance[k], float(scale), float(least))
-        kinds[index[k]] = kind
-        weight[k] = one / variance[k] if kind == LIT else zero
-        lit += int(kind == LIT)
-        if step == 0 and kind == LIT and v[k] <= dark:
-            # It may be in a shadow, if the given solution is wrong.
-            weight[k] = zero
-            dim += 1
-    return scale, lit, dim
+        own = np.int32(_kind_of(v[k], shading[k], distance[k], limit, deep) == LIT)
+        lit += own
+        dim += own & np.int32(v[k] <= darkest)
+    for k in range(count):
+        own = _kind_of(v[k], shading[k], distance[k], limit, deep) == LIT
+        weight[k] = one / variance[k] if own & (v[k] > darkest) else zero
+    return scale, int(lit), int(dim)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)

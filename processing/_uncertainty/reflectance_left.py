@@ -1,4 +1,7 @@
-"""What a reflectance of two coefficients leaves of the residuals of a pixel, compiled."""
+"""What a reflectance of two coefficients leaves of the residuals of a pixel, compiled.
+
+Each loop over samples writes one array, in float32 and without branches, so that it vectorises.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from processing._stereo.pixel_algebra import IN_PLACE
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 from processing._stereo.ranks import MAD_TO_SIGMA, ranked
 
 # Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
@@ -29,7 +32,7 @@ _RIDGE = 1e-6
 _LIT, _OUTLIER = 0, 4
 
 
-@numba.njit(**IN_PLACE, error_model="numpy")
+@numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def reflectance_left(
     count: int, samples: Float, kinds: Kinds, index: npt.NDArray[np.int64], start: Double,
     point: Double, view: Double, near: bool, scratch: Float,
@@ -46,57 +49,69 @@ def reflectance_left(
         As in the solution of a pixel, `reference_solutions`; scratch and the last row of the
         samples are overwritten.
     """
-    shading, gloss = scratch[0], samples[7]
-    distance, agreeing, weight = scratch[1], scratch[2], scratch[3]
+    v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
+    floor, slope, of_light, gloss = samples[4], samples[5], samples[6], samples[7]
+    shading, distance, agreeing, weight = scratch[0], scratch[1], scratch[2], scratch[3]
+    zero, one, infinite = np.float32(0), np.float32(1), np.float32(np.inf)
     length = math.sqrt(start[0] ** 2 + start[1] ** 2 + start[2] ** 2)
-    nx, ny, nz = start[0] / length, start[1] / length, start[2] / length
-    ex, ey, ez = 0.0, 0.0, 1.0
+    nx, ny = np.float32(start[0] / length), np.float32(start[1] / length)
+    nz = np.float32(start[2] / length)
+    toward_x, toward_y, toward_z = 0.0, 0.0, 1.0
     if near and (view[0] != 0 or view[1] != 0 or view[2] != 0):
-        ex, ey, ez = view[0] - point[0], view[1] - point[1], view[2] - point[2]
-        away = math.sqrt(ex * ex + ey * ey + ez * ez)
-        ex, ey, ez = ex / away, ey / away, ez / away
+        toward_x, toward_y, toward_z = view[0] - point[0], view[1] - point[1], view[2] - point[2]
+    away = math.sqrt(toward_x**2 + toward_y**2 + toward_z**2)
+    ex, ey, ez = (
+        np.float32(toward_x / away),
+        np.float32(toward_y / away),
+        np.float32(toward_z / away),
+    )
     for k in range(count):
-        lx, ly, lz = float(samples[1, k]), float(samples[2, k]), float(samples[3, k])
-        size = math.sqrt(lx * lx + ly * ly + lz * lz)
-        shading[k] = lx * nx + ly * ny + lz * nz
-        hx, hy, hz = lx / size + ex, ly / size + ey, lz / size + ez
+        weight[k] = kinds[index[k]]
+    for k in range(count):
+        shading[k] = lx[k] * nx + ly[k] * ny + lz[k] * nz
+    for k in range(count):
+        per = one / np.sqrt(lx[k] * lx[k] + ly[k] * ly[k] + lz[k] * lz[k])
+        hx, hy, hz = lx[k] * per + ex, ly[k] * per + ey, lz[k] * per + ez
         along = hx * nx + hy * ny + hz * nz
         gloss[k] = shading[k] * along * along / (hx * hx + hy * hy + hz * hz)
-        kind = kinds[index[k]]
-        usable = shading[k] > _FACING * size and kind in (_LIT, _OUTLIER)
-        weight[k] = 1.0 if usable and kind == _LIT else 0.0
-        distance[k] = 0.0 if usable else -1.0
-    total, used = 0.0, 0
+    for k in range(count):
+        size = np.sqrt(lx[k] * lx[k] + ly[k] * ly[k] + lz[k] * lz[k])
+        measured = (weight[k] == np.float32(_LIT)) | (weight[k] == np.float32(_OUTLIER))
+        distance[k] = zero if (shading[k] > np.float32(_FACING) * size) & measured else -one
+    for k in range(count):
+        weight[k] = one if (distance[k] == zero) & (weight[k] == np.float32(_LIT)) else zero
+    total, used = 0.0, np.int32(0)
     for _ in range(_STEPS):
         a = b = c = p = q = 0.0
         for k in range(count):
-            if weight[k] > 0:
-                v = samples[0, k]
-                w = 1.0 / (samples[4, k] + samples[5, k] * max(v, np.float32(0)) + samples[6, k])
-                a += w * shading[k] * shading[k]
-                b += w * shading[k] * gloss[k]
-                c += w * gloss[k] * gloss[k]
-                p += w * shading[k] * v
-                q += w * gloss[k] * v
+            variance = floor[k] + slope[k] * max(v[k], zero) + of_light[k]
+            w = weight[k] / variance
+            of_shading, of_gloss = w * shading[k], w * gloss[k]
+            a += of_shading * shading[k]
+            b += of_shading * gloss[k]
+            c += of_gloss * gloss[k]
+            p += of_shading * v[k]
+            q += of_gloss * v[k]
         c *= 1 + _RIDGE
         determinant = a * c - b * b
         if not determinant > 0:
             return np.inf
-        matte, more = (c * p - b * q) / determinant, (a * q - b * p) / determinant
-        used = 0
+        matte = np.float32((c * p - b * q) / determinant)
+        more = np.float32((a * q - b * p) / determinant)
         for k in range(count):
-            if distance[k] >= 0:
-                expected = max(matte * shading[k] + more * gloss[k], 0.0)
-                variance = samples[4, k] + samples[5, k] * expected + samples[6, k]
-                distance[k] = abs(samples[0, k] - expected) / math.sqrt(variance)
-                agreeing[used] = distance[k]
-                used += int(weight[k] > 0)
-        scale = np.float32(MAD_TO_SIGMA) * ranked(agreeing, used, used // 2, np.float32(1))
-        limit = _CUT * max(float(scale), 1.0)
-        total, used = 0.0, 0
+            expected = max(matte * shading[k] + more * gloss[k], zero)
+            own = abs(v[k] - expected) / np.sqrt(floor[k] + slope[k] * expected + of_light[k])
+            distance[k] = own if distance[k] >= zero else -one
+        used = np.int32(0)
         for k in range(count):
-            agrees = 0 <= distance[k] <= limit
-            weight[k] = 1.0 if agrees else 0.0
-            total += float(distance[k]) ** 2 if agrees else 0.0
-            used += int(agrees)
+            agreeing[k] = distance[k] if weight[k] > zero else infinite
+            used += np.int32(weight[k] > zero)
+        scale = np.float32(MAD_TO_SIGMA) * ranked(agreeing, count, used // 2, one)
+        limit = np.float32(_CUT) * max(scale, one)
+        for k in range(count):
+            weight[k] = one if (distance[k] >= zero) & (distance[k] <= limit) else zero
+        total, used = 0.0, np.int32(0)
+        for k in range(count):
+            total += float(weight[k] * distance[k] * distance[k])
+            used += np.int32(weight[k] > zero)
     return total / (used - 2.0) if used > 2 else np.inf
