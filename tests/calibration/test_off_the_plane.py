@@ -57,11 +57,12 @@ def test_the_sphere_off_the_plane_is_named(heights, sigma, named):
     [
         pytest.param((0.0, 0.0), None, id="on the plane"),
         pytest.param((5.0, 0.0), "sphere-off-the-plane", id="one on a pedestal"),
-        pytest.param((5.0, 5.0), "ratio-contradicted", id="both on pedestals"),
+        pytest.param((5.0, 5.0), "lights-uncertain", id="both on pedestals"),
         pytest.param((20.0, 20.0), "ratio-contradicted", id="both one radius high"),
     ],
 )
 def test_pedestals_do_not_pass_silently(lifts, code):
+    """A notice names what is wrong; low pedestals are harmless, because the edges show the ball."""
     scene = scene_named("spheres", width=640, height=536, leds=8, seed=31)
     places = [(-85.0, -65.0), (85.0, 65.0)]
     spheres = tuple(
@@ -71,5 +72,7 @@ def test_pedestals_do_not_pass_silently(lifts, code):
     values = rendering.planes + rendering.ambient
     found = calibrate_spheres(values, camera=rendering.truth.camera, radius_mm=20.0)
     of_plane = {"sphere-off-the-plane", "ratio-contradicted", "spheres-off-the-plane"}
-    codes = {notice.code for notice in found.warnings} & of_plane
+    codes = {notice.code for notice in found.warnings}
     assert code in codes if code else not codes
+    off_mm = np.linalg.norm(found.lights.positions_mm - rendering.truth.lights.positions_mm, axis=1)
+    assert off_mm.mean() < 2 or codes & of_plane
