@@ -141,6 +141,8 @@ def stored(compute: Callable[[rig.Progress], AnyStored]) -> Iterator[AnyStored]:
 
 def size_text(count: int) -> str:
     """Return bytes as an option of memory, rounded up."""
+    if count < 2**20:
+        return f"{math.ceil(count / 2**10)}K"
     if count < 2**30:
         return f"{math.ceil(count / 2**20)}M"
     return f"{math.ceil(count / 2**30 * 100) / 100:g}G"

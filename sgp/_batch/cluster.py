@@ -72,7 +72,7 @@ def check_scheduler(address: str) -> None:
     Raises
     ------
     UsageError
-        If it is no address, or the extra ``cluster`` is not installed.
+        If it is not an address, or the extra ``cluster`` is not installed.
     ClusterError
         If nothing answers.
     """
@@ -85,7 +85,7 @@ def check_scheduler(address: str) -> None:
     except ValueError:
         host = port = None
     if not host or not port:
-        text = f"--scheduler {address} is no address: give one such as tcp://10.0.0.5:8786"
+        text = f"--scheduler {address} is not an address: give one such as tcp://10.0.0.5:8786"
         raise UsageError(text)
     try:
         socket.create_connection((host, port), timeout=_CONNECT_S).close()

@@ -105,7 +105,7 @@ def test_a_wrong_address_is_refused(sgp, two, tmp_path, address) -> None:
     words = ["batch", *two, "--out", tmp_path / "out", "--scheduler", address]
     text = sgp(*words).error_line(2)
     assert text.endswith(
-        f"--scheduler {address} is no address: give one such as tcp://10.0.0.5:8786"
+        f"--scheduler {address} is not an address: give one such as tcp://10.0.0.5:8786"
     )
 
 

@@ -113,9 +113,7 @@ def test_a_memory_that_is_too_small_and_a_file_that_is_no_map(sgp, relief, tmp_p
     """The least that works is stated, and it works; nothing is left after an error."""
     out = tmp_path / "out"
     line = sgp("detail", "separate", relief, "--out", out, "--memory", "9K").error_line(2)
-    assert f"9K is too small for a normal map of {SIZE[1]} x {SIZE[0]} pixels" in line.replace(
-        "--memory 1M", "9K"
-    )
+    assert f"--memory 9K is too small for a normal map of {SIZE[1]} x {SIZE[0]} pixels" in line
     stated = line.rsplit(" ", 1)[1]
     assert sgp("detail", "separate", relief, "--out", out, "--memory", stated).code == 0
     write_png(tmp_path / "gray.png", np.full((*SIZE, 3), 90, np.uint8))

@@ -169,5 +169,5 @@ def test_a_disk_that_is_too_small_is_refused_at_once(sgp, given, monkeypatch) ->
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=1_000_000))
     answer = sgp("surface", *given, "--out", "x", "--memory", LITTLE)
     assert answer.code == 4
-    assert "of disk while it is computed, 1M are free" in answer.err
+    assert "of disk while it is computed, 977K are free" in answer.err
     assert not Path("x").exists()
