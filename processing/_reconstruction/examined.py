@@ -64,7 +64,9 @@ def geometry_of(
         If there are no lights, near lights have no scale, or a height is stated for distant ones.
     """
     if source.lights is None:
-        raise DataError(f"{source.path}: these images have no lights: add a lights file")
+        raise DataError(
+            f"{source.path}: these images have no lights: give the lights.json of a calibration"
+        )
     lights = source.lights.distant() if distant else source.lights
     view = view_of(source, pixel_mm) if lights.near else None
     if view is None and (height_mm is not None or rests_on_plane):

@@ -98,7 +98,9 @@ def fit_recording(
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     if source.lights is None:
-        raise DataError(f"{source.path}: these images have no lights: add a lights file")
+        raise DataError(
+            f"{source.path}: these images have no lights: give the lights.json of a calibration"
+        )
     lights = source.lights.distant() if distant else source.lights
     size = source.size
     points = None

@@ -143,7 +143,7 @@ def test_a_source_without_a_mask_gets_one(session):
 @pytest.mark.parametrize(
     ("change", "error", "words"),
     [
-        pytest.param({"lights": None}, DataError, "add a lights file", id="no lights"),
+        pytest.param({"lights": None}, DataError, "give the lights.json", id="no lights"),
         pytest.param(
             {"camera": None},
             DataError,
