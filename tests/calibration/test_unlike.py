@@ -66,7 +66,9 @@ def test_the_stated_error_is_that_of_a_disc_of_which_one_side_is_missing(cut):
 @pytest.mark.parametrize(
     ("areas", "round_", "known", "elsewhere"),
     [
-        pytest.param([90, 91, 92, 89, 90, 40, 210], 0.01, True, [5, 6], id="two others"),
+        pytest.param([90, 91, 92, 89, 90, 40, 210], 0.1, True, [5, 6], id="two others"),
+        pytest.param([90, 91, 92, 89, 90, 40, 210], 0.01, True, [], id="round: other lamps"),
+        pytest.param([90, 91, 92, 89, 90, 30, 270], 0.01, True, [5, 6], id="round, far smaller"),
         pytest.param([90, 91, 92, 89, 90, 75, np.nan], 0.01, True, [6], id="one not saturated"),
         pytest.param([9, 15, 45, 60, 120, 170, 300], 0.01, False, [], id="lamps of many sizes"),
         pytest.param([9, 15, 45, 60, 120, 170, 300], 0.2, False, range(7), id="not round, either"),
@@ -82,25 +84,39 @@ def test_spots_of_other_sizes_may_be_elsewhere_on_the_sphere(areas, round_, know
     assert np.all((off == 0) | ((off > 15) & (off < 25)))  # of 50 px
 
 
-def ball():
-    """Return images of a ball with saturated highlights, the last of which is a small one."""
+def ball(last=(40, 0.8)):
+    """Return images of a ball with saturated highlights; the last peak is lower or narrower."""
     rows, columns = np.mgrid[:120, :120]
     values = np.full((LIGHTS, 120, 120), 0.1, np.float32)
     for k in range(LIGHTS):
         off = np.hypot(columns - 40 - 7 * k, rows - 50)
-        values[k] += 40 * np.exp(-0.5 * (off / (1.8 if k < LIGHTS - 1 else 0.8)) ** 2)
+        peak, wide = last if k == LIGHTS - 1 else (40, 1.8)
+        values[k] += peak * np.exp(-0.5 * (off / wide) ** 2)
     values += np.random.default_rng(0).normal(size=values.shape) * 0.002
     return np.where(values >= 1, np.nan, values).astype(np.float32)
 
 
-def test_a_light_whose_highlight_on_a_single_ball_is_of_another_size_is_left_out():
+def lights_of(values):
+    """Return the lights that the highlights on the ball give; that of L06 has another size."""
     outline = Ellipse((60.0, 60.0), (50.0, 50.0))
-    points = outline.point(np.arange(6.0))
-    sphere = SphereImage(outline, points, 1.0, find_highlights(ball(), outline), np.eye(3) * 0.01)
-    assert list(sphere.highlights.unlike) == [6]
+    highlights = find_highlights(values, outline)
+    assert list(highlights.unlike) == [6]
+    sphere = SphereImage(outline, outline.point(np.arange(6.0)), 1.0, highlights, np.eye(3) * 0.01)
     names = tuple(f"L{k:02d}" for k in range(LIGHTS))
     shown = SeenTogether(names, np.full((LIGHTS, 3), np.nan), [sphere], [0], ("",), [True])
-    result = orthographic_lights(shown, [])
+    return orthographic_lights(shown, []), names
+
+
+def test_a_lamp_that_is_less_bright_keeps_its_light():
+    result, names = lights_of(ball(last=(6, 1.8)))
+    [notice] = result.warnings
+    assert notice.code == "highlights-unlike"
+    assert "L06" in notice.text
+    assert result.lights.ids == names
+
+
+def test_a_light_whose_highlight_on_a_single_ball_is_of_another_size_is_left_out():
+    result, names = lights_of(ball())
     [notice] = result.warnings
     assert notice.code == "lights-left-out"
     assert notice.text.startswith("left out light L06: the highlight on the sphere at (60, 60) px")
