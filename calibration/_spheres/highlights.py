@@ -48,12 +48,15 @@ class Candidates:
         ``(N, M)`` standard deviation of each coordinate.
     share
         ``(N, M)`` flux relative to the first one.
+    photon_px2
+        ``(N, M)`` as `Highlights.photon_px2`, None if it is not known.
     """
 
     pixels: Array
     saturated: npt.NDArray[np.bool_]
     sigma_px: Array
     share: Array
+    photon_px2: Array | None = None
 
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
@@ -80,6 +83,9 @@ class Highlights:
     unlike
         Indices of the lights whose saturated highlights are larger or smaller than the others, so
         that they may be off by more than a degree.
+    photon_px2
+        ``(N,)`` variance of each coordinate by photon noise, if one photon had the brightness 1;
+        NaN where it is not known. None if it is not known of any.
     """
 
     pixels: Array
@@ -87,6 +93,7 @@ class Highlights:
     sigma_px: Array
     several: Candidates | None = None
     unlike: tuple[int, ...] = ()
+    photon_px2: Array | None = None
 
     @property
     def candidates(self) -> Candidates:
@@ -119,6 +126,7 @@ class Highlights:
             pixels=np.where(none[:, None], np.nan, of.pixels[rows, picks]),
             saturated=of.saturated[rows, picks] & ~none,
             sigma_px=np.where(none, np.nan, of.sigma_px[rows, picks]),
+            photon_px2=None if of.photon_px2 is None else of.photon_px2[rows, picks],
         )
 
 
@@ -238,7 +246,7 @@ class _Search:
         brightest = [(of_one[0].flux, of_one[0].height) for of_one in blobs if of_one]
         least = _FAINTEST * np.median(brightest or [(0.0, 0.0)], axis=0)
         of = result.candidates
-        radii_px = np.full(of.share.shape, np.nan)
+        radii_px, photon_px2 = np.full((2, *of.share.shape), np.nan)
         for k, of_one in enumerate(blobs):
             rank = 0
             for blob in of_one:
@@ -256,12 +264,17 @@ class _Search:
                     continue
                 of.pixels[k, rank], of.sigma_px[k, rank] = place, spot.sigma_px
                 of.saturated[k, rank], of.share[k, rank] = blob.saturated, share
-                radii_px[k, rank] = spot.radius_px
+                radii_px[k, rank], photon_px2[k, rank] = spot.radius_px, spot.photon_px2
                 rank += 1
             largest = of.share[k, 0]
             if largest >= 1 and of_one[0].rival <= _RIVAL_FLUX * largest * of_one[0].flux:
                 result.pixels[k], result.sigma_px[k] = of.pixels[k, 0], of.sigma_px[k, 0]
                 result.saturated[k] = of.saturated[k, 0]
+        result = replace(
+            result,
+            photon_px2=photon_px2[:, 0],
+            several=replace(of, photon_px2=photon_px2),
+        )
         return self._by_size(result, radii_px)
 
     def _by_size(self, found: Highlights, radii_px: Array) -> Highlights:

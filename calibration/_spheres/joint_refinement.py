@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
@@ -13,8 +14,8 @@ from calibration._spheres.robust import Array
 from rig import short_repr
 
 # The variances are as stated with the weight of so many residuals: few show little.
-_EXPECTED = 10
-_ROUNDS = 8
+EXPECTED = 10
+_ROUNDS, _CONVERGED_MM = 8, 1e-6
 _WORST_SHARE = 0.25
 _STEP_MM = 1e-3
 
@@ -129,19 +130,28 @@ def refine(
         length = np.linalg.norm(move_light, axis=1)
         lights = lights + move_light * np.minimum(1, longest / np.maximum(length, 1e-12))[:, None]
         centres = centres + move_centre
+        if max(float(length.max()), float(np.abs(move_centre).max())) < _CONVERGED_MM:
+            break
     system = linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
-    # Outlines give as many values as there are unknowns of the centres.
-    freedom = 2 * int(np.isfinite(sigma_px).sum()) - lights.size
+    freedom = degrees_of_freedom(sigma_px)
     chi_square = system.square / freedom if freedom > 0 else float("nan")
     share = max(chi_square, 1.0) if freedom > 0 else 1.0
     if peaks and share == 1:
-        share = min((system.square + _EXPECTED) / (freedom + _EXPECTED), 1.0)
+        share = min((system.square + EXPECTED) / (freedom + EXPECTED), 1.0)
     outlines_share = system.outlines_share((centres - spheres.centres_mm).ravel())
     outlines_share = outlines_share if peaks else max(outlines_share, 1.0)
     covariance = system.covariance(share, outlines_share)
     own: Array = np.asarray(np.linalg.inv(system.of_light), np.float64)
     independent = (share if peaks else 0.0) * own
     return Refined(lights, centres, covariance, independent, chi_square)
+
+
+def degrees_of_freedom(sigma_px: Array) -> int:
+    """Return how many more coordinates highlights ``(N, K)`` have than their lights.
+
+    Outlines give as many values as there are unknowns of the centres.
+    """
+    return 2 * int(np.isfinite(sigma_px).sum()) - 3 * len(sigma_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +203,12 @@ class System:
         change = np.sum(of_light * self.pull_light) + of_centre @ self.pull_centre
         return self.square - float(change)
 
+    def log_determinant(self) -> float:
+        """Return the logarithm of the determinant of the information."""
+        _, schur = self._eliminated()
+        lights = np.linalg.slogdet(self.of_light).logabsdet.sum()
+        return float(lights + np.linalg.slogdet(schur).logabsdet)
+
     def outlines_share(self, off: Array) -> float:
         """Return the variance of the outlines in multiples of that stated.
 
@@ -202,7 +218,7 @@ class System:
         _, schur = self._eliminated()
         freedom = len(off) - float(np.trace(np.linalg.solve(schur, self.of_outlines)))
         square = float(off @ self.of_outlines @ off)
-        return (square + _EXPECTED) / (freedom + _EXPECTED)
+        return (square + EXPECTED) / (freedom + EXPECTED)
 
     def covariance(self, share: float = 1.0, outlines_share: float = 1.0) -> Array:
         """Return the covariances ``(N, 3, 3)`` of the lights.
@@ -221,6 +237,79 @@ class System:
         return covariance
 
 
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Errors of the predicted highlights, and their derivatives, before they are weighted.
+
+    ``error (N, K, 2)`` is predicted minus observed, 0 for highlights that do not count;
+    ``by_light`` and ``by_centre (N, K, 2, 3)`` are its derivatives, ``off (3 K,)`` is how far the
+    centres are from the outlines, and ``of_outlines (3 K, 3 K)`` is the information of the outlines
+    about them.
+    """
+
+    error: Array
+    by_light: Array
+    by_centre: Array
+    off: Array
+    of_outlines: Array
+
+    __repr__ = short_repr
+
+    def weighted(self, sigma_px: Array) -> System:
+        """Return the normal equations with ``(N, K)`` standard deviations of the highlights."""
+        n, k = sigma_px.shape
+        use = np.isfinite(sigma_px)
+        weight = np.where(use, sigma_px, np.inf)[..., None] ** -2.0 * np.ones(2)
+        of_centre = self.of_outlines.copy()
+        blocks = np.einsum("nkia,nki,nkib->kab", self.by_centre, weight, self.by_centre)
+        for j in range(k):
+            of_centre[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] += blocks[j]
+        cross = np.einsum("nkia,nki,nkib->nakb", self.by_light, weight, self.by_centre)
+        pull = np.einsum("nkia,nki->ka", self.by_centre, weight * self.error).ravel()
+        return System(
+            of_light=np.einsum("nkia,nki,nkib->nab", self.by_light, weight, self.by_light),
+            cross=cross.reshape(n, 3, 3 * k),
+            of_centre=of_centre,
+            of_outlines=self.of_outlines,
+            pull_light=np.einsum("nkia,nki->na", self.by_light, weight * self.error),
+            pull_centre=pull + self.of_outlines @ self.off,
+            square=float(np.sum(weight * self.error**2) + self.off @ self.of_outlines @ self.off),
+            by_light=self.by_light,
+            by_centre=self.by_centre,
+        )
+
+
+def slopes_at(
+    camera: CameraModel,
+    spheres: KnownSpheres,
+    lights: Array,
+    centres: Array,
+    highlights_px: Array,
+    use: npt.NDArray[np.bool_],
+) -> Slopes:
+    """Return errors and derivatives of the highlights ``(N, K)`` that count, as in `refine`."""
+    observed = np.where(use[..., None], highlights_px, 0.0)
+
+    def errors(at_lights: Array, at_centres: Array) -> Array:
+        predicted = predicted_highlights(camera, at_centres, spheres.radii_mm, at_lights)
+        return np.where(use[..., None], predicted - observed, 0.0)
+
+    steps = np.eye(3) * _STEP_MM
+    by_light = np.stack(
+        [errors(lights + step, centres) - errors(lights - step, centres) for step in steps], axis=-1
+    )
+    by_centre = np.stack(
+        [errors(lights, centres + step) - errors(lights, centres - step) for step in steps], axis=-1
+    )
+    return Slopes(
+        error=errors(lights, centres),
+        by_light=by_light / (2 * _STEP_MM),
+        by_centre=by_centre / (2 * _STEP_MM),
+        off=(centres - spheres.centres_mm).ravel(),
+        of_outlines=np.asarray(np.linalg.inv(spheres.covariance_mm2), np.float64),
+    )
+
+
 def linearise(
     camera: CameraModel,
     spheres: KnownSpheres,
@@ -230,41 +319,9 @@ def linearise(
     sigma_px: Array,
 ) -> System:
     """Return the normal equations of the errors that `refine` minimises, with its parameters."""
-    n, k = sigma_px.shape
     use = np.isfinite(sigma_px)
-    weight = np.where(use, sigma_px, np.inf)[..., None] ** -2.0 * np.ones(2)
-    observed = np.where(use[..., None], highlights_px, 0.0)
-
-    def errors(at_lights: Array, at_centres: Array) -> Array:
-        predicted = predicted_highlights(camera, at_centres, spheres.radii_mm, at_lights)
-        return np.where(use[..., None], predicted - observed, 0.0)
-
-    error = errors(lights, centres)
-    steps = np.eye(3) * _STEP_MM
-    by_light = np.stack(
-        [errors(lights + step, centres) - errors(lights - step, centres) for step in steps], axis=-1
-    ) / (2 * _STEP_MM)
-    by_centre = np.stack(
-        [errors(lights, centres + step) - errors(lights, centres - step) for step in steps], axis=-1
-    ) / (2 * _STEP_MM)
-    information: Array = np.asarray(np.linalg.inv(spheres.covariance_mm2), np.float64)
-    off = (centres - spheres.centres_mm).ravel()
-    of_centre = information.copy()
-    blocks = np.einsum("nkia,nki,nkib->kab", by_centre, weight, by_centre)
-    for j in range(k):
-        of_centre[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] += blocks[j]
-    return System(
-        of_light=np.einsum("nkia,nki,nkib->nab", by_light, weight, by_light),
-        cross=np.einsum("nkia,nki,nkib->nakb", by_light, weight, by_centre).reshape(n, 3, 3 * k),
-        of_centre=of_centre,
-        of_outlines=information,
-        pull_light=np.einsum("nkia,nki->na", by_light, weight * error),
-        pull_centre=np.einsum("nkia,nki->ka", by_centre, weight * error).ravel()
-        + information @ off,
-        square=float(np.sum(weight * error**2) + off @ information @ off),
-        by_light=by_light,
-        by_centre=by_centre,
-    )
+    slopes = slopes_at(camera, spheres, lights, centres, highlights_px, use)
+    return slopes.weighted(sigma_px)
 
 
 def _check_determined(of_light: Array, positions: Array, ids: tuple[str, ...]) -> None:

@@ -14,7 +14,9 @@ from calibration._spheres.joint_refinement import (
     Refined,
     predicted_highlights,
     refine,
+    slopes_at,
 )
+from calibration._spheres.photon_noise import with_photon_noise
 from calibration._spheres.ray_positions import observed_rays, pair_positions
 from calibration._spheres.robust import Array
 from rig import short_repr
@@ -36,11 +38,15 @@ class LocatedLights:
         ``(N, K)`` highlights that agree with the position of their light.
     residuals_px
         ``(N,)`` rms distance between the used highlights and those predicted.
+    sigma_px
+        ``(N, K)`` standard deviations with which the highlights count; infinite for those that do
+        not.
     """
 
     refined: Refined
     used: npt.NDArray[np.bool_]
     residuals_px: Array
+    sigma_px: Array
 
     __repr__ = short_repr
 
@@ -53,6 +59,7 @@ def locate_lights(
     ids: tuple[str, ...],
     *,
     peaks: bool = False,
+    photon_px2: Array | None = None,
 ) -> LocatedLights:
     """Estimate the positions of lights with highlights on two or more spheres.
 
@@ -76,6 +83,9 @@ def locate_lights(
         N names of the lights, for messages.
     peaks
         Whether the highlights are unsaturated peaks, as in `refine`.
+    photon_px2
+        ``(N, K)`` variances of their coordinates by photon noise, if a photon had the brightness 1:
+        peaks count as `with_photon_noise` says. Default: as stated.
 
     Raises
     ------
@@ -111,12 +121,19 @@ def locate_lights(
         used[i, at] = errors[best] <= np.maximum(limit, _INLIER_SIGMAS * sigma_px[i, at])
     sigma_px = np.where(used, sigma_px, np.inf)
     refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids, peaks=peaks)
+    if peaks and photon_px2 is not None:
+        positions, centres = refined.positions_mm, refined.centres_mm
+        slopes = slopes_at(camera, spheres, positions, centres, highlights_px, used)
+        weighed_px = with_photon_noise(slopes, sigma_px, photon_px2)
+        if weighed_px is not sigma_px:
+            sigma_px = weighed_px
+            refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids, peaks=peaks)
     predicted = predicted_highlights(
         camera, refined.centres_mm, spheres.radii_mm, refined.positions_mm
     )
     square = np.where(used, np.sum((predicted - highlights_px) ** 2, axis=-1), 0.0)
     residuals_px = np.sqrt(square.sum(axis=1) / used.sum(axis=1))
-    return LocatedLights(refined, used, residuals_px)
+    return LocatedLights(refined, used, residuals_px, sigma_px)
 
 
 def _names(ids: list[str]) -> str:

@@ -46,7 +46,16 @@ def positioned_lights(
     highlights = np.stack([one.pixels for one in chosen], axis=1)
     sigma_px = np.stack([one.sigma_px for one in chosen], axis=1)
     peaks = not any(one.saturated.any() for one in chosen)
-    located = locate_lights(camera, placed, highlights, sigma_px, names, peaks=peaks)
+    photons = [one.photon_px2 for one in chosen if one.photon_px2 is not None]
+    located = locate_lights(
+        camera,
+        placed,
+        highlights,
+        sigma_px,
+        names,
+        peaks=peaks,
+        photon_px2=np.stack(photons, axis=1) if len(photons) == len(chosen) else None,
+    )
     positions, centres = located.refined.positions_mm, located.refined.centres_mm
     used = located.used
     seen = np.isfinite(highlights[..., 0])
@@ -80,8 +89,8 @@ def positioned_lights(
         warnings.append(Notice("spheres-disagree", text))
     if disagreement <= _UNTRUSTED_DEG:
         outlines = [image.points_px for image in images]
-        weighed = np.where(used, sigma_px, np.inf)
-        tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed)
+        weighed_px = located.sigma_px
+        tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed_px)
         warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
     doubtful = _doubtful(located)
     warnings += _doubts_about_lights(names, located, doubtful, undecided)
@@ -100,7 +109,7 @@ def positioned_lights(
         )
         warnings.append(Notice("lights-uncertain", text))
     errors = LightErrors(
-        _widened(located, doubtful, np.where(used, sigma_px, np.nan)),
+        _widened(located, doubtful),
         residual_px=located.residuals_px,
         spheres=used.sum(axis=1),
     )
@@ -116,8 +125,9 @@ def _doubtful(located: LocatedLights) -> npt.NDArray[np.bool_]:
     return np.asarray(residuals > limit, np.bool_)
 
 
-def _widened(located: LocatedLights, doubtful: npt.NDArray[np.bool_], sigma_px: Array) -> Array:
+def _widened(located: LocatedLights, doubtful: npt.NDArray[np.bool_]) -> Array:
     """Return the covariances; those of doubtful lights grow to what their residuals show."""
+    sigma_px = np.where(located.used, located.sigma_px, np.nan)
     stated = np.sqrt(np.nanmean(sigma_px[doubtful] ** 2, axis=1))
     covariance = located.refined.covariance_mm2.copy()
     growth = np.maximum(located.residuals_px[doubtful] / stated, 1) ** 2

@@ -30,8 +30,8 @@ _START_QUANTILE = 0.35
 _ROUNDS = 12
 _TUKEY = 4.685
 _FINEST_SCATTER_PX = 0.08
-# What remains of a sharp, unsaturated peak without noise.
-_PEAK_SIGMA_PX = 0.01
+# What is stated for a sharp, unsaturated peak without noise, whose photons are not known.
+PEAK_SIGMA_PX = 0.01
 _WIDER = 1.5
 
 
@@ -47,11 +47,15 @@ class Spot:
         Standard deviation of each coordinate.
     radius_px
         Radius of the contour of a saturated one, without rays; NaN for others.
+    photon_px2
+        Variance of each coordinate by photon noise, if one photon had the brightness 1; NaN for a
+        saturated one.
     """
 
     centre: Array
     sigma_px: float
     radius_px: float = float("nan")
+    photon_px2: float = float("nan")
 
 
 def saturated_spot(image: Image, region: Region, white: float) -> Spot:
@@ -109,19 +113,21 @@ def unsaturated_spot(image: Image, region: Region, noise: float) -> Spot:
         Standard deviation of the noise of a pixel.
     """
     sigma = np.sqrt(np.count_nonzero(region) / np.pi)
-    centre, flux = weighted_centroid(image, region, sigma)
-    wide, _ = weighted_centroid(image, region, _WIDER * sigma)
+    centre, flux, photon_px2 = weighted_centroid(image, region, sigma)
+    wide, *_ = weighted_centroid(image, region, _WIDER * sigma)
     # The variance of twice the sum of g x n, g the Gaussian window, divided by that of g I.
     of_noise = 4 * noise**2 * (np.pi / 8) * sigma**4 / max(flux, 1e-12) ** 2
     shift = 0.5 * float(np.sum((centre - wide) ** 2))
-    return Spot(centre, float(np.sqrt(of_noise + shift + _PEAK_SIGMA_PX**2)))
+    sigma_px = float(np.sqrt(of_noise + shift + PEAK_SIGMA_PX**2))
+    return Spot(centre, sigma_px, photon_px2=photon_px2)
 
 
-def weighted_centroid(image: Image, region: Region, sigma: float) -> tuple[Array, float]:
+def weighted_centroid(image: Image, region: Region, sigma: float) -> tuple[Array, float, float]:
     """Return the iterated Gaussian-weighted centroid (SExtractor's XWIN), and its weighted flux.
 
     The window follows the spot, so the positions of the pixels do not bias a symmetric spot, and
-    noise in its wings and its neighbours have little weight.
+    noise in its wings and its neighbours have little weight. The third value is the variance of a
+    coordinate by photon noise, if the variance of each pixel is its brightness.
     """
     y, x = np.nonzero(region)
     weight = np.clip(image[y, x].astype(np.float64), 1e-12, None)
@@ -144,7 +150,12 @@ def weighted_centroid(image: Image, region: Region, sigma: float) -> tuple[Array
         centre = centre + shift
         if np.hypot(*shift) < 1e-5:
             break
-    return centre, total
+    # One coordinate has half of the square. The window follows the centre, which divides the shift
+    # by less than the flux.
+    square = ((columns - centre[0]) ** 2 + (rows - centre[1]) ** 2) / 2
+    noise = float(np.sum(gauss**2 * np.maximum(excess, 0) * square))
+    slope = float(np.sum(gauss * excess * (1 - square / sigma**2)))
+    return centre, total, noise / max(slope, 1e-12) ** 2
 
 
 def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, float, float]:

@@ -101,6 +101,18 @@ def test_the_sigma_of_an_unsaturated_peak_is_that_of_its_noise():
     assert quiet.sigma_px == pytest.approx(0.01, abs=0.005)
 
 
+@pytest.mark.parametrize("photons", [2e3, 2e4])
+def test_the_photon_noise_of_a_peak_is_that_of_repeated_exposures(photons):
+    """One photon has the brightness 1 / photons of the peak."""
+    rng = np.random.default_rng(4)
+    light = np.exp(-(R**2) / (2 * 1.5**2))
+    exposures = (rng.poisson(photons * light, (200, *R.shape)) / photons).astype(np.float32)
+    spots = [unsaturated_spot(one, light > 0.3, 0.0) for one in exposures]
+    error = np.sqrt(np.mean([np.square(spot.centre - CENTRE) for spot in spots]))
+    stated = np.sqrt(np.mean([spot.photon_px2 for spot in spots]) / photons)
+    assert error == pytest.approx(stated, rel=0.15)
+
+
 def test_a_streaked_highlight_is_found_and_a_fainter_second_one_ignored():
     """The rays cover more than the largest allowed disc, and glare half of the sphere."""
     light = core(5, 300.0) + sum(ray(a, 18, 1.5) for a in range(15, 375, 60))
