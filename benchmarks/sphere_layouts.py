@@ -162,11 +162,10 @@ def score_of(seed: int, kind: str, small: bool, cache: Path | None) -> Score:
 def scores_of(
     jobs: list[tuple[int, str]], workers: int, small: bool, cache: Path | None
 ) -> Iterator[Score]:
-    """Yield the scores of layouts as they are finished, the largest layouts first.
+    """Yield the scores of layouts, smallest first, as they are finished, the largest layouts first.
 
     The smallest one is judged before all others, so that one process compiles the kernels.
     """
-    jobs = sorted(jobs, key=lambda job: _samples(*job, small))
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, context, _start_worker)
     try:
@@ -213,6 +212,8 @@ def main() -> None:
     known = [] if args.scores is None else read_scores(args.scores, code)
     scores = {(s.seed, s.kind): s for s in known if (s.seed, s.kind) in jobs and not s.failed}
     left = [job for job in jobs if job not in scores]
+    # Before the number of threads changes, which compiled kernels do not accept.
+    left.sort(key=lambda job: _samples(*job, args.small))
     os.environ.update(dict.fromkeys(_THREADS, "1"))  # of the workers
     try:
         for score in scores_of(left, args.workers, args.small, args.cache) if left else ():
