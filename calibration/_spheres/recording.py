@@ -67,7 +67,7 @@ class SeenSpheres:
             *self.uneven,
             *missing_highlights_warning(self.images),
             *(saturation_warning(bright) if bright else ()),
-            *partial_outline_warning(self.images),
+            *partial_outline_warning(self.images, self.size),
             *mask_warnings(self.images),
         ]
 

@@ -94,17 +94,36 @@ def saturation_warning(images: list[SphereImage]) -> list[Notice]:
     return [Notice("highlights-saturated", text)]
 
 
-def partial_outline_warning(images: list[SphereImage]) -> list[Notice]:
-    """Return a warning about spheres whose outline is mostly hidden or faint, or an empty list."""
+def partial_outline_warning(images: list[SphereImage], size: tuple[int, int]) -> list[Notice]:
+    """Return warnings about spheres whose outline is mostly hidden or faint, or an empty list.
+
+    ``size`` is the height and width of the images. Where the frame cuts off a sphere, and its
+    outline is visible inside of it, the advice is another one.
+    """
     doubtful = [image for image in images if image.coverage < SAFE_COVERAGE]
-    if not doubtful:
-        return []
-    shares = ", ".join(f"{100 * image.coverage:.0f} %" for image in doubtful)
-    text = (
-        f"the outline of {places(doubtful)} is visible over only {shares} of its length, so it may "
-        "be misplaced: light the background, give a mask, or give circles"
-    )
-    return [Notice("outline-partly-seen", text)]
+    cut = [image for image in doubtful if image.coverage >= SAFE_COVERAGE * _inside(image, size)]
+    hidden = [image for image in doubtful if image not in cut]
+    advice = "light the background, give a mask, or give circles"
+    reasons = ((hidden, "", advice), (cut, ", because the frame cuts it off", "move it inside"))
+    return [
+        Notice(
+            "outline-partly-seen",
+            f"the outline of {places(some)} is visible over only {_shares(some)} of its length"
+            f"{reason}, so it may be misplaced: {remedy}",
+        )
+        for some, reason, remedy in reasons
+        if some
+    ]
+
+
+def _shares(images: list[SphereImage]) -> str:
+    return ", ".join(f"{100 * image.coverage:.0f} %" for image in images)
+
+
+def _inside(image: SphereImage, size: tuple[int, int]) -> float:
+    """Return the share 0..1 of an outline that is inside of the frame."""
+    points = image.outline.point(np.arange(360) * np.pi / 180)
+    return float(np.mean(np.all((points >= 0) & (points <= np.array(size[::-1]) - 1), axis=1)))
 
 
 def uneven_outline_warning(images: list[SphereImage]) -> list[Notice]:

@@ -43,11 +43,22 @@ def image_of(x=10.0, y=20.0, radius=30.0, *, found=5, saturated=0, scatter=0.0):
 
 
 def test_an_outline_that_is_mostly_hidden_is_reported():
-    seen, hidden = image_of(), replace(image_of(), coverage=0.45)
-    assert partial_outline_warning([seen, replace(seen, coverage=0.6)]) == []
-    (warning,) = partial_outline_warning([seen, hidden])
+    seen, hidden = image_of(50, 60), replace(image_of(50, 60), coverage=0.45)
+    assert partial_outline_warning([seen, replace(seen, coverage=0.6)], (100, 90)) == []
+    (warning,) = partial_outline_warning([seen, hidden], (100, 90))
     assert warning.code == "outline-partly-seen"
-    assert "is visible over only 45 % of its length" in warning.text
+    assert "is visible over only 45 % of its length, so it" in warning.text
+
+
+@pytest.mark.parametrize(
+    ("coverage", "cut"),
+    [pytest.param(0.5, True, id="visible inside"), pytest.param(0.2, False, id="faint inside")],
+)
+def test_a_frame_that_cuts_off_a_sphere_is_the_reason(coverage, cut):
+    """Half of the outline is inside of the frame."""
+    (warning,) = partial_outline_warning([replace(image_of(0, 50), coverage=coverage)], (100, 90))
+    assert ("because the frame cuts it off" in warning.text) == cut
+    assert warning.text.endswith("move it inside") == cut
 
 
 def test_a_sphere_from_its_image():
