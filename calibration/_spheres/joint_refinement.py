@@ -14,7 +14,7 @@ from calibration._spheres.robust import Array
 from rig import short_repr
 
 # The variances are as stated with the weight of so many residuals: few show little.
-EXPECTED = 10
+EXPECTED = 4
 _ROUNDS, _CONVERGED_MM = 8, 1e-6
 _WORST_SHARE = 0.25
 _STEP_MM = 1e-3

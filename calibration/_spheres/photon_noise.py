@@ -19,8 +19,8 @@ def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Arr
 
     A small or dark sphere reflects fewer photons, and its highlights are less certain. How bright a
     photon is, the images do not say: stated standard deviations suppose 0.01 px for all. So the
-    gain is the one with which the residuals are as large as expected; ten more residuals, as
-    large as stated, keep it from vanishing if there are few. The result is this law, or that all
+    gain is the one with which the residuals are as large as expected; a few more residuals,
+    as large as stated, keep it from vanishing if there are few. The result is this law, or that all
     stated deviations are wrong by one factor, whichever the residuals make more likely.
 
     Parameters
