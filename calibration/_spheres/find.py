@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
@@ -278,10 +277,7 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
     y, x = np.nonzero(strength > max(3 * float(np.median(strength)), 1e-3))
     facing = np.column_stack([gx[y, x], gy[y, x]]) / strength[y, x, None]
     ahead, behind = (
-        map_coordinates(
-            strength, [y + sign * facing[:, 1], x + sign * facing[:, 0]], order=1, mode="nearest"
-        )
-        for sign in (1, -1)
+        _between(strength, x + sign * facing[:, 0], y + sign * facing[:, 1]) for sign in (1, -1)
     )
     ridge = (strength[y, x] >= ahead) & (strength[y, x] > behind)
     # Keep the strongest edges: enough for every circle, few enough for a fast vote.
@@ -290,20 +286,41 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
     return np.column_stack([x, y])[keep].astype(np.float64), facing[keep].astype(np.float64)
 
 
+def _between(
+    image: npt.NDArray[np.float32], x: npt.NDArray[np.float32], y: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    """Return an image between its pixels, linearly; `cv2.remap` rounds places to 1/32 px."""
+    height, width = image.shape
+    x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+    left, top = (np.minimum(at.astype(np.intp), size - 2) for at, size in ((x, width), (y, height)))
+    first = top * width + left
+    pixels = image.ravel()
+    across, down = x - left, y - top
+    upper, lower = (
+        pixels[row] + across * (pixels[row + 1] - pixels[row]) for row in (first, first + width)
+    )
+    between: npt.NDArray[np.float32] = upper + down * (lower - upper)
+    return between
+
+
 def _centres(
     edges: Array, facing: Array, shape: tuple[int, int], largest: float
 ) -> list[tuple[float, float]]:
     """Vote along the gradients in both directions, and return the peaks."""
     height, width = shape
-    votes = np.zeros(height * width)
-    for radius in np.arange(_SMALLEST_RADIUS_PX, largest):
+    votes = np.zeros(height * width, np.intp)
+    x, y = (np.ascontiguousarray(edges[:, k], np.float32) for k in (0, 1))
+    step_x, step_y = (np.ascontiguousarray(facing[:, k], np.float32) for k in (0, 1))
+    for radius in np.arange(_SMALLEST_RADIUS_PX, largest, dtype=np.float32):
         for sign in (1, -1):
-            x, y = np.rint(edges + sign * radius * facing).astype(int).T
-            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            votes += np.bincount(y[inside] * width + x[inside], minlength=len(votes))
+            column = np.rint(x + sign * radius * step_x)
+            row = np.rint(y + sign * radius * step_y)
+            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+            place = (row * width + column)[inside].astype(np.intp)
+            votes += np.bincount(place, minlength=len(votes))
     # The error of a vote is proportional to the radius: smooth the votes over a few pixels, and
     # subtract the broad background from clutter.
-    plane = cv2.GaussianBlur(votes.reshape(shape), (0, 0), 1.5)
+    plane = cv2.GaussianBlur(votes.reshape(shape).astype(np.float64), (0, 0), 1.5)
     plane = plane - cv2.GaussianBlur(plane, (0, 0), 12.0)
     peaks = []
     for _ in range(_CENTRES):
