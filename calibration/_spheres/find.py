@@ -286,9 +286,7 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
     return np.column_stack([x, y])[keep].astype(np.float64), facing[keep].astype(np.float64)
 
 
-def _between(
-    image: npt.NDArray[np.float32], x: npt.NDArray[np.float32], y: npt.NDArray[np.float32]
-) -> npt.NDArray[np.float32]:
+def _between(image: npt.NDArray[np.float32], x: Array, y: Array) -> Array:
     """Return an image between its pixels, linearly; `cv2.remap` rounds places to 1/32 px."""
     height, width = image.shape
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
@@ -299,7 +297,7 @@ def _between(
     upper, lower = (
         pixels[row] + across * (pixels[row + 1] - pixels[row]) for row in (first, first + width)
     )
-    between: npt.NDArray[np.float32] = upper + down * (lower - upper)
+    between: Array = upper + down * (lower - upper)
     return between
 
 
@@ -309,12 +307,10 @@ def _centres(
     """Vote along the gradients in both directions, and return the peaks."""
     height, width = shape
     votes = np.zeros(height * width, np.intp)
-    x, y = (np.ascontiguousarray(edges[:, k], np.float32) for k in (0, 1))
-    step_x, step_y = (np.ascontiguousarray(facing[:, k], np.float32) for k in (0, 1))
+    at, step = (np.ascontiguousarray(of.T, np.float32) for of in (edges, facing))
     for radius in np.arange(_SMALLEST_RADIUS_PX, largest, dtype=np.float32):
         for sign in (1, -1):
-            column = np.rint(x + sign * radius * step_x)
-            row = np.rint(y + sign * radius * step_y)
+            column, row = np.rint(at + sign * radius * step)
             inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
             place = (row * width + column)[inside].astype(np.intp)
             votes += np.bincount(place, minlength=len(votes))

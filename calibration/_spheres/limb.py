@@ -19,9 +19,9 @@ _BLURS_PX = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.15, LARGEST_BLUR_PX)
 _ENOUGH = 200
 _LONGEST_SHIFT_PX = 1.0
 SHIFT_STEP_PX = 0.05
-# Parameters of the model. So many profiles are compared at once: OpenBLAS multiplies larger
-# matrices in several threads, which cost more than they save, as they wait actively.
-_PARAMETERS, _AT_ONCE = 4, 64
+# Parameters of the model. Profiles that are compared at once, few enough for the cache, and those
+# of one product: OpenBLAS computes larger ones in several threads, which cost more than they save.
+_PARAMETERS, _AT_ONCE, _OF_PRODUCT = 4, 2048, 64
 _LEAST_POWER = np.float32(1e-30)
 
 
@@ -84,14 +84,17 @@ def edge_costs(profiles: Profiles, blur_px: float) -> Profiles:
     # The model contains constants, which are removed first for accuracy.
     varying = profiles - profiles.mean(axis=0)
     costs = np.zeros((shifts, profiles.shape[1]), np.float32)
+    explained = np.zeros((len(bases), min(_AT_ONCE, profiles.shape[1])), np.float32)
     for first in range(0, profiles.shape[1], _AT_ONCE):
-        some = varying[:, first : first + _AT_ONCE]
-        explained = bases @ some
-        explained *= explained
-        rest = costs[:, first : first + _AT_ONCE]
-        rest += np.einsum("sm,sm->m", some, some)
-        for start in range(0, len(bases), shifts):
-            rest -= explained[start : start + shifts]
+        rest, some = (of[:, first : first + _AT_ONCE] for of in (costs, varying))
+        part = explained[:, : some.shape[1]]
+        for start in range(0, some.shape[1], _OF_PRODUCT):
+            columns = slice(start, start + _OF_PRODUCT)
+            np.matmul(bases, some[:, columns], out=part[:, columns])
+        part *= part
+        np.subtract(np.square(some).sum(axis=0), part[:shifts], out=rest)
+        for parameter in range(shifts, len(bases), shifts):
+            rest -= part[parameter : parameter + shifts]
     return np.maximum(costs, 0.0, out=costs)
 
 
@@ -101,7 +104,7 @@ def _offsets(costs: Profiles) -> Array:
 
 
 def interpolated_shifts(costs: Profiles, best: npt.NDArray[np.intp]) -> Array:
-    """Return the shifts with the least cost in ``(shifts, M)`` next to the trial shifts ``best``."""
+    """Return the shifts with the least cost in ``(shifts, M)``, next to the trial shifts given."""
     shifts = trial_shifts()
     middle, column = np.clip(best, 1, len(shifts) - 2), np.arange(len(best))
     before, least, after = (costs[middle + step, column].astype(np.float64) for step in (-1, 0, 1))

@@ -28,7 +28,8 @@ ALONG_PX = 4.0
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 SHARP_PX = 0.25
 _NEARLY = 0.75
-_MOST_ANGLES = 720
+# So many angles show an outline to a pixel.
+_MOST_ANGLES, _QUICK_ANGLES = 720, 360
 
 
 def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
@@ -173,7 +174,7 @@ def refine_outline(
     ellipse = guess
     start: Ellipse | None = None  # the error of the guess may exceed that of the outliers
     for reach in (reach_px, max(reach_px / 2, 3.0), REACH_PX):
-        angles, offsets, seen = _steepest(image, ellipse, reach)
+        angles, offsets, seen = _steepest(image, ellipse, reach, _QUICK_ANGLES)
         ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
         start = ellipse
     return _refine_edges(image, ellipse)
@@ -248,14 +249,14 @@ def edge_angles(outline: Ellipse, most: int = _MOST_ANGLES) -> Array:
 
 
 def _steepest(
-    image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
+    image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float, most_angles: int = _MOST_ANGLES
 ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     """Find the step with the largest contrast on each radius.
 
     Returns the angles (about one per pixel), the offset of the step from the guess at each angle,
     and whether the step is significant.
     """
-    angles = edge_angles(guess)
+    angles = edge_angles(guess, most_angles)
     count = len(angles)
     wide = max(reach_px, 6.0)  # a wider range shows the contrast of pixels without an edge
     offsets = np.arange(-wide, wide + STEP_PX / 2, STEP_PX, dtype=np.float64)

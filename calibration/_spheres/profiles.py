@@ -38,7 +38,7 @@ def smooth_along(profiles: Profiles, sigma: float) -> Profiles:
     rows = profiles.reshape(-1, profiles.shape[-1])
     closed = cv2.copyMakeBorder(rows, 0, 0, reach, reach, cv2.BORDER_WRAP)
     smooth = cv2.sepFilter2D(closed, -1, kernel, np.ones(1))[:, reach:-reach]
-    return np.ascontiguousarray(smooth).reshape(profiles.shape)
+    return np.ascontiguousarray(smooth, np.float32).reshape(profiles.shape)
 
 
 def slopes_across(profiles: Profiles, sigma: float) -> Profiles:
@@ -46,13 +46,13 @@ def slopes_across(profiles: Profiles, sigma: float) -> Profiles:
     kernel = gaussian(sigma)
     reach = len(kernel) // 2
     kernel *= np.arange(-reach, reach + 1) / sigma**2
-    return cv2.sepFilter2D(
-        profiles, -1, np.ones(1), kernel, borderType=cv2.BORDER_REPLICATE
-    ).astype(np.float32, copy=False)
+    slopes = cv2.sepFilter2D(profiles, -1, np.ones(1), kernel, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(slopes, np.float32)
 
 
 def gaussian(sigma: float) -> Array:
     """Return the weights of a Gaussian filter, to four standard deviations."""
     reach = int(4 * sigma + 0.5)
     weights: Array = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    return weights / weights.sum()
+    weights /= weights.sum()
+    return weights
