@@ -39,6 +39,8 @@ _LEAST_COVERAGE = 0.35
 _HORIZON, _CONCENTRIC = 0.73, 0.15
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
 _FEW = 8
+# Radii for which votes are counted at once.
+_AT_ONCE = 8
 
 
 def find_spheres(
@@ -308,12 +310,14 @@ def _centres(
     height, width = shape
     votes = np.zeros(height * width, np.intp)
     at, step = (np.ascontiguousarray(of.T, np.float32) for of in (edges, facing))
-    for radius in np.arange(_SMALLEST_RADIUS_PX, largest, dtype=np.float32):
-        for sign in (1, -1):
-            column, row = np.rint(at + sign * radius * step)
-            inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-            place = (row * width + column)[inside].astype(np.intp)
-            votes += np.bincount(place, minlength=len(votes))
+    radii = np.arange(_SMALLEST_RADIUS_PX, largest, dtype=np.float32)
+    for first in range(0, len(radii), _AT_ONCE):
+        some = radii[first : first + _AT_ONCE]
+        moves = np.concatenate([some, -some])[:, None, None] * step
+        column, row = np.moveaxis(np.rint(np.add(moves, at, out=moves), out=moves), 1, 0)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        place = (row[inside] * width + column[inside]).astype(np.intp)
+        votes += np.bincount(place, minlength=len(votes))
     # The error of a vote is proportional to the radius: smooth the votes over a few pixels, and
     # subtract the broad background from clutter.
     plane = cv2.GaussianBlur(votes.reshape(shape).astype(np.float64), (0, 0), 1.5)

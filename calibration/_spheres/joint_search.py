@@ -272,7 +272,7 @@ def _cut(values: Images, around: Ellipse) -> tuple[Images, Array] | None:
         return None
     every = -(-len(values) // _MOST_IMAGES)
     part = values[::every, low[1] : high[1], low[0] : high[0]]
-    return np.nan_to_num(part, nan=1.0), low.astype(np.float64)
+    return np.where(np.isnan(part), np.float32(1), part), low.astype(np.float64)
 
 
 def _covariance(found: list[JointOutline]) -> Array:

@@ -95,7 +95,8 @@ def outline_image(values: Images) -> npt.NDArray[np.float32]:
     mean = np.zeros(values.shape[1:], np.float32)
     for start in range(0, values.shape[1], _BAND_ROWS):
         rows = slice(start, start + _BAND_ROWS)
-        band = np.clip(np.nan_to_num(values[:, rows], nan=white), 0.0, white)
+        # The minimum with a number is that number where a value is NaN.
+        band = np.clip(np.fmin(values[:, rows], np.float32(white)), 0.0, white)
         # Move the lights to the last axis: sorting along contiguous memory is several times faster.
         ordered = np.sort(np.ascontiguousarray(np.moveaxis(band, 0, -1)), axis=-1)
         mean[rows] = ordered[..., low:high].mean(axis=-1)
@@ -131,7 +132,8 @@ class OutlineImages:
         median = np.zeros(self.values.shape[1:], np.float32)
         for start in range(0, len(median), _BAND_ROWS):
             rows = slice(start, start + _BAND_ROWS)
-            median[rows] = np.median(np.nan_to_num(self.values[:, rows], nan=white), axis=0)
+            band = self.values[:, rows]
+            median[rows] = np.median(np.where(np.isnan(band), np.float32(white), band), axis=0)
         return median + np.float32(max(0.01 * float(median.mean()), 1e-6))
 
 
