@@ -248,7 +248,7 @@ class _Edges:
         edge = np.rint((x * np.cos(angles) + y * np.sin(angles)) / SHIFT_STEP_PX).astype(int)
         place = (edge + len(bounded) // 2) * len(some) + np.arange(len(some))
         steps = np.rint(_SEARCH / SHIFT_STEP_PX).astype(int) * len(some)
-        misfits = np.array([bounded.take(place + step).sum(axis=1) for step in steps])
+        misfits = np.array([bounded.take(place + step, mode="clip").sum(axis=1) for step in steps])
         radius, centre = np.unravel_index(np.argmin(misfits), misfits.shape)
         return np.array([x[centre, 0], y[centre, 0], _SEARCH[radius]])
 

@@ -28,8 +28,9 @@ ALONG_PX = 4.0
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 SHARP_PX = 0.25
 _NEARLY = 0.75
-# So many angles show an outline to a pixel.
-_MOST_ANGLES, _QUICK_ANGLES = 720, 360
+_MOST_ANGLES = 720
+# Before the last rounds, an outline need not be known better.
+_QUICK_ANGLES, _QUICK_PX = 360, 0.01
 
 
 def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
@@ -177,7 +178,7 @@ def refine_outline(
     start: Ellipse | None = None  # the error of the guess may exceed that of the outliers
     for reach in (reach_px, max(reach_px / 2, 3.0), REACH_PX):
         angles, offsets, seen = _steepest(image, ellipse, reach, _QUICK_ANGLES)
-        ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
+        ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start, _QUICK_PX)
         start = ellipse
     return _refine_edges(image, ellipse)
 
@@ -223,13 +224,18 @@ def _refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellip
 
 
 def _fit(
-    guess: Ellipse, angles: Array, offsets: Array, count: int, start: Ellipse | None
+    guess: Ellipse,
+    angles: Array,
+    offsets: Array,
+    count: int,
+    start: Ellipse | None,
+    converged_px: float = 1e-5,
 ) -> tuple[Ellipse, Array, float]:
     """Fit a circle, or an ellipse if enough is visible; return it, its points and coverage."""
     if len(angles) < 12:
         raise _no_outline(guess)
     points = guess.point(angles, 1 + offsets / guess.radius_px)
-    ellipse, weights = fit_circle(points, start)
+    ellipse, weights = fit_circle(points, start, converged_px)
     if len(points) > ELLIPSE_COVERAGE * count:
         ellipse, weights = fit_ellipse(points, start or ellipse)
     good = weights > 0

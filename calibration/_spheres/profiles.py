@@ -19,11 +19,9 @@ def stack_profiles(
     images: Sequence[npt.NDArray[np.float32]], ellipse: Ellipse, angles: Array, offsets: Array
 ) -> Profiles:
     """Return images sampled along radii, ``(offsets, images, angles)``."""
-    scale = 1 + offsets / ellipse.radius_px
-    outward = ellipse.point(angles) - ellipse.centre_px
-    x, y = (
-        (scale[:, None] * outward[:, k] + ellipse.centre_px[k]).astype(np.float32) for k in (0, 1)
-    )
+    scale = (1 + offsets / ellipse.radius_px).astype(np.float32)[:, None]
+    outward = (ellipse.point(angles) - ellipse.centre_px).T.astype(np.float32)
+    x, y = (scale * outward[k] + np.float32(ellipse.centre_px[k]) for k in (0, 1))
     sampled = np.zeros((len(offsets), len(images), len(angles)), np.float32)
     for k, image in enumerate(images):
         part = sampled[:, k]

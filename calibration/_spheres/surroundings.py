@@ -172,8 +172,9 @@ class MirroredPlane:
         angles = np.arange(spokes) * (2 * np.pi / spokes)
         size = float(np.median(balls.radii_px))
         limb, _, use = _points(self.camera, balls, depths, angles)
-        near, inside = self._limb(limb, size / 4)
+        seen, inside = self._limb(limb, size / 4)
         use = use & inside
+        near = seen.astype(np.float64)
         far = np.zeros_like(near)
         for shift, weight in zip(spread_px, weights, strict=True):
             at = np.clip(depths + shift / size, 0.0, 0.998)
@@ -225,9 +226,9 @@ class MirroredPlane:
         last = np.minimum(np.maximum(use.sum(axis=1) - 1, 0)[:, None], np.arange(len(depths)))
         mirrored = np.take_along_axis(images, np.broadcast_to(last, images.shape), axis=2)
         near: npt.NDArray[np.bool_] = np.all(use[:, depths_px <= _LEAST_DEPTH_PX], axis=1)
-        return mirrored, near
+        return mirrored.astype(np.float64), near
 
-    def _limb(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _limb(self, pixels: Array, size: float) -> tuple[Values, npt.NDArray[np.bool_]]:
         """Sample the images near the limb, with pixels of at most a fortieth of a size."""
         factor = 2 ** int(np.log2(max(size / 40, 1)))
         if factor >= self._factor:
@@ -255,7 +256,7 @@ class MirroredPlane:
             stack.append(part)
         return box.astype(np.float64), stack
 
-    def _mirrored(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _mirrored(self, pixels: Array, size: float) -> tuple[Values, npt.NDArray[np.bool_]]:
         octave = max(round(np.log2(max(0.05 * size / self._factor, 0.5))), -1)
         if octave not in self._blurred:
             blur = 2.0**octave
@@ -282,7 +283,7 @@ def _noise(stack: Values) -> float:
     return float(np.median(noises) / np.sqrt(1 - 1 / max(len(stack), 2)))
 
 
-def _sample(stack: list[Values], pixels: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _sample(stack: list[Values], pixels: Array) -> tuple[Values, npt.NDArray[np.bool_]]:
     """Return samples ``(N, H, P)`` at pixels ``(H, P, 2)``, and which of them are in the image."""
     x, y = (np.ascontiguousarray(pixels[..., axis], np.float32) for axis in (0, 1))
     height, width = stack[0].shape
@@ -290,7 +291,7 @@ def _sample(stack: list[Values], pixels: Array) -> tuple[Array, npt.NDArray[np.b
     values = [
         cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for image in stack
     ]
-    return np.stack(values).astype(np.float64), inside
+    return np.stack(values), inside
 
 
 def _sines(camera: CameraModel, balls: Balls) -> Array:
