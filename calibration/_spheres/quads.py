@@ -29,7 +29,7 @@ class Quads:
             some = list(images[first : first + _CHANNELS])
             # OpenCV rounds the places for two channels.
             some += some[:1] * (_CHANNELS - len(some))
-            self._quads.append(np.stack(some, axis=-1))
+            self._quads.append(cv2.merge(some))
 
     def at(self, pixels: npt.NDArray[np.floating]) -> tuple[Values, npt.NDArray[np.bool_]]:
         """Return samples ``(N, H, P)`` at pixels ``(H, P, 2)``, and which are in the images."""
