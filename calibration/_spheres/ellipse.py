@@ -105,9 +105,7 @@ class Ellipse:
         return distance
 
 
-def fit_circle(
-    points_px: Array, start: Ellipse | None = None, converged_px: float = _CONVERGED_PX
-) -> tuple[Ellipse, Array]:
+def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse, Array]:
     """Fit a circle to outline points with Tukey weights.
 
     Parameters
@@ -116,8 +114,6 @@ def fit_circle(
         ``(M, 2)`` points.
     start
         Start value. Default: the fit to a few points with which most others agree.
-    converged_px
-        The fit ends when a round moves the circle by less.
 
     Returns
     -------
@@ -138,7 +134,7 @@ def fit_circle(
         check_enough(weights, 3, "a circle")
         last, circle = circle, equations.solved(weights)
         weights = tukey_weights(circle.distance_px(points_px), FINEST_PX)
-        if _moved_px(last, circle) < converged_px:
+        if _moved_px(last, circle) < _CONVERGED_PX:
             break
     return circle, weights
 

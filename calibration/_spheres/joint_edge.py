@@ -69,7 +69,6 @@ def joint_outline(
     guess: Ellipse,
     rounds: int = 2,
     most_angles: int = _MOST_ANGLES,
-    near_px: float = 0.0,
 ) -> JointOutline:
     """Fit the outline of a ball to the edges in all images.
 
@@ -89,8 +88,6 @@ def joint_outline(
         How often edges are searched for around the last outline.
     most_angles
         At how many angles, one per pixel of a smaller outline.
-    near_px
-        An outline that moved by less is not searched for again.
 
     Raises
     ------
@@ -102,8 +99,6 @@ def joint_outline(
         edges = _Edges(values, outline, most_angles)
         fit = edges.fit(edges.every_image, edges.every_angle)
         outline = outline.moved(fit.change)
-        if np.abs(fit.change).max() < near_px:
-            break
     near = fit.weights > 0
     angles, offsets = edges.angles[near], fit.offsets[near]
     points = edges.around.point(angles, 1 + offsets / edges.around.radius_px)

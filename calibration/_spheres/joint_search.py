@@ -178,7 +178,7 @@ class _Sized:
     def _refine(self, trial: Ellipse, *, quick: bool) -> JointOutline | None:
         """Return the outline next to another one, from few angles or all; None if none is seen."""
         if (trial, quick) not in self._refined:
-            few = (2, _QUICK_ANGLES, _SAME_PX) if quick else ()
+            few = (2, _QUICK_ANGLES) if quick else ()
             try:
                 self._refined[trial, quick] = joint_outline(self.images, trial, *few)
             except EstimateError:

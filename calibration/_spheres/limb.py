@@ -22,7 +22,7 @@ SHIFT_STEP_PX = 0.05
 # Parameters of the model. Profiles that are compared at once, few enough for the cache, and those
 # of one product: OpenBLAS computes larger ones in several threads, which cost more than they save.
 _PARAMETERS, _AT_ONCE, _OF_PRODUCT = 4, 2048, 64
-_LEAST_POWER = np.float32(1e-30)
+_LEAST_POWER = 1e-30
 
 
 def profile_offsets() -> Array:
@@ -78,13 +78,16 @@ def estimate_blur(profiles: Profiles) -> float:
 
 
 def edge_costs(profiles: Profiles, blur_px: float) -> Profiles:
-    """Return the squared error ``(shifts, M)`` of the model at each trial shift in each profile."""
-    bases = _bases(blur_px)
+    """Return the squared error ``(shifts, M)`` of the model at each trial shift in each profile.
+
+    They have the precision of the profiles.
+    """
+    bases = _bases(blur_px, profiles.dtype)
     shifts = len(bases) // _PARAMETERS
     # The model contains constants, which are removed first for accuracy.
     varying = profiles - profiles.mean(axis=0)
-    costs = np.zeros((shifts, profiles.shape[1]), np.float32)
-    explained = np.zeros((len(bases), min(_AT_ONCE, profiles.shape[1])), np.float32)
+    costs = np.zeros((shifts, profiles.shape[1]), profiles.dtype)
+    explained = np.zeros((len(bases), min(_AT_ONCE, profiles.shape[1])), profiles.dtype)
     for first in range(0, profiles.shape[1], _AT_ONCE):
         rest, some = (of[:, first : first + _AT_ONCE] for of in (costs, varying))
         part = explained[:, : some.shape[1]]
@@ -122,7 +125,7 @@ def trial_shifts() -> Array:
 
 
 @cache
-def _bases(blur_px: float) -> Profiles:
+def _bases(blur_px: float, dtype: np.dtype[np.floating]) -> Profiles:
     """Return orthonormal bases of the model, ``(parameters * shifts, S)``."""
     offsets = profile_offsets()
     fine_step = 0.05
@@ -138,4 +141,4 @@ def _bases(blur_px: float) -> Profiles:
         blurred = [np.interp(offsets, fine, np.convolve(of, kernel, "valid")) for of in longer]
         bases.append(np.linalg.qr(np.stack(blurred, axis=1))[0])
     by_parameter = np.stack(bases).transpose(2, 0, 1).reshape(-1, len(offsets))
-    return np.ascontiguousarray(by_parameter, np.float32)
+    return np.ascontiguousarray(by_parameter, dtype)

@@ -29,8 +29,6 @@ ALONG_PX = 4.0
 SHARP_PX = 0.25
 _NEARLY = 0.75
 _MOST_ANGLES = 720
-# Before the last rounds, an outline need not be known better.
-_QUICK_ANGLES, _QUICK_PX = 360, 0.01
 
 
 def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
@@ -177,8 +175,8 @@ def refine_outline(
     ellipse = guess
     start: Ellipse | None = None  # the error of the guess may exceed that of the outliers
     for reach in (reach_px, max(reach_px / 2, 3.0), REACH_PX):
-        angles, offsets, seen = _steepest(image, ellipse, reach, _QUICK_ANGLES)
-        ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start, _QUICK_PX)
+        angles, offsets, seen = _steepest(image, ellipse, reach)
+        ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
         start = ellipse
     return _refine_edges(image, ellipse)
 
@@ -216,8 +214,9 @@ def _refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellip
         if not seen.any():
             raise _no_outline(ellipse)
         profiles = stack_profiles([image], ellipse, angles, profile_offsets())[:, 0]
-        # Smoothing along the outline averages out its position relative to the pixel grid.
-        profiles = smooth_along(profiles, ALONG_PX)[:, seen]
+        # What decides between rivals starts here, so rounding should not: float64. Smoothing along
+        # the outline averages out its position relative to the pixel grid.
+        profiles = smooth_along(profiles.astype(np.float64), ALONG_PX)[:, seen]
         offsets = edge_offsets(profiles, estimate_blur(profiles))
         ellipse, points, coverage = _fit(ellipse, angles[seen], offsets, len(angles), ellipse)
     return ellipse, points, coverage
@@ -229,13 +228,12 @@ def _fit(
     offsets: Array,
     count: int,
     start: Ellipse | None,
-    converged_px: float = 1e-5,
 ) -> tuple[Ellipse, Array, float]:
     """Fit a circle, or an ellipse if enough is visible; return it, its points and coverage."""
     if len(angles) < 12:
         raise _no_outline(guess)
     points = guess.point(angles, 1 + offsets / guess.radius_px)
-    ellipse, weights = fit_circle(points, start, converged_px)
+    ellipse, weights = fit_circle(points, start)
     if len(points) > ELLIPSE_COVERAGE * count:
         ellipse, weights = fit_ellipse(points, start or ellipse)
     good = weights > 0
@@ -257,14 +255,14 @@ def edge_angles(outline: Ellipse, most: int = _MOST_ANGLES) -> Array:
 
 
 def _steepest(
-    image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float, most_angles: int = _MOST_ANGLES
+    image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
 ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
     """Find the step with the largest contrast on each radius.
 
     Returns the angles (about one per pixel), the offset of the step from the guess at each angle,
     and whether the step is significant.
     """
-    angles = edge_angles(guess, most_angles)
+    angles = edge_angles(guess)
     count = len(angles)
     wide = max(reach_px, 6.0)  # a wider range shows the contrast of pixels without an edge
     offsets = np.arange(-wide, wide + STEP_PX / 2, STEP_PX, dtype=np.float64)

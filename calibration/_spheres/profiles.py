@@ -11,7 +11,7 @@ import numpy.typing as npt
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 
-Profiles = npt.NDArray[np.float32]
+Profiles = npt.NDArray[np.floating]
 """Samples ``(S, ...)`` across an outline, from inside to outside; the last axis is the angle."""
 
 
@@ -36,7 +36,7 @@ def smooth_along(profiles: Profiles, sigma: float) -> Profiles:
     rows = profiles.reshape(-1, profiles.shape[-1])
     closed = cv2.copyMakeBorder(rows, 0, 0, reach, reach, cv2.BORDER_WRAP)
     smooth = cv2.sepFilter2D(closed, -1, kernel, np.ones(1))[:, reach:-reach]
-    return np.ascontiguousarray(smooth, np.float32).reshape(profiles.shape)
+    return np.ascontiguousarray(smooth, profiles.dtype).reshape(profiles.shape)
 
 
 def slopes_across(profiles: Profiles, sigma: float) -> Profiles:
