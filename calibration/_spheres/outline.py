@@ -19,7 +19,7 @@ from calibration._spheres.limb import (
     profile_offsets,
 )
 from calibration._spheres.profiles import slopes_across, smooth_along, stack_profiles
-from calibration._spheres.robust import Array
+from calibration._spheres.robust import Array, middle_of
 
 _SMALLEST_AREA_PX = 60
 _BAND_ROWS = 64
@@ -275,4 +275,4 @@ def _steepest(
     height, width = image.shape
     margin = REACH_PX
     within = np.all((place > margin) & (place < np.array([width, height]) - 1 - margin), axis=1)
-    return angles, offsets[best], within & (peak > 4 * np.median(contrast) + 1e-4 * STEP_PX)
+    return angles, offsets[best], within & (peak > 4 * middle_of(contrast) + 1e-4 * STEP_PX)

@@ -15,11 +15,11 @@ ROUNDS = 10
 FINEST_PX = 0.15
 
 
-def middle_of(values: Array) -> float:
-    """Return the median of some numbers; for few of them, this is faster than `numpy.median`."""
-    half = len(values) // 2
-    ordered = np.partition(values, half)
-    if len(values) % 2:
+def middle_of(values: npt.NDArray[np.floating]) -> float:
+    """Return the median of numbers ``(...)``, which are not NaN: faster than `numpy.median`."""
+    half = values.size // 2
+    ordered = np.partition(values, half, axis=None)
+    if values.size % 2:
         return float(ordered[half])
     return float(ordered[:half].max() + ordered[half]) / 2
 
