@@ -109,8 +109,10 @@ def cost_of_images(images: Path) -> Cost:
 def cost_of_command(images: Path, out: Path, options: list[str]) -> Cost:
     """Return the cost of the command as users run it, with its start; the peak is that of all."""
     words = ["calibrate", "spheres", str(images), *options]
-    # `alone` returns every freed block at once, which makes the command touch its memory again.
-    environment = {k: v for k, v in os.environ.items() if k != "MALLOC_MMAP_THRESHOLD_"}
+    # `alone` returns every freed block at once, which makes the command touch its memory again, and
+    # limits BLAS to one thread. Users have neither, and compiled modules.
+    ours = ("MALLOC_MMAP_THRESHOLD_", "OPENBLAS_NUM_THREADS", "PYTHONDONTWRITEBYTECODE")
+    environment = {k: v for k, v in os.environ.items() if k not in ours}
     begun = time.perf_counter()
     process = subprocess.Popen(
         [sys.executable, "-m", "sgp", *words, "--out", str(out)], env=environment

@@ -79,8 +79,9 @@ def bright_blobs(
     typical = smooth.ravel()[sample]
     level = float(np.median(typical))
     noise = 1.4826 * float(np.median(np.abs(typical - level)))
+    clipped = np.flatnonzero(saturated)
     # Saturated pixels are not noise, and their glare may cover half of the sphere.
-    if not peak - level > max((2 if saturated.any() else 12) * noise, 1e-6):
+    if not peak - level > max((2 if len(clipped) else 12) * noise, 1e-6):
         return []
     for share in (_BLOB_LEVEL, _CORE_LEVEL):
         bright = (smooth > level + share * (peak - level)).astype(np.uint8)
@@ -88,7 +89,7 @@ def bright_blobs(
         where = np.flatnonzero(bright)
         flux = np.bincount(regions.ravel()[where], image.ravel()[where] - level, count)
         # Around a saturated core, rays and glare are not part of it.
-        if not np.any(saturated & (regions == int(np.argmax(flux)))):
+        if int(np.argmax(flux)) not in regions.ravel()[clipped]:
             break
     # Smoothing divides the noise of a pixel by the root of the area of its kernel, 4 pi sigma^2.
     noise *= float(np.sqrt(4 * np.pi)) * _SMOOTH_PX
@@ -98,7 +99,7 @@ def bright_blobs(
         if not flux[index] > (_RIVAL_FLUX * blobs[0].flux if blobs else 0):
             break
         region = regions == index
-        core = bool(np.any(saturated & region))
+        core = bool(region.ravel()[clipped].any())
         if _width_px(region, core=core) <= max(_LARGEST_BLOB * radius_px, 3):
             rival = float(flux[order[0 if blobs else 1]])
             height = float(smooth[region].max()) - level

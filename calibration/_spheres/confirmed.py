@@ -12,6 +12,7 @@ from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_search import (
     JointNear,
+    OutlinesNear,
     best_of,
     change_of,
     edges_agree,
@@ -134,10 +135,11 @@ def _is_border(one: JointNear) -> bool:
 def _found(values: Images, outline: Ellipse) -> list[JointNear]:
     """Return outlines near another one that the edges of all images support, one or two."""
     radius = outline.radius_px
-    joint = joint_near(values, outline, max(_REACH_PX, _REACH_SHARE * radius))
+    near = OutlinesNear(values, outline)
+    joint = near.within(max(_REACH_PX, _REACH_SHARE * radius))
     found = [] if joint is None else [joint]
     if joint is None or joint.support < _DECIDED:
-        wider = joint_near(values, outline, max(_REACH_PX, _WIDER_SHARE * radius))
+        wider = near.within(max(_REACH_PX, _WIDER_SHARE * radius))
         found += [] if wider is None else [wider]
     return found
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import Array
+from calibration._spheres.robust import Array, middle_of
 
 _STEPS = 12
 _LEADERS = 8
@@ -84,7 +84,7 @@ class EdgesAround:
         )
         across = np.abs(along_x * toward[:, :1] + along_y * toward[:, 1:])
         steep = np.hypot(along_x, along_y)
-        strong = (across > _SIGNIFICANT * np.median(steep) + 1e-4) & (across > _FACING * steep)
+        strong = (across > _SIGNIFICANT * middle_of(steep) + 1e-4) & (across > _FACING * steep)
         ridge = np.zeros_like(strong)
         middle = across[:, 1:-1]
         ridge[:, 1:-1] = (middle >= across[:, :-2]) & (middle > across[:, 2:])
@@ -139,5 +139,5 @@ class EdgesAround:
         place *= np.float32(1 / _OFFSET_STEP_PX)
         index = np.clip(np.rint(place, out=place), 0, near.shape[1] - 1).astype(np.intp)
         index += np.arange(len(near)) * near.shape[1]
-        supports: Array = near.take(index).mean(axis=1)
+        supports: Array = near.take(index, mode="clip").mean(axis=1)
         return supports

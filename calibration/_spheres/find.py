@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
@@ -40,6 +39,8 @@ _LEAST_COVERAGE = 0.35
 _HORIZON, _CONCENTRIC = 0.73, 0.15
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
 _FEW = 8
+# Radii for which votes are counted at once.
+_AT_ONCE = 8
 
 
 def find_spheres(
@@ -278,10 +279,7 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
     y, x = np.nonzero(strength > max(3 * float(np.median(strength)), 1e-3))
     facing = np.column_stack([gx[y, x], gy[y, x]]) / strength[y, x, None]
     ahead, behind = (
-        map_coordinates(
-            strength, [y + sign * facing[:, 1], x + sign * facing[:, 0]], order=1, mode="nearest"
-        )
-        for sign in (1, -1)
+        _between(strength, x + sign * facing[:, 0], y + sign * facing[:, 1]) for sign in (1, -1)
     )
     ridge = (strength[y, x] >= ahead) & (strength[y, x] > behind)
     # Keep the strongest edges: enough for every circle, few enough for a fast vote.
@@ -290,20 +288,39 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
     return np.column_stack([x, y])[keep].astype(np.float64), facing[keep].astype(np.float64)
 
 
+def _between(image: npt.NDArray[np.float32], x: Array, y: Array) -> Array:
+    """Return an image between its pixels, linearly; `cv2.remap` rounds places to 1/32 px."""
+    height, width = image.shape
+    x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
+    left, top = (np.minimum(at.astype(np.intp), size - 2) for at, size in ((x, width), (y, height)))
+    first = top * width + left
+    pixels = image.ravel()
+    across, down = x - left, y - top
+    upper, lower = (
+        pixels[row] + across * (pixels[row + 1] - pixels[row]) for row in (first, first + width)
+    )
+    between: Array = upper + down * (lower - upper)
+    return between
+
+
 def _centres(
     edges: Array, facing: Array, shape: tuple[int, int], largest: float
 ) -> list[tuple[float, float]]:
     """Vote along the gradients in both directions, and return the peaks."""
     height, width = shape
-    votes = np.zeros(height * width)
-    for radius in np.arange(_SMALLEST_RADIUS_PX, largest):
-        for sign in (1, -1):
-            x, y = np.rint(edges + sign * radius * facing).astype(int).T
-            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            votes += np.bincount(y[inside] * width + x[inside], minlength=len(votes))
+    votes = np.zeros(height * width, np.intp)
+    at, step = (np.ascontiguousarray(of.T, np.float32) for of in (edges, facing))
+    radii = np.arange(_SMALLEST_RADIUS_PX, largest, dtype=np.float32)
+    for first in range(0, len(radii), _AT_ONCE):
+        some = radii[first : first + _AT_ONCE]
+        moves = np.concatenate([some, -some])[:, None, None] * step
+        column, row = np.moveaxis(np.rint(np.add(moves, at, out=moves), out=moves), 1, 0)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        place = (row[inside] * width + column[inside]).astype(np.intp)
+        votes += np.bincount(place, minlength=len(votes))
     # The error of a vote is proportional to the radius: smooth the votes over a few pixels, and
     # subtract the broad background from clutter.
-    plane = cv2.GaussianBlur(votes.reshape(shape), (0, 0), 1.5)
+    plane = cv2.GaussianBlur(votes.reshape(shape).astype(np.float64), (0, 0), 1.5)
     plane = plane - cv2.GaussianBlur(plane, (0, 0), 12.0)
     peaks = []
     for _ in range(_CENTRES):

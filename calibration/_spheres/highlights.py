@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -172,9 +173,10 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     x0, y0 = (np.array(outline.centre_px) - reach).astype(int).clip(0)
     x1, y1 = (np.array(outline.centre_px) + reach).astype(int) + 2
     crop = values[:, y0:y1, x0:x1]
-    rows, columns = np.indices(crop.shape[1:])
-    places = np.stack([columns + x0, rows + y0], axis=-1)
-    within = np.linalg.norm(outline.unit(places), axis=-1) < _LARGEST_RADIUS
+    rows, columns = (
+        np.arange(first, first + size) for first, size in zip((y0, x0), crop.shape[1:], strict=True)
+    )
+    within = _within(outline, rows, columns)
     saturated = np.isnan(crop)
     if saturated.all() or not within.any():
         return _none(len(values))
@@ -185,8 +187,9 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     if len(filled) >= 3:
         _subtract_shared(filled)
         saturated &= 4 * saturated.sum(axis=0) <= 3 * len(filled)
-    last = np.array(values.shape[:0:-1]) - 1
-    border = np.any((places == 0) | (places == last), axis=-1)
+    border = np.zeros(within.shape, bool)
+    border[(rows == 0) | (rows == values.shape[1] - 1)] = True
+    border[:, (columns == 0) | (columns == values.shape[2] - 1)] = True
     search = _Search(filled, saturated, within, border, outline, (int(x0), int(y0)), white)
     blobs = [search.blobs(k) for k in range(len(filled))]
     found = search.located(blobs)
@@ -200,6 +203,14 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
             blobs[k] = search.blobs(k)
         found = search.located(blobs)
     return found
+
+
+def _within(outline: Ellipse, rows: npt.NDArray[np.int_], columns: npt.NDArray[np.int_]) -> Region:
+    """Return which pixels of some rows and columns are within 0.85 of the radius."""
+    across, down = columns - outline.centre_px[0], (rows - outline.centre_px[1])[:, None]
+    (xx, xy), (yx, yy) = np.linalg.inv(outline.matrix)
+    within: Region = np.hypot(xx * across + yx * down, xy * across + yy * down) < _LARGEST_RADIUS
+    return within
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,10 +230,14 @@ class _Search:
     white: float
 
     def blobs(self, k: int) -> list[Blob]:
-        sample = np.flatnonzero(self.within)
-        sample = sample[:: max(len(sample) // _SAMPLED, 1)]
         image, clipped = self.images[k], self.saturated[k] & self.within
-        return bright_blobs(image, clipped, self.within, sample, self.outline.radius_px)
+        return bright_blobs(image, clipped, self.within, self._sample, self.outline.radius_px)
+
+    @cached_property
+    def _sample(self) -> npt.NDArray[np.intp]:
+        """Some pixels on which highlights are searched for."""
+        sample = np.flatnonzero(self.within)
+        return sample[:: max(len(sample) // _SAMPLED, 1)]
 
     def lit(self, lights: npt.NDArray[np.intp], place: Array) -> npt.NDArray[np.intp]:
         """Return the lights under which a place is as bright as under some of them.

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d
 
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
@@ -16,10 +15,11 @@ from calibration._spheres.limb import (
     SHIFT_STEP_PX,
     edge_costs,
     estimate_blur,
+    interpolated_shifts,
     profile_offsets,
-    trial_shifts,
 )
-from calibration._spheres.outline import ALONG_PX, edge_angles, stack_profiles
+from calibration._spheres.outline import ALONG_PX, edge_angles
+from calibration._spheres.profiles import Profiles, smooth_along, stack_profiles
 from calibration._spheres.robust import Array
 
 Flags = npt.NDArray[np.bool_]
@@ -65,7 +65,10 @@ class JointOutline:
 
 
 def joint_outline(
-    values: Images, guess: Ellipse, rounds: int = 2, most_angles: int = _MOST_ANGLES
+    values: Images,
+    guess: Ellipse,
+    rounds: int = 2,
+    most_angles: int = _MOST_ANGLES,
 ) -> JointOutline:
     """Fit the outline of a ball to the edges in all images.
 
@@ -182,22 +185,24 @@ class _Edges:
         self.angles = edge_angles(around, most_angles)
         self.every_image = np.ones(len(values), bool)
         self.every_angle = np.ones(len(self.angles), bool)
-        images = (values[k] for k in range(len(values)))
+        images = [values[k] for k in range(len(values))]
         profiles = stack_profiles(images, around, self.angles, profile_offsets())
-        profiles = gaussian_filter1d(profiles, ALONG_PX, axis=1, mode="wrap")
-        count, angles, samples = profiles.shape
-        flat = profiles.reshape(-1, samples)
-        power = np.maximum(flat.var(axis=1), 1e-300)
+        profiles = smooth_along(profiles, ALONG_PX)
+        samples, shape = len(profiles), profiles.shape[1:]
+        flat = profiles.reshape(samples, -1)
+        power = flat.var(axis=0)
         strong = np.flatnonzero(power >= np.percentile(power, _STRONG_PERCENT))
-        self.blur_px = estimate_blur(flat[strong][::_MOST_OF_STRONG])
-        costs = edge_costs(flat, self.blur_px)
-        least = costs.min(axis=1).reshape(count, angles)
+        self.blur_px = estimate_blur(flat[:, strong[::_MOST_OF_STRONG]])
+        misfit = edge_costs(flat, self.blur_px).reshape(-1, *shape)
+        least = misfit.min(axis=0)
         free = samples - 5
-        variance = np.median(least, axis=1)[:, None] / free
-        variance = variance + _MODEL**2 * power.reshape(count, angles) + 1e-12
+        variance = np.median(least, axis=1, keepdims=True) / free
+        variance = variance + _MODEL**2 * power.reshape(shape) + 1e-12
         variance = np.maximum(variance, least / free)
-        misfit = (costs.reshape(count, angles, -1) - least[..., None]) / variance[..., None]
-        self._misfit = misfit / (1 + misfit / _MOST_OF_IMAGE)
+        misfit -= least
+        misfit /= variance
+        misfit /= 1 + misfit / _MOST_OF_IMAGE
+        self._misfit = misfit
         x, y = around.point(self.angles).T
         height, width = values.shape[1:]
         self._inside = (np.minimum(x, y) > REACH_PX) & (x < width - 1 - REACH_PX)
@@ -205,8 +210,9 @@ class _Edges:
 
     def fit(self, images: Flags, angles: Flags) -> _Fit:
         """Fit a circle to some images and angles."""
-        evidence = self._misfit[images].sum(axis=0)
-        evidence = evidence - evidence.min(axis=1, keepdims=True)
+        misfit = self._misfit if images.all() else self._misfit[:, images]
+        evidence = misfit.sum(axis=1)
+        evidence -= evidence.min(axis=0)
         offsets, seen = _best_shifts(evidence)
         seen &= angles & self._inside
         if np.count_nonzero(seen) < _FEWEST:
@@ -224,20 +230,20 @@ class _Edges:
             change = np.linalg.lstsq(weighted.T @ design, weighted.T @ offsets, rcond=None)[0]
         return _Fit(change, offsets, weights)
 
-    def _searched(self, evidence: Array, use: Flags) -> Array:
+    def _searched(self, evidence: Profiles, use: Flags) -> Array:
         """Return the change of centre and radius with the least bounded misfit, on a grid."""
         some = np.flatnonzero(use)[:: max(len(use) // _COMPARED, 1)]
         angles = self.angles[some]
         x, y = (v.reshape(-1, 1) for v in np.meshgrid(_SEARCH, _SEARCH))
         # Places beyond the last shift count as misfits.
         farthest = 3 * _SEARCH[-1] / SHIFT_STEP_PX
-        beyond = int(farthest) + 1 - evidence.shape[1] // 2
-        bounded = np.minimum(evidence[some], _MOST_OF_ANGLE)
-        bounded = np.pad(bounded, ((0, 0), (beyond, beyond)), constant_values=_MOST_OF_ANGLE)
+        beyond = int(farthest) + 1 - len(evidence) // 2
+        bounded = np.minimum(evidence[:, some], _MOST_OF_ANGLE)
+        bounded = np.pad(bounded, ((beyond, beyond), (0, 0)), constant_values=_MOST_OF_ANGLE)
         edge = np.rint((x * np.cos(angles) + y * np.sin(angles)) / SHIFT_STEP_PX).astype(int)
-        place = edge + bounded.shape[1] // 2 + np.arange(len(some)) * bounded.shape[1]
-        steps = np.rint(_SEARCH / SHIFT_STEP_PX).astype(int)
-        misfits = np.array([bounded.take(place + step).sum(axis=1) for step in steps])
+        place = (edge + len(bounded) // 2) * len(some) + np.arange(len(some))
+        steps = np.rint(_SEARCH / SHIFT_STEP_PX).astype(int) * len(some)
+        misfits = np.array([bounded.take(place + step, mode="clip").sum(axis=1) for step in steps])
         radius, centre = np.unravel_index(np.argmin(misfits), misfits.shape)
         return np.array([x[centre, 0], y[centre, 0], _SEARCH[radius]])
 
@@ -255,18 +261,12 @@ def _halvings(count: int) -> list[Flags]:
     return [(index >> bit) % 2 == 0 for bit in range(3) if count > 1 << bit]
 
 
-def _best_shifts(evidence: Array) -> tuple[Array, Flags]:
+def _best_shifts(evidence: Profiles) -> tuple[Array, Flags]:
     """Return the best place of the edge at each angle, and where an edge is seen."""
-    shifts = trial_shifts()
-    best = np.argmin(evidence, axis=1)
-    row = np.arange(len(evidence))
-    middle = np.clip(best, 1, len(shifts) - 2)
-    before, least, after = (evidence[row, middle + step] for step in (-1, 0, 1))
-    curve = before - 2 * least + after
-    part = np.where(curve > 0, 0.5 * (before - after) / np.maximum(curve, 1e-300), 0.0)
-    ends = np.minimum(evidence[:, 0], evidence[:, -1])
-    seen = (best == middle) & (ends > _LEAST_EVIDENCE)
-    return shifts[middle] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0), seen
+    best = np.argmin(evidence, axis=0)
+    inner = (best > 0) & (best < len(evidence) - 1)
+    seen = inner & (np.minimum(evidence[0], evidence[-1]) > _LEAST_EVIDENCE)
+    return interpolated_shifts(evidence, best), seen
 
 
 def _too_few(around: Ellipse) -> EstimateError:

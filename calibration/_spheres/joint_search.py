@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -66,13 +67,13 @@ class JointNear(JointOutline):
 def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
     """Return the outline near a guess that the edges of most images support, or None.
 
-    The guess is refined by `joint_outline`. If less than two thirds of its length are then
-    supported, other circles within the reach are refined as well, and the one with the most
-    support is the outline. The others add to its covariance as far as they are plausible: one that
-    has n observations less (16 px of circumference each) has the weight exp(-n). If less than
-    two thirds of a large outline are supported, its edges may be more blurred than the model of the
-    limb; then images of a half to a quarter of the size are tried. What they show counts only if it
-    is that blurred.
+    Parameters and result are those of `OutlinesNear`.
+    """
+    return OutlinesNear(values, guess).within(reach_px)
+
+
+class OutlinesNear:
+    """Outlines near a guess that the edges of most images support, within one reach or several.
 
     Parameters
     ----------
@@ -80,47 +81,114 @@ def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | N
         ``(N, H, W)`` linear images, NaN where saturated.
     guess
         The approximate outline.
-    reach_px
-        Largest error of its centre and of its radius.
     """
-    part = _cut(values, guess)
-    if part is None:
-        return None
-    crop, low = part
-    best: _Seen | None = None
-    for factor in _FACTORS:
-        doubtful = best is None or best.found[0].support <= _WITHOUT_DOUBT
-        if factor > 1 and not (doubtful and guess.radius_px >= factor * _SMALLEST_PX):
-            break
-        # The centre of the first pixel of a smaller image is between the first pixels.
-        start: Array = low + np.float64((factor - 1) / 2)
-        small = crop if factor == 1 else _smaller(crop, factor)
-        seen = _seen(small, _scaled(_shifted(guess, -start), 1 / factor), reach_px / factor)
-        if seen is None:
-            continue
-        joint = seen.found[0]
-        blurred = factor == 1 or joint.blur_px * factor > LARGEST_BLUR_PX
-        if blurred and (best is None or joint.support > best.found[0].support + _MORE_SUPPORT):
-            best = replace(seen, factor=factor, start=start)
-    return None if best is None else best.with_covariance()
+
+    def __init__(self, values: Images, guess: Ellipse) -> None:
+        self._guess = guess
+        part = _cut(values, guess)
+        self._sizes = {} if part is None else {1: _Sized(part[0], guess, 1, part[1])}
+
+    def within(self, reach_px: float) -> JointNear | None:
+        """Return the outline that most edges support, or None.
+
+        The guess is refined by `joint_outline`. If less than two thirds of its length are then
+        supported, other circles within the reach are refined as well, and the one with the most
+        support is the outline. The others add to its covariance as far as they are plausible: one
+        that has n observations less (16 px of circumference each) has the weight exp(-n). If less
+        than two thirds of a large outline are supported, its edges may be more blurred than the
+        model of the limb; then images of a half to a quarter of the size are tried. What they show
+        counts only if it is that blurred.
+
+        Parameters
+        ----------
+        reach_px
+            Largest error of the guess in its centre and in its radius.
+        """
+        best: tuple[_Sized, list[JointOutline]] | None = None
+        for factor in _FACTORS if self._sizes else ():
+            doubtful = best is None or best[1][0].support <= _WITHOUT_DOUBT
+            if factor > 1 and not (doubtful and self._guess.radius_px >= factor * _SMALLEST_PX):
+                break
+            if factor not in self._sizes:
+                self._sizes[factor] = self._sizes[1].smaller(factor, self._guess)
+            sized = self._sizes[factor]
+            found = sized.found(reach_px / factor)
+            if not found:
+                continue
+            blurred = factor == 1 or found[0].blur_px * factor > LARGEST_BLUR_PX
+            if blurred and (best is None or found[0].support > best[1][0].support + _MORE_SUPPORT):
+                best = sized, found
+        return None if best is None else best[0].with_covariance(best[1])
 
 
-@dataclass(frozen=True, eq=False)
-class _Seen:
-    """Outlines in images of one size, the best one first, and how large and where the images are.
+class _Sized:
+    """Images of one size, and the outlines in them near a guess, which are found once.
 
     The images are smaller by ``factor``, and begin at the pixel ``start``.
     """
 
-    images: Images
-    found: list[JointOutline]
-    factor: int = 1
-    start: Array = field(default_factory=lambda: np.zeros(2))
+    def __init__(self, images: Images, guess: Ellipse, factor: int, low: Array) -> None:
+        # The centre of the first pixel of a smaller image is between the first pixels.
+        self.start: Array = low + np.float64((factor - 1) / 2)
+        self.images, self.factor, self._low = images, factor, low
+        self.guess = _scaled(_shifted(guess, -self.start), 1 / factor)
+        self._refined: dict[tuple[Ellipse, bool], JointOutline | None] = {}
 
-    def with_covariance(self) -> JointNear:
-        """Return the best outline in pixels of the large images."""
-        joint = self.found[0]
-        covariance = _covariance(self.found) + part_covariance(self.images, joint.outline)
+    def smaller(self, factor: int, guess: Ellipse) -> _Sized:
+        """Return the images at a lower resolution."""
+        size = self.images.shape[2] // factor, self.images.shape[1] // factor
+        every = range(len(self.images))
+        images = np.stack([reduced_image(self.images[k], size, factor) for k in every])
+        return _Sized(images, guess, factor, self._low)
+
+    @cached_property
+    def _lifted(self) -> list[npt.NDArray[np.float32]]:
+        return [_lifted(self.images[k]) for k in range(len(self.images))]
+
+    def found(self, reach_px: float) -> list[JointOutline]:
+        """Return the outlines near the guess, the best one first; none if that is doubtful."""
+        found = self._searched(reach_px)
+        if not found:
+            return []
+        found.sort(key=lambda one: -one.support)
+        best = self._refine(found[0].outline, quick=False)
+        if best is None or best.support < _LEAST_SUPPORT:
+            return []
+        return [] if scatter_px(best.outline, best.points_px) >= SHARP_PX else [best, *found[1:]]
+
+    def _searched(self, reach_px: float) -> list[JointOutline]:
+        """Return the outlines near the guess, from fewer angles."""
+        circle = Ellipse(self.guess.centre_px, (self.guess.radius_px, self.guess.radius_px))
+        found: list[JointOutline] = []
+
+        def refine(trial: Ellipse) -> None:
+            joint = self._refine(trial, quick=True)
+            if joint and np.abs(change_of(circle, joint.outline)).max() <= 1.2 * reach_px:
+                found.append(joint)
+
+        refine(self.guess)
+        if found and found[0].support > _WITHOUT_DOUBT:
+            return found
+        leaders = EdgesAround(self._lifted, circle, reach_px).leaders()
+        for trial in [circle, *leaders[:_LEADERS]]:
+            if all(np.abs(change_of(one.outline, trial)).max() > _NEAR_PX for one in found):
+                refine(trial)
+        return found
+
+    def _refine(self, trial: Ellipse, *, quick: bool) -> JointOutline | None:
+        """Return the outline next to another one, from few angles or all; None if none is seen."""
+        if (trial, quick) not in self._refined:
+            few = (2, _QUICK_ANGLES) if quick else ()
+            try:
+                self._refined[trial, quick] = joint_outline(self.images, trial, *few)
+            except EstimateError:
+                self._refined[trial, quick] = None
+        return self._refined[trial, quick]
+
+    def with_covariance(self, found: list[JointOutline]) -> JointNear:
+        """Return the best outline of some in pixels of the large images."""
+        joint = found[0]
+        covariance = _covariance(found) + part_covariance(self.images, joint.outline)
         doubted = joint.support <= _WITHOUT_DOUBT
         bright = bright_support(self.images, joint.outline) if doubted else float("nan")
         return JointNear(
@@ -132,21 +200,6 @@ class _Seen:
             covariance * self.factor**2,
             bright,
         )
-
-
-def _seen(crop: Images, guess: Ellipse, reach_px: float) -> _Seen | None:
-    """Return the outlines near a guess in images of one size; None if the best one is doubtful."""
-    found = _found(crop, guess, reach_px)
-    if not found:
-        return None
-    found.sort(key=lambda one: -one.support)
-    try:
-        best = found[0] = joint_outline(crop, found[0].outline)
-    except EstimateError:
-        return None
-    if best.support < _LEAST_SUPPORT or scatter_px(best.outline, best.points_px) >= SHARP_PX:
-        return None
-    return _Seen(crop, found)
 
 
 def best_of(found: Sequence[JointNear]) -> JointNear | None:
@@ -209,7 +262,7 @@ def _at(values: Images, outline: Ellipse) -> tuple[float, Array]:
     return joint.support, change_of(guess, joint.outline)
 
 
-def _cut(values: Images, around: Ellipse) -> tuple[Images, npt.NDArray[np.int_]] | None:
+def _cut(values: Images, around: Ellipse) -> tuple[Images, Array] | None:
     """Return a part of at most 18 images around an outline, 1 where NaN, and where it starts."""
     far = around.radius_px + _MARGIN_SHARE * around.radius_px + _MARGIN_PX
     centre = np.array(around.centre_px)
@@ -219,31 +272,7 @@ def _cut(values: Images, around: Ellipse) -> tuple[Images, npt.NDArray[np.int_]]
         return None
     every = -(-len(values) // _MOST_IMAGES)
     part = values[::every, low[1] : high[1], low[0] : high[0]]
-    return np.nan_to_num(part, nan=1.0), low
-
-
-def _found(values: Images, guess: Ellipse, reach_px: float) -> list[JointOutline]:
-    """Return the outlines near a guess."""
-    circle = Ellipse(guess.centre_px, (guess.radius_px, guess.radius_px))
-    found: list[JointOutline] = []
-
-    def refine(trial: Ellipse) -> None:
-        try:
-            joint = joint_outline(values, trial, most_angles=_QUICK_ANGLES)
-        except EstimateError:
-            return
-        if np.abs(change_of(circle, joint.outline)).max() <= 1.2 * reach_px:
-            found.append(joint)
-
-    refine(guess)
-    if found and found[0].support > _WITHOUT_DOUBT:
-        return found
-    pictures = [_lifted(values[k]) for k in range(len(values))]
-    leaders = EdgesAround(pictures, circle, reach_px).leaders()
-    for trial in [circle, *leaders[:_LEADERS]]:
-        if all(np.abs(change_of(one.outline, trial)).max() > _NEAR_PX for one in found):
-            refine(trial)
-    return found
+    return np.where(np.isnan(part), np.float32(1), part), low.astype(np.float64)
 
 
 def _covariance(found: list[JointOutline]) -> Array:
@@ -275,13 +304,7 @@ def change_of(a: Ellipse, b: Ellipse) -> Array:
     return np.array([*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px])
 
 
-def _smaller(images: Images, factor: int) -> npt.NDArray[np.float32]:
-    """Return images that average blocks of ``factor x factor`` pixels."""
-    size = images.shape[2] // factor, images.shape[1] // factor
-    return np.stack([reduced_image(images[k], size, factor) for k in range(len(images))])
-
-
-def _shifted(outline: Ellipse, by: npt.NDArray[np.int_] | Array) -> Ellipse:
+def _shifted(outline: Ellipse, by: Array) -> Ellipse:
     x, y = outline.centre_px
     return replace(outline, centre_px=(x + float(by[0]), y + float(by[1])))
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import numpy.typing as npt
 
+from calibration._spheres.profiles import Profiles, gaussian
 from calibration._spheres.robust import Array
 
 REACH_PX = 2.5
@@ -18,8 +19,10 @@ _BLURS_PX = (0.35, 0.45, 0.55, 0.65, 0.8, 0.95, 1.15, LARGEST_BLUR_PX)
 _ENOUGH = 200
 _LONGEST_SHIFT_PX = 1.0
 SHIFT_STEP_PX = 0.05
-# Parameters of the model; profiles that are compared at once, few enough for the cache.
-_PARAMETERS, _AT_ONCE = 4, 512
+# Parameters of the model. Profiles that are compared at once, few enough for the cache, and those
+# of one product: OpenBLAS computes larger ones in several threads, which cost more than they save.
+_PARAMETERS, _AT_ONCE, _OF_PRODUCT = 4, 2048, 64
+_LEAST_POWER = 1e-30
 
 
 def profile_offsets() -> Array:
@@ -29,7 +32,7 @@ def profile_offsets() -> Array:
     return offsets
 
 
-def edge_offsets(profiles: Array, blur_px: float) -> Array:
+def edge_offsets(profiles: Profiles, blur_px: float) -> Array:
     """Locate the edge in radial profiles across the outline of a mirror sphere.
 
     Just inside its edge, a mirror sphere shows its immediate surroundings, and farther inside it
@@ -43,7 +46,7 @@ def edge_offsets(profiles: Array, blur_px: float) -> Array:
     Parameters
     ----------
     profiles
-        ``(M, S)`` linear brightness at `profile_offsets`, from inside to outside.
+        ``(S, M)`` linear brightness at `profile_offsets`, from inside to outside.
     blur_px
         Standard deviation of the blur in pixels, one of the values of `estimate_blur`.
 
@@ -55,52 +58,62 @@ def edge_offsets(profiles: Array, blur_px: float) -> Array:
     return _offsets(edge_costs(profiles, blur_px))
 
 
-def estimate_blur(profiles: Array) -> float:
+def estimate_blur(profiles: Profiles) -> float:
     """Return the blur of edges: the standard deviation for which the model fits them best.
 
     Parameters
     ----------
     profiles
-        ``(M, S)`` linear brightness at `profile_offsets` of profiles that show an edge; M >= 1.
+        ``(S, M)`` linear brightness at `profile_offsets` of profiles that show an edge; M >= 1.
 
     Returns
     -------
     float
         0.35 to 1.4 px; it includes the size of a pixel.
     """
-    profiles = profiles[:: max(len(profiles) // _ENOUGH, 1)]
-    power = np.maximum(profiles.var(axis=1), 1e-300)
-    misfits = [np.median(edge_costs(profiles, blur).min(axis=1) / power) for blur in _BLURS_PX]
+    profiles = profiles[:, :: max(profiles.shape[1] // _ENOUGH, 1)]
+    power = np.maximum(profiles.var(axis=0), _LEAST_POWER)
+    misfits = [np.median(edge_costs(profiles, blur).min(axis=0) / power) for blur in _BLURS_PX]
     return _BLURS_PX[int(np.argmin(misfits))]
 
 
-def edge_costs(profiles: Array, blur_px: float) -> Array:
-    """Return the squared error ``(M, shifts)`` of the model in each profile at each trial shift."""
-    bases = _bases(blur_px)
-    shifts = bases.shape[1] // _PARAMETERS
-    costs: Array = np.zeros((len(profiles), shifts))
-    for first in range(0, len(profiles), _AT_ONCE):
-        some = slice(first, first + _AT_ONCE)
-        # The model contains constants, which are removed first for accuracy.
-        varying = profiles[some] - profiles[some].mean(axis=1, keepdims=True)
-        explained = varying @ bases
-        explained *= explained
-        rest = costs[some]
-        rest[:] = np.einsum("ms,ms->m", varying, varying)[:, None]
-        for start in range(0, bases.shape[1], shifts):
-            rest -= explained[:, start : start + shifts]
+def edge_costs(profiles: Profiles, blur_px: float) -> Profiles:
+    """Return the squared error ``(shifts, M)`` of the model at each trial shift in each profile.
+
+    They have the precision of the profiles.
+    """
+    bases = _bases(blur_px, profiles.dtype)
+    shifts = len(bases) // _PARAMETERS
+    # The model contains constants, which are removed first for accuracy.
+    varying = profiles - profiles.mean(axis=0)
+    costs = np.zeros((shifts, profiles.shape[1]), profiles.dtype)
+    explained = np.zeros((len(bases), min(_AT_ONCE, profiles.shape[1])), profiles.dtype)
+    for first in range(0, profiles.shape[1], _AT_ONCE):
+        rest, some = (of[:, first : first + _AT_ONCE] for of in (costs, varying))
+        part = explained[:, : some.shape[1]]
+        for start in range(0, some.shape[1], _OF_PRODUCT):
+            columns = slice(start, start + _OF_PRODUCT)
+            np.matmul(bases, some[:, columns], out=part[:, columns])
+        part *= part
+        np.subtract(np.square(some).sum(axis=0), part[:shifts], out=rest)
+        for parameter in range(shifts, len(bases), shifts):
+            rest -= part[parameter : parameter + shifts]
     return np.maximum(costs, 0.0, out=costs)
 
 
-def _offsets(costs: Array) -> Array:
-    """Return the shift ``(M,)`` with the least cost in ``(M, shifts)``, interpolated."""
+def _offsets(costs: Profiles) -> Array:
+    """Return the shift ``(M,)`` with the least cost in ``(shifts, M)``."""
+    return interpolated_shifts(costs, np.argmin(costs, axis=0))
+
+
+def interpolated_shifts(costs: Profiles, best: npt.NDArray[np.intp]) -> Array:
+    """Return the shifts with the least cost in ``(shifts, M)``, next to the trial shifts given."""
     shifts = trial_shifts()
-    best = np.clip(np.argmin(costs, axis=1), 1, len(shifts) - 2)
-    row = np.arange(len(costs))
-    before, least, after = costs[row, best - 1], costs[row, best], costs[row, best + 1]
+    middle, column = np.clip(best, 1, len(shifts) - 2), np.arange(len(best))
+    before, least, after = (costs[middle + step, column].astype(np.float64) for step in (-1, 0, 1))
     curve = before - 2 * least + after
     part = np.where(curve > 0, 0.5 * (before - after) / np.maximum(curve, 1e-300), 0.0)
-    offsets: Array = shifts[best] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
+    offsets: Array = shifts[middle] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
     return offsets
 
 
@@ -112,20 +125,20 @@ def trial_shifts() -> Array:
 
 
 @cache
-def _bases(blur_px: float) -> Array:
-    """Return orthonormal bases of the model, ``(S, parameters * shifts)``."""
+def _bases(blur_px: float, dtype: np.dtype[np.floating]) -> Profiles:
+    """Return orthonormal bases of the model, ``(parameters * shifts, S)``."""
     offsets = profile_offsets()
     fine_step = 0.05
     fine = np.arange(-REACH_PX - 3, REACH_PX + 3 + fine_step / 2, fine_step)
+    kernel = gaussian(blur_px / fine_step)
     bases = []
     for shift in trial_shifts():
         depth = shift - fine
         inside = np.clip(depth / fine_step + 0.5, 0.0, 1.0)  # share of each step
         limb = np.sqrt(np.maximum(depth, 0.0))
         shapes = [1 - inside, np.minimum(depth, 0.0), inside, limb]
-        blurred = [
-            np.interp(offsets, fine, gaussian_filter1d(shape, blur_px / fine_step, mode="nearest"))
-            for shape in shapes
-        ]
+        longer = [np.pad(shape, len(kernel) // 2, mode="edge") for shape in shapes]
+        blurred = [np.interp(offsets, fine, np.convolve(of, kernel, "valid")) for of in longer]
         bases.append(np.linalg.qr(np.stack(blurred, axis=1))[0])
-    return np.ascontiguousarray(np.stack(bases, axis=2).reshape(len(offsets), -1))
+    by_parameter = np.stack(bases).transpose(2, 0, 1).reshape(-1, len(offsets))
+    return np.ascontiguousarray(by_parameter, dtype)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.special import ndtr
 
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.robust import Array
@@ -198,6 +197,9 @@ class _Profiles:
 
     def _step(self, edge: float, blur: float) -> tuple[Array, Array]:
         """Return what the inside ``(S, cells)`` and a line outside ``(S, 2)`` contribute."""
+        # Imported here: scipy.special takes .1 s, and balls without a plane do not need it.
+        from scipy.special import ndtr
+
         apart = self._offsets - edge
         nearer = -(self._cells + apart[:, None]) / blur
         inside = ndtr(nearer) - ndtr(nearer - _CELL_PX / blur)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d
 
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.profiles import gaussian
 from calibration._spheres.robust import Array
 
 _COUNT, _ALONG = 180, 5.0
@@ -117,4 +117,6 @@ def _ring(
     ring: Array = np.log(values.mean(axis=0, dtype=np.float64))
     if within.any():
         ring[~within] = ring[within].mean()
-    return np.where(within, gaussian_filter1d(ring, _ALONG, mode="wrap"), np.nan)
+    kernel = gaussian(_ALONG)
+    closed = np.pad(ring, len(kernel) // 2, mode="wrap")
+    return np.where(within, np.convolve(closed, kernel, "valid"), np.nan)

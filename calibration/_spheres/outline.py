@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import cached_property
 
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter1d
 
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
@@ -20,7 +18,8 @@ from calibration._spheres.limb import (
     estimate_blur,
     profile_offsets,
 )
-from calibration._spheres.robust import Array
+from calibration._spheres.profiles import slopes_across, smooth_along, stack_profiles
+from calibration._spheres.robust import Array, middle_of
 
 _SMALLEST_AREA_PX = 60
 _BAND_ROWS = 64
@@ -95,7 +94,8 @@ def outline_image(values: Images) -> npt.NDArray[np.float32]:
     mean = np.zeros(values.shape[1:], np.float32)
     for start in range(0, values.shape[1], _BAND_ROWS):
         rows = slice(start, start + _BAND_ROWS)
-        band = np.clip(np.nan_to_num(values[:, rows], nan=white), 0.0, white)
+        # The minimum with a number is that number where a value is NaN.
+        band = np.clip(np.fmin(values[:, rows], np.float32(white)), 0.0, white)
         # Move the lights to the last axis: sorting along contiguous memory is several times faster.
         ordered = np.sort(np.ascontiguousarray(np.moveaxis(band, 0, -1)), axis=-1)
         mean[rows] = ordered[..., low:high].mean(axis=-1)
@@ -131,7 +131,8 @@ class OutlineImages:
         median = np.zeros(self.values.shape[1:], np.float32)
         for start in range(0, len(median), _BAND_ROWS):
             rows = slice(start, start + _BAND_ROWS)
-            median[rows] = np.median(np.nan_to_num(self.values[:, rows], nan=white), axis=0)
+            band = self.values[:, rows]
+            median[rows] = np.median(np.where(np.isnan(band), np.float32(white), band), axis=0)
         return median + np.float32(max(0.01 * float(median.mean()), 1e-6))
 
 
@@ -210,19 +211,23 @@ def _refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellip
     ellipse = guess
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
-        profiles = radial_profiles(image, ellipse, angles, profile_offsets())
-        # Smoothing along the outline averages out its position relative to the pixel grid.
-        profiles = gaussian_filter1d(profiles, ALONG_PX, axis=0, mode="wrap")
         if not seen.any():
             raise _no_outline(ellipse)
-        blur_px = estimate_blur(profiles[seen])
-        offsets = edge_offsets(profiles, blur_px)
-        ellipse, points, coverage = _fit(ellipse, angles[seen], offsets[seen], len(angles), ellipse)
+        profiles = stack_profiles([image], ellipse, angles, profile_offsets())[:, 0]
+        # What decides between rivals starts here, so rounding should not: float64. Smoothing along
+        # the outline averages out its position relative to the pixel grid.
+        profiles = smooth_along(profiles.astype(np.float64), ALONG_PX)[:, seen]
+        offsets = edge_offsets(profiles, estimate_blur(profiles))
+        ellipse, points, coverage = _fit(ellipse, angles[seen], offsets, len(angles), ellipse)
     return ellipse, points, coverage
 
 
 def _fit(
-    guess: Ellipse, angles: Array, offsets: Array, count: int, start: Ellipse | None
+    guess: Ellipse,
+    angles: Array,
+    offsets: Array,
+    count: int,
+    start: Ellipse | None,
 ) -> tuple[Ellipse, Array, float]:
     """Fit a circle, or an ellipse if enough is visible; return it, its points and coverage."""
     if len(angles) < 12:
@@ -249,29 +254,6 @@ def edge_angles(outline: Ellipse, most: int = _MOST_ANGLES) -> Array:
     return angles
 
 
-def radial_profiles(
-    image: npt.NDArray[np.float32], ellipse: Ellipse, angles: Array, offsets: Array
-) -> Array:
-    """Return the image sampled along radii, ``(angles, offsets)``."""
-    profiles: Array = stack_profiles([image], ellipse, angles, offsets)[0]
-    return profiles
-
-
-def stack_profiles(
-    images: Iterable[npt.NDArray[np.float32]], ellipse: Ellipse, angles: Array, offsets: Array
-) -> Array:
-    """Return images sampled along radii, ``(images, angles, offsets)``."""
-    scale = 1 + offsets / ellipse.radius_px
-    outward = ellipse.point(angles) - ellipse.centre_px
-    place = (outward[:, None] * scale[:, None] + ellipse.centre_px).astype(np.float32)
-    x, y = np.ascontiguousarray(place[..., 0]), np.ascontiguousarray(place[..., 1])
-    sampled = [
-        cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        for image in images
-    ]
-    return np.array(sampled, np.float64)
-
-
 def _steepest(
     image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
 ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
@@ -284,13 +266,13 @@ def _steepest(
     count = len(angles)
     wide = max(reach_px, 6.0)  # a wider range shows the contrast of pixels without an edge
     offsets = np.arange(-wide, wide + STEP_PX / 2, STEP_PX, dtype=np.float64)
-    profiles = radial_profiles(image, guess, angles, offsets)
-    contrast = gaussian_filter1d(np.log(profiles), 0.8 / STEP_PX, axis=1, order=1, mode="nearest")
-    contrast = np.abs(contrast)
-    best = np.argmax(np.where(np.abs(offsets) <= reach_px, contrast, 0.0), axis=1)
-    peak = contrast[np.arange(count), best]
+    profiles = stack_profiles([image], guess, angles, offsets)[:, 0]
+    contrast = np.abs(slopes_across(np.log(profiles), 0.8 / STEP_PX))
+    within_reach = np.abs(offsets) <= reach_px
+    best = np.argmax(within_reach[:, None] * contrast, axis=0)
+    peak = contrast[best, np.arange(count)]
     place = guess.point(angles, 1 + offsets[best] / guess.radius_px)
     height, width = image.shape
     margin = REACH_PX
     within = np.all((place > margin) & (place < np.array([width, height]) - 1 - margin), axis=1)
-    return angles, offsets[best], within & (peak > 4 * np.median(contrast) + 1e-4 * STEP_PX)
+    return angles, offsets[best], within & (peak > 4 * middle_of(contrast) + 1e-4 * STEP_PX)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
@@ -77,11 +76,12 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
     eye = camera.centre_mm
     pairs = list(zip(cones, radii, strict=True))
     centres = np.array([eye + radius / cone.sine * cone.axis for cone, radius in pairs])
-    covariances = [
-        radius**2 * (cone.covariance + systematic(cone, camera)) for cone, radius in pairs
-    ]
     common = np.concatenate([radius * common_error(cone, camera) for cone, radius in pairs])
-    return KnownSpheres(centres, radii, block_diag(*covariances) + np.outer(common, common))
+    covariance = np.outer(common, common)
+    for k, (cone, radius) in enumerate(pairs):
+        own = slice(3 * k, 3 * k + 3)
+        covariance[own, own] += radius**2 * (cone.covariance + systematic(cone, camera))
+    return KnownSpheres(centres, radii, covariance)
 
 
 def systematic(cone: Cone, camera: CameraModel) -> Array:

@@ -15,10 +15,22 @@ ROUNDS = 10
 FINEST_PX = 0.15
 
 
+def middle_of(values: npt.NDArray[np.floating]) -> float:
+    """Return the median of numbers ``(...)``, which are not NaN: faster than `numpy.median`."""
+    half = values.size // 2
+    ordered = np.partition(values, half, axis=None)
+    if values.size % 2:
+        return float(ordered[half])
+    return float(ordered[:half].max() + ordered[half]) / 2
+
+
 def tukey_weights(residual: Array, finest: float) -> Array:
     """Return biweights whose scale is the scaled median absolute residual, at least `finest`."""
-    scale = max(1.4826 * float(np.median(np.abs(residual))), finest)
-    weights: Array = np.clip(1 - (residual / (4.685 * scale)) ** 2, 0, None) ** 2
+    scale = max(1.4826 * middle_of(np.abs(residual)), finest)
+    part = residual / (4.685 * scale)
+    part *= part
+    weights: Array = np.maximum(1 - part, 0)
+    weights *= weights
     return weights
 
 

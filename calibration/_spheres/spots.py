@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import cv2
 import numpy as np
@@ -90,7 +90,8 @@ def reduce_stack(values: Images) -> ReducedStack:
             mean[k, band] = reduced_image(image, size, factor)
             # First down: whole rows are contiguous. Blocks with NaN become NaN.
             down = image[: size[1] * factor].reshape(size[1], -1, width).max(axis=1)
-            peak[k, band] = down[:, : columns * factor].reshape(size[1], columns, -1).max(axis=2)
+            whole = down[:, : columns * factor]
+            peak[k, band] = reduce(np.maximum, (whole[:, i::factor] for i in range(factor)))
         y, x = np.nonzero(~np.isfinite(peak[k]))
         if len(y):
             # Only these blocks are copied.

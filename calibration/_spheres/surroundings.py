@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._radiance.raw_stack import Images
+from calibration._spheres.quads import Quads
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import ReducedStack, Values, reduced_image, without_nan
 
@@ -112,12 +113,13 @@ class MirroredPlane:
         self._values = values[self.some]
         self._factor = reduced.factor
         self._plane = reduced.mean[self.some]
+        self._reduced = Quads(list(self._plane))
         self._noise = _noise(self._plane)
         # Of a pixel, if the noise of neighbouring pixels is independent.
         self.noise = self._noise * self._factor
         # Parts of the images at the resolutions that were asked for last, by their factors.
-        self._blurred: dict[int, list[Values]] = {}
-        self._parts: dict[int, tuple[Array, list[Values]]] = {}
+        self._blurred: dict[int, Quads] = {}
+        self._parts: dict[int, tuple[Array, Quads]] = {}
 
     def compare(self, balls: Balls, spokes: int = 36) -> Likeness:
         """Return how well the balls, of similar size and place, mirror their surroundings."""
@@ -172,8 +174,9 @@ class MirroredPlane:
         angles = np.arange(spokes) * (2 * np.pi / spokes)
         size = float(np.median(balls.radii_px))
         limb, _, use = _points(self.camera, balls, depths, angles)
-        near, inside = self._limb(limb, size / 4)
+        seen, inside = self._limb(limb, size / 4)
         use = use & inside
+        near = seen.astype(np.float64)
         far = np.zeros_like(near)
         for shift, weight in zip(spread_px, weights, strict=True):
             at = np.clip(depths + shift / size, 0.0, 0.998)
@@ -225,14 +228,14 @@ class MirroredPlane:
         last = np.minimum(np.maximum(use.sum(axis=1) - 1, 0)[:, None], np.arange(len(depths)))
         mirrored = np.take_along_axis(images, np.broadcast_to(last, images.shape), axis=2)
         near: npt.NDArray[np.bool_] = np.all(use[:, depths_px <= _LEAST_DEPTH_PX], axis=1)
-        return mirrored, near
+        return mirrored.astype(np.float64), near
 
-    def _limb(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _limb(self, pixels: Array, size: float) -> tuple[Values, npt.NDArray[np.bool_]]:
         """Sample the images near the limb, with pixels of at most a fortieth of a size."""
         factor = 2 ** int(np.log2(max(size / 40, 1)))
         if factor >= self._factor:
             # The reduced images are fine enough: no need to read the images again.
-            return _sample(list(self._plane), (pixels + 0.5) / self._factor - 0.5)
+            return self._reduced.at((pixels + 0.5) / self._factor - 0.5)
         side = np.array(self._values.shape[:0:-1])
         low = np.clip(pixels.min(axis=(0, 1)) - 2, 0, side - 1)
         high = np.clip(pixels.max(axis=(0, 1)) + 3, low + 1, side)
@@ -241,9 +244,9 @@ class MirroredPlane:
             margin = 0.5 * (high - low)
             box = np.array([np.maximum(low - margin, 0), np.minimum(high + margin, side)])
             part = self._parts[factor] = self._cut(factor, box.astype(int))
-        return _sample(part[1], (pixels - part[0][0] + 0.5) / factor - 0.5)
+        return part[1].at((pixels - part[0][0] + 0.5) / factor - 0.5)
 
-    def _cut(self, factor: int, box: npt.NDArray[np.int_]) -> tuple[Array, list[Values]]:
+    def _cut(self, factor: int, box: npt.NDArray[np.int_]) -> tuple[Array, Quads]:
         """Return a box, and this part of the images at a lower resolution."""
         (x0, y0), (x1, y1) = box
         shape = (max((x1 - x0) // factor, 1), max((y1 - y0) // factor, 1))
@@ -253,14 +256,15 @@ class MirroredPlane:
             if factor > 1:
                 part = reduced_image(part, shape, factor)
             stack.append(part)
-        return box.astype(np.float64), stack
+        return box.astype(np.float64), Quads(stack)
 
-    def _mirrored(self, pixels: Array, size: float) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _mirrored(self, pixels: Array, size: float) -> tuple[Values, npt.NDArray[np.bool_]]:
         octave = max(round(np.log2(max(0.05 * size / self._factor, 0.5))), -1)
         if octave not in self._blurred:
             blur = 2.0**octave
-            self._blurred[octave] = [cv2.GaussianBlur(i, (0, 0), blur) for i in self._plane]
-        return _sample(self._blurred[octave], (pixels + 0.5) / self._factor - 0.5)
+            images = [cv2.GaussianBlur(image, (0, 0), blur) for image in self._plane]
+            self._blurred[octave] = Quads(images)
+        return self._blurred[octave].at((pixels + 0.5) / self._factor - 0.5)
 
 
 def _noise(stack: Values) -> float:
@@ -280,17 +284,6 @@ def _noise(stack: Values) -> float:
         noises.append(np.percentile(np.abs(rest), 50) / 4.05)
     # The mean contains a share of the noise of each image.
     return float(np.median(noises) / np.sqrt(1 - 1 / max(len(stack), 2)))
-
-
-def _sample(stack: list[Values], pixels: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Return samples ``(N, H, P)`` at pixels ``(H, P, 2)``, and which of them are in the image."""
-    x, y = (np.ascontiguousarray(pixels[..., axis], np.float32) for axis in (0, 1))
-    height, width = stack[0].shape
-    inside = (x >= 0) & (y >= 0) & (x <= width - 1) & (y <= height - 1)
-    values = [
-        cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for image in stack
-    ]
-    return np.stack(values).astype(np.float64), inside
 
 
 def _sines(camera: CameraModel, balls: Balls) -> Array:
@@ -326,36 +319,43 @@ def _points(
     height = 1.0 if camera.working_distance_mm is None else camera.working_distance_mm
     if camera.working_distance_mm is None:
         camera = CameraModel(camera.K, camera.width, camera.height, height, camera.distortion)
-    eye = np.array([0.0, 0.0, height])
-    rays = camera.rays(balls.axes_px)
-    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    cosine, sine = -rays[:, 2], _sines(camera, balls)
+    # Vectors are along the first axis: sums along a last axis of three values are slow.
+    eye = np.array([0.0, 0.0, height])[:, None, None]
+    axes = -camera.rays(balls.axes_px).T
+    axes /= np.linalg.norm(axes, axis=0)
+    cosine, sine = axes[2], _sines(camera, balls)
     # The distance at which the ball touches the plane.
     distance = height / (cosine + sine)
-    centres, radii = eye + rays * distance[:, None], distance * sine
-    first = np.cross([0.0, 1.0, 0.0], -rays)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(-rays, first)
+    radii = (distance * sine)[:, None]
+    first = np.cross([0.0, 1.0, 0.0], axes, axisb=0).T
+    first /= np.linalg.norm(first, axis=0)
+    second = np.cross(axes, first, axis=0)
     depth, angle = (v.ravel() for v in np.meshgrid(depths, angles, indexing="ij"))
     # At the outline, the normal is at a right angle to the viewing ray.
     across = depth * np.sqrt(1 - sine[:, None] ** 2)
-    normals = (
-        np.sqrt(1 - across**2)[..., None] * -rays[:, None]
-        + (across * np.cos(angle))[..., None] * first[:, None]
-        + (across * np.sin(angle))[..., None] * second[:, None]
-    )
-    points = centres[:, None] + radii[:, None, None] * normals
-    view = points - eye
-    view /= np.linalg.norm(view, axis=-1, keepdims=True)
-    mirrored = view - 2 * np.sum(view * normals, axis=-1, keepdims=True) * normals
-    upward = np.array([[0.0, 0.0, 1.0]])
+    normals = np.sqrt(1 - across**2) * axes[..., None]
+    normals += across * np.cos(angle) * first[..., None]
+    normals += across * np.sin(angle) * second[..., None]
+    offsets = radii * normals
+    view = offsets - (distance * axes)[..., None]
+    points = eye + view
+    view /= np.sqrt(_dot(view, view))
+    mirrored = view - 2 * _dot(view, normals) * normals
+    upward = np.array([0.0, 0.0, 1.0])[:, None, None]
     if balls.slopes is not None:
-        upward = np.column_stack([-balls.slopes, np.ones(len(balls.slopes))])
-        upward /= np.linalg.norm(upward, axis=1, keepdims=True)
+        upward = np.stack([*-balls.slopes.T, np.ones(len(balls.slopes))])[..., None]
+        upward /= np.sqrt(_dot(upward, upward))
     # The plane touches the ball from below.
-    rise = np.sum((points - centres[:, None]) * upward[:, None], axis=-1) + radii[:, None]
-    fall = np.sum(mirrored * upward[:, None], axis=-1)
+    rise = _dot(offsets, upward) + radii
+    fall = _dot(mirrored, upward)
     down = fall < -_DOWNWARD
     reach = np.where(down, -rise / np.minimum(fall, -_DOWNWARD), 0.0)
-    targets = np.where(down[..., None], points + reach[..., None] * mirrored, 0.0)
-    return camera.project(points), camera.project(targets), down
+    targets = np.where(down, points + reach * mirrored, 0.0)
+    seen, far = (camera.project(np.moveaxis(of, 0, -1)) for of in (points, targets))
+    return seen, far, down
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Return the products of vectors along the first axis."""
+    product: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product

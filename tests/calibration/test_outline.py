@@ -152,8 +152,9 @@ def test_limb_position(true_offset, limb):
     depth = true_offset - (offsets[:, None] + sub[None])
     inside = 0.3 + limb * np.sqrt(np.clip(depth, 0, None))
     values = np.where(depth > 0, inside, 1.0 - 0.02 * depth).mean(axis=1)
-    blur = estimate_blur(values[None])
-    assert edge_offsets(values[None], blur)[0] == pytest.approx(true_offset, abs=0.06)
+    profile = values[:, None].astype(np.float32)
+    blur = estimate_blur(profile)
+    assert edge_offsets(profile, blur)[0] == pytest.approx(true_offset, abs=0.06)
 
 
 @pytest.mark.parametrize("blur", [0.45, 0.8, 1.15])
@@ -162,7 +163,7 @@ def test_the_blur_of_a_limb_is_measured(blur):
     offsets = np.linspace(-0.4, 0.4, 9)
     depth = offsets[:, None, None] - (profile_offsets()[:, None] + rng.normal(0, blur, 20000))
     inside = 0.2 + 0.2 * np.sqrt(np.clip(depth, 0, None))
-    profiles = np.where(depth > 0, inside, 0.9).mean(axis=2)
+    profiles = np.where(depth > 0, inside, 0.9).mean(axis=2, dtype=np.float32).T
     assert estimate_blur(profiles) == blur
     np.testing.assert_allclose(edge_offsets(profiles, blur), offsets, atol=0.04)
 
