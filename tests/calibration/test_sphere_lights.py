@@ -30,7 +30,7 @@ def certain_enough(monkeypatch):
     monkeypatch.setattr(positioned_lights, "_UNCERTAIN_MM", np.inf)
 
 
-@pytest.mark.parametrize(("limit_mm", "reported"), [(7.5, True), (9.0, False)])
+@pytest.mark.parametrize(("limit_mm", "reported"), [(5.5, True), (9.0, False)])
 def test_uncertain_positions_are_reported(monkeypatch, limit_mm, reported):
     monkeypatch.setattr(positioned_lights, "_UNCERTAIN_MM", limit_mm)
     # Highlights that are exact would show that their errors are smaller than stated.
