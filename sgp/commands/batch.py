@@ -208,8 +208,15 @@ def _due(tasks: list[Task], known: Mapping[str, State]) -> list[Task]:
 
 
 def _work(pool: Workers, due: list[Task], states: States, known: dict[str, State]) -> None:
+    before = dict(known)
+
+    def started(task: Task) -> None:
+        if task.name in before:
+            states.begin(task, before[task.name])
+        progress.started(task)
+
     with BatchProgress(len(due), pool.count) as progress:
-        for task, outcome in pool.outcomes(due, progress.started):
+        for task, outcome in pool.outcomes(due, started):
             known[task.name] = states.write(task, outcome)
             progress.ended(task, outcome)
 

@@ -135,6 +135,16 @@ def test_a_result_is_computed_again_only_if_it_has_to_be(task, monkeypatch) -> N
     assert reason_to_run(task, states.read_all()) == f"computed by version {SOFTWARE}"
 
 
+def test_a_result_that_was_being_overwritten_is_computed_again(task) -> None:
+    """The files may be those of other options, with which the batch was interrupted."""
+    states = States(task.log.parent)
+    states.write(task, perform(task))
+    states.begin(with_words(task, "--text=more"), states.read_all()["owl"])
+    assert reason_to_run(task, states.read_all()) == "interrupted before"
+    states.write(task, perform(task))
+    assert reason_to_run(task, states.read_all()) is None
+
+
 def test_a_damaged_state_costs_one_source_and_one_of_another_version_is_refused(task) -> None:
     states = States(task.log.parent)
     states.write(task, perform(task))

@@ -103,6 +103,31 @@ def test_a_batch_does_what_is_missing(here, sgp, two, recipe, tmp_path) -> None:
         assert (out / "bright" / name).read_bytes() == (by_hand / name).read_bytes()
 
 
+class Interrupted(Here):
+    """Does the work of a task, but is interrupted before the outcome arrives."""
+
+    def outcomes(self, tasks, started):
+        for _ in super().outcomes(tasks, started):
+            raise KeyboardInterrupt
+        yield from ()
+
+
+def test_an_interrupted_batch_with_other_options_leaves_no_result_that_counts(
+    here, sgp, recording, recipe, tmp_path, monkeypatch
+) -> None:
+    out, other = tmp_path / "out", tmp_path / "other.toml"
+    other.write_text('[run]\nlights = "lights.json"\nmethod = "ls"\n')
+    words = ["batch", recording, "--out", out, "--recipe"]
+    assert sgp(*words, recipe).code == 0
+    kept = (out / "ball" / "normals" / "normals.exr").read_bytes()
+    monkeypatch.setattr("sgp.commands.batch.LocalWorkers", Interrupted)
+    assert sgp(*words, other).code == 130
+    assert (out / "ball" / "normals" / "normals.exr").read_bytes() != kept
+    monkeypatch.setattr("sgp.commands.batch.LocalWorkers", Here)
+    assert "ball: computed again: interrupted before" in sgp(*words, recipe).err
+    assert (out / "ball" / "normals" / "normals.exr").read_bytes() == kept
+
+
 def test_wrong_commands_are_refused_before_any_work(here, sgp, two, recipe, tmp_path) -> None:
     out = tmp_path / "out"
     asked = ["batch", *two, "--out", out]
