@@ -103,6 +103,43 @@ def test_a_batch_does_what_is_missing(here, sgp, two, recipe, tmp_path) -> None:
         assert (out / "bright" / name).read_bytes() == (by_hand / name).read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("content", "missing"),
+    [
+        ('[run]\nlights = "light.json"\n', "light.json"),
+        ('[run]\nlights = "{sorce}/lights.json"\n', "{sorce}/lights.json"),
+        ('[calibrate]\nrecordings = ["balls"]\n', "balls"),
+        ('[calibrate]\nrecordings = ["{parent}/balls", "balls"]\n', "balls"),
+    ],
+    ids=["file", "word in braces", "recording", "second recording"],
+)
+def test_files_of_a_recipe_that_do_not_exist_cost_no_result(
+    here, sgp, recording, recipe, tmp_path, content, missing
+) -> None:
+    """Without this check, every source fails, and all are computed again later."""
+    words = ["batch", recording, "--out", tmp_path / "out", "--recipe", recipe]
+    assert sgp(*words).code == 0
+    whole = recipe.read_text()
+    recipe.write_text(content)
+    text = sgp(*words).error_line(2)
+    assert f"recipe.toml: {missing}: no such file" in text
+    assert text.endswith(f"its paths are relative to {tmp_path}")
+    recipe.write_text(whole)
+    assert "1 result is up to date" in sgp(*words).err
+
+
+def test_a_file_that_one_source_lacks_is_its_own_failure(here, sgp, two, recipe, tmp_path) -> None:
+    (two[0] / "own.json").write_bytes((tmp_path / "lights.json").read_bytes())
+    (two[0] / "curve.txt").write_text("0 0\n65535 1\n")
+    recipe.write_text('[run]\nlights = "{source}/own.json"\ngamma = "{source}/curve.txt"\n')
+    answer = sgp("batch", *two, "--out", tmp_path / "out", "--recipe", recipe, "--json")
+    assert answer.code == 4
+    assert {name: row["status"] for name, row in table(tmp_path / "out").items()} == {
+        "ball": "done",
+        "bright": "failed",
+    }
+
+
 class Interrupted(Here):
     """Does the work of a task, but is interrupted before the outcome arrives."""
 
