@@ -203,6 +203,7 @@ def _estimate(
     """Calibrate from one recording, or from all of them together; draw candidates if it fails."""
     cameras = [one.source.camera for one in recordings if one.source.camera is not None]
     camera, radii = (cameras[0] if cameras else None), given_radii(radius_mm)
+    stack: calibration.RawStack | None = None
     try:
         if len(recordings) > 1:
             return calibration.calibrate_moved_spheres(
@@ -226,7 +227,7 @@ def _estimate(
     except calibration.EstimateError as error:
         for one in recordings:
             _explain_masks(error, one.source, one.masks)
-        if len(recordings) == 1 and not recordings[0].masks:
+        if stack is not None and not recordings[0].masks:
             _draw_candidates(error, recordings[0], stack, picture)
         raise
 
