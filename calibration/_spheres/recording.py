@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -116,12 +117,23 @@ def seen_in(
         images = circled_spheres(values, circles, camera)
     else:
         images, left_out = searched_spheres(values, camera, radii_mm)
+    if not found:
+        _check_apart(images)
     uneven = [] if masks else uneven_outline_warning(images)
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
     return SeenSpheres(names, size, images, radii_mm, found, left_out, uneven)
+
+
+def _check_apart(images: Sequence[SphereImage]) -> None:
+    """Raise `DataError` if two marks are the same sphere, which must not count twice."""
+    for one, other in combinations([image.outline for image in images], 2):
+        apart = float(np.hypot(*np.subtract(one.centre_px, other.centre_px)))
+        if apart < min(one.radius_px, other.radius_px):
+            x, y = one.centre_px
+            raise DataError(f"two marks are the sphere at ({x:.0f}, {y:.0f}) px: mark it once")
 
 
 def gray_values(
