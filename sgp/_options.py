@@ -263,6 +263,24 @@ def require_inputs(command: Callable[..., object], arguments: Mapping[str, objec
             raise acquisition.missing_path(path)
 
 
+def distinct(sources: Sequence[Path]) -> dict[Path, Path]:
+    """Return sources by the places to which they lead.
+
+    Raises
+    ------
+    UsageError
+        If one is given twice, under whatever path.
+    """
+    places: dict[Path, Path] = {}
+    for source in sources:
+        place = source.resolve()
+        if place in places:
+            same = "" if source == places[place] else f" and as {places[place]}"
+            raise UsageError(f"{source} is given twice{same}: give each source once")
+        places[place] = source
+    return places
+
+
 def inputs_of(command: Callable[..., object], arguments: Mapping[str, object]) -> Iterator[Path]:
     """Yield the paths among the arguments of a command that have the type `Input`."""
     hints = get_type_hints(command, include_extras=True)

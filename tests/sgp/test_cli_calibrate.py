@@ -1,6 +1,7 @@
 """Masks of spheres: a mask given as an option, or the mask of a plain folder of images."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -198,7 +199,8 @@ def test_intensities_come_from_the_card_and_not_from_the_object(sgp, card, tmp_p
 
 def test_strengths_are_one_block_and_complete_figures(sgp, card, tmp_path):
     truth = card / "derived" / "truth" / "lights.json"
-    words = ("calibrate", "intensities", card, card, "--height-mm", 0, "--height-mm", 0)
+    again = shutil.copytree(card, tmp_path / "again")
+    words = ("calibrate", "intensities", card, again, "--height-mm", 0, "--height-mm", 0)
     found = tmp_path / "i.json"
     answer = sgp(*words, "--lights", truth, "--out", found)
     assert answer.code == 0, answer.err
