@@ -21,7 +21,7 @@ from sgp._batch.perform import bound_arguments
 from sgp._batch.progress import BatchProgress
 from sgp._batch.recipe import Recipe, is_placed, option_words, placed, places_of, read_recipe
 from sgp._batch.state import State, States, reason_to_run
-from sgp._batch.tables import csv_table, html_table
+from sgp._batch.tables import csv_table, html_table, other_results
 from sgp._batch.task import Stage, Task, Workers
 from sgp._console import note
 from sgp._exit import UsageError
@@ -118,7 +118,7 @@ def batch(
         with _pool(scheduler, workers, memory, states.folder) as pool:
             _work(pool, due, states, known)
         shown = {task.name: known[task.name] for task in tasks}
-        result = _written(out, shown, recipe, len(due))
+        result = _written(out, shown, recipe, len(due), len(known) - len(shown))
         parameters = {
             "source": list(source),
             "recipe": recipe,
@@ -241,7 +241,9 @@ def _work(pool: Workers, due: list[Task], states: States, known: dict[str, State
             progress.ended(task, outcome)
 
 
-def _written(out: Path, states: Mapping[str, State], recipe: Path | None, computed: int) -> Result:
+def _written(
+    out: Path, states: Mapping[str, State], recipe: Path | None, computed: int, others: int
+) -> Result:
     """Write the tables."""
     failed = {name: state for name, state in states.items() if state.error is not None}
     done = len(states) - len(failed)
@@ -253,7 +255,7 @@ def _written(out: Path, states: Mapping[str, State], recipe: Path | None, comput
     }
     outputs = {"table": out / "batch.csv", "page": out / "index.html"}
     acquisition.write_durably(outputs["table"], csv_table(states).encode(errors="backslashreplace"))
-    page = html_table(out, states)
+    page = html_table(out, states, others)
     acquisition.write_durably(outputs["page"], page.encode(errors="backslashreplace"))
     summary = [
         f"{name}: {state.error} (log: {out / 'state' / name}.log)" for name, state in failed.items()
@@ -264,7 +266,12 @@ def _written(out: Path, states: Mapping[str, State], recipe: Path | None, comput
     return Result(
         outputs=outputs,
         metrics=metrics,
-        summary=[*summary, counts, f"look at  {outputs['page']}"],
+        summary=[
+            *summary,
+            counts,
+            *([other_results(others)] if others else ()),
+            f"look at  {outputs['page']}",
+        ],
         inputs=[] if recipe is None else [recipe],
         ok=not failed,
     )
