@@ -148,6 +148,14 @@ def _complaint(error: CycloptsError, words: str) -> str:
     ):
         positional = argument.field_info.is_positional
         return f"{argument.name.lstrip('-').upper() if positional else argument.name} is missing"
+    if (
+        isinstance(error, MissingArgumentError)
+        and argument is not None
+        and error.keyword is not None
+        and argument.token_count()[0] == 1
+    ):
+        given = error.keyword
+        return f"{given} requires a value: write one that begins with a minus as {given}=VALUE"
     if isinstance(error, CoercionError) and argument is not None and error.token is not None:
         # The parser's message names an option but not an argument.
         named = error.token.keyword is not None

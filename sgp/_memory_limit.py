@@ -111,7 +111,7 @@ def other_maps_refused() -> Iterator[None]:
         yield
     except acquisition.OtherMapsError as error:
         raise UsageError(
-            f"{error.folder} contains unfinished maps of a command with another {error.other}: "
+            f"{error.folder} contains unfinished maps of a command that differs in {error.other}: "
             "repeat that command, choose another folder, or add --force to begin again"
         ) from error
 

@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Annotated, get_type_hints
@@ -258,14 +258,41 @@ def require_inputs(command: Callable[..., object], arguments: Mapping[str, objec
     MissingPathError
         If an argument of the type `Input` does not exist.
     """
+    for path in inputs_of(command, arguments):
+        if not path.exists():
+            raise acquisition.missing_path(path)
+
+
+def distinct(sources: Sequence[Path]) -> dict[Path, Path]:
+    """Return sources by the places to which they lead.
+
+    Raises
+    ------
+    UsageError
+        If one is given twice, under whatever path.
+    """
+    places: dict[Path, Path] = {}
+    for source in sources:
+        place = source.resolve()
+        if place in places:
+            same = "" if source == places[place] else f" and as {places[place]}"
+            raise UsageError(f"{source} is given twice{same}: give each source once")
+        places[place] = source
+    return places
+
+
+def inputs_of(command: Callable[..., object], arguments: Mapping[str, object]) -> Iterator[Path]:
+    """Yield the paths among the arguments of a command that have the type `Input`."""
     hints = get_type_hints(command, include_extras=True)
     for name, value in arguments.items():
         if is_dataclass(value):
-            require_inputs(type(value), vars(value))
+            yield from inputs_of(type(value), vars(value))
         elif _INPUT in getattr(hints.get(name), "__metadata__", ()):
-            for path in value if isinstance(value, tuple) else (value,):
-                if path is not None and not path.exists():
-                    raise acquisition.missing_path(path)
+            yield from (one for one in _several(value) if isinstance(one, Path))
+
+
+def _several(value: object) -> tuple[object, ...]:
+    return tuple(value) if isinstance(value, (list, tuple)) else (value,)
 
 
 def transfer_of(gamma: str) -> acquisition.TransferCurve | None:

@@ -80,7 +80,7 @@ def stored_surface(
 
     Raises
     ------
-    DataError
+    StorageError
         If the disk has too little space, besides the errors of the readers and the solver.
     UsageError
         If there are blocks of other inputs.
@@ -92,7 +92,7 @@ def stored_surface(
     place = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
     free = shutil.disk_usage(place).free
     if free < way.disk and not acquisition.is_unfinished(out / "surface"):
-        raise acquisition.DataError(
+        raise acquisition.StorageError(
             f"{out}: the surface needs about {size_text(way.disk)} of disk while it is computed, "
             f"{size_text(free)} are free: free space, or choose another disk"
         )

@@ -14,7 +14,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from acquisition._bands.band_file import BandFile
-from acquisition._errors import DataError
+from acquisition._errors import DataError, StorageError
 from acquisition._storage import (
     append_durably,
     disk,
@@ -48,7 +48,7 @@ class OtherMapsError(DataError):
     def __init__(self, folder: Path, other: Sequence[str]) -> None:
         self.folder, self.other = folder, ", ".join(other)
         super().__init__(
-            f"{folder}: contains unfinished maps of a computation with another {self.other}: "
+            f"{folder}: contains unfinished maps of a computation that differs in {self.other}: "
             "repeat that one, replace its maps, or choose another folder"
         )
 
@@ -232,9 +232,9 @@ class BandStore(Mapping[str, BandFile]):
         with disk(self.folder, "write"):
             free = shutil.disk_usage(self.folder).free
         if free < needed:
-            raise DataError(
-                f"{self.folder.parent}: the maps need {needed / 1e9:.1f} GB of disk while they are "
-                f"computed, {free / 1e9:.1f} GB are free: free space, or choose another disk"
+            raise StorageError(
+                f"{self.folder.parent}: the maps need {_amount(needed)} of disk while they are "
+                f"computed, {_amount(free)} are free: free space, or choose another disk"
             )
 
     def close_with(self, file: BandFile) -> None:
@@ -293,6 +293,11 @@ def _as_json(identity: Mapping[str, object]) -> dict[str, Any]:
     """Return an identity as it is read back: tuples become lists."""
     found: dict[str, Any] = json.loads(json.dumps(identity))
     return found
+
+
+def _amount(count: int) -> str:
+    """Return bytes as text for people."""
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"
 
 
 def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Sequence[str]:

@@ -40,11 +40,11 @@ class LightComparison:
         ``(N,)`` distances between the positions; None for directions.
     intensity_factor
         Factor between all intensities of B and of A, the median of their ratios over lights and
-        channels. Intensities are relative, so it is no difference. NaN if only one of them has
-        intensities: those of the other are all equal.
+        channels. Intensities are relative, so it is no difference. NaN unless both have
+        intensities: those that were not measured are all equal.
     intensity_percent
         ``(N,)`` differences of the intensities of B after removing the factor, relative to A, of
-        the channel that differs most; NaN if only one of them has intensities.
+        the channel that differs most; NaN unless both have intensities.
     deviations
         ``(N,)`` differences of position or direction in combined standard deviations:
         ``sqrt(d^T C^-1 d)`` with the sum C of both covariances. NaN where one of them is not
@@ -204,7 +204,7 @@ def _typical(covariances: Sequence[Array | None], freedom: int, least: float) ->
 def _intensities(a: Lights, b: Lights) -> tuple[float, Array, Array]:
     """Return the common factor, and the differences in percent and in standard deviations."""
     strengths = [np.asarray(lights.intensities) for lights in (a, b)]
-    if bool(np.ptp(strengths[0])) != bool(np.ptp(strengths[1])):
+    if not all(np.ptp(strength) for strength in strengths):
         unknown = np.full(len(a), np.nan)
         return float("nan"), unknown, unknown
     ratio = np.log(strengths[1]) - np.log(strengths[0])

@@ -20,6 +20,10 @@ _SMOOTH_MISFIT = 0.01
 _LEAST_MM = 3.0
 _CONFIDENCE = 0.9999
 _FEWEST_LIGHTS = 4
+# LEDs are soldered to a few degrees. What turns an axis much farther than those of the other lights
+# is a bent LED, or a position that is not that of the light.
+_LEAST_DEG, _TYPICAL = 5.0, 6.0
+_LISTED = 4
 
 
 def doubts(fit: Fit, blocks: Blocks, lights: Lights) -> tuple[Notice, ...]:
@@ -41,7 +45,24 @@ def doubts(fit: Fit, blocks: Blocks, lights: Lights) -> tuple[Notice, ...]:
             "lights are off alike: check the height of its upper side"
         )
         found.append(Notice("card-off-plane", text))
-    return tuple(found)
+    return (*found, *_unlike(fit, lights))
+
+
+def _unlike(fit: Fit, lights: Lights) -> list[Notice]:
+    """Return a notice about lights whose axes are turned much farther than those of the others."""
+    turned = np.degrees(np.arctan(np.hypot(*fit.tilt)))
+    usual = float(np.median(turned))
+    odd = np.flatnonzero(turned > max(_LEAST_DEG, _TYPICAL * usual))
+    if not len(odd):
+        return []
+    listed = ", ".join(f"{lights.ids[k]} ({turned[k]:.0f} degrees)" for k in odd[:_LISTED])
+    more = f" and {len(odd) - _LISTED} more" if len(odd) > _LISTED else ""
+    text = (
+        f"the images turn the axis of {listed}{more} away from the given one, those of half of the "
+        f"lights by less than {max(usual, 0.1):.1f} degrees: unless this LED is bent, its position "
+        "is wrong, or that of another light: check the order of wires and images"
+    )
+    return [Notice("axis-unlike", text)]
 
 
 def _smooth_misfit(

@@ -105,10 +105,12 @@ def _directions(
     residuals = rms_deg(angle_deg(directions[:, None], rays), seen)
     residuals[seen.sum(axis=1) < 2] = np.nan
     if np.any(residuals > _DISAGREEMENT_DEG):
-        worst = float(np.nanmax(residuals))
+        worst = int(np.nanargmax(residuals))
         text = (
-            f"the light directions of the spheres differ by up to {worst:.1f} degrees: the lights "
-            "are near; give a camera and a radius to get positions"
+            f"the light directions of the spheres differ by up to {residuals[worst]:.1f} degrees "
+            f"(light {names[lights[worst]]}), which the stated errors do not contain: the lights "
+            "are near, or an outline is not that of a sphere; give a camera and a radius to get "
+            "positions"
         )
         warnings.append(Notice("lights-near", text))
     warnings += doubts + _unlike(names, images, lights)

@@ -46,6 +46,10 @@ def masked_spheres(
         if not outlines:
             raise EstimateError("a sphere mask is empty: paint the sphere in it")
         for points in outlines:
+            if not len(points):
+                raise EstimateError(
+                    "a sphere mask covers the complete image: paint only the sphere in it"
+                )
             outline, _ = fit_ellipse(points)
             _check_disc(outline, points)
             if _coverage(outline, points) <= ELLIPSE_COVERAGE:

@@ -62,7 +62,7 @@ def sphere_in_mask(
     painted = not mirrors and is_painted(values, outline, highlights)
     given = SphereImage(outline, points_px, coverage, highlights, painted=painted)
     if seen is None:
-        return given
+        return replace(given, unconfirmed=True)
     change = np.array(
         [
             *np.subtract(seen.outline.centre_px, outline.centre_px),

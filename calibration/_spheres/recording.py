@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
@@ -26,6 +28,10 @@ from rig import Notice, pluralize, short_repr
 
 Circle = tuple[float, float, float]
 
+_LISTED = 4
+# Rows and columns of a sphere that are compared between images: noise makes each of them differ.
+_COMPARED = 400
+
 
 @dataclass(frozen=True, eq=False)
 class SeenSpheres:
@@ -47,6 +53,8 @@ class SeenSpheres:
         Notices about outlines that do not count.
     uneven
         Notices about outlines that count, but are not sharp.
+    copies
+        A notice about images that are equal.
     """
 
     names: tuple[str, ...]
@@ -56,6 +64,7 @@ class SeenSpheres:
     found: bool
     left_out: list[Notice]
     uneven: list[Notice]
+    copies: list[Notice] = field(default_factory=list)
 
     __repr__ = short_repr
 
@@ -69,6 +78,7 @@ class SeenSpheres:
             *(saturation_warning(bright) if bright else ()),
             *partial_outline_warning(self.images, self.size),
             *mask_warnings(self.images),
+            *self.copies,
         ]
 
 
@@ -116,12 +126,50 @@ def seen_in(
         images = circled_spheres(values, circles, camera)
     else:
         images, left_out = searched_spheres(values, camera, radii_mm)
+    if not found:
+        _check_apart(images)
     uneven = [] if masks else uneven_outline_warning(images)
     if radii_mm is not None:
         by_size = found or not (all_radii or len(radii_mm) == len(images))
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
-    return SeenSpheres(names, size, images, radii_mm, found, left_out, uneven)
+    copies = _copies(values, names, images)
+    return SeenSpheres(names, size, images, radii_mm, found, left_out, uneven, copies)
+
+
+def _copies(values: Images, names: Sequence[str], images: Sequence[SphereImage]) -> list[Notice]:
+    """Return a warning about lights that have the same image of a sphere, to the last bit."""
+    largest = max(images, key=lambda image: image.outline.radius_px)
+    low = np.subtract(largest.outline.centre_px, largest.outline.radius_px)
+    high = np.add(largest.outline.centre_px, largest.outline.radius_px)
+    columns, rows = (
+        slice(max(int(first), 0), max(int(last), 0) + 1, int(last - first) // _COMPARED + 1)
+        for first, last in zip(low, high, strict=True)
+    )
+    lights: dict[bytes, list[str]] = {}
+    for k, name in enumerate(names):
+        content = values[k, rows, columns]
+        if content.size and np.ptp(content) != 0:  # an even image is not a picture
+            digest = hashlib.blake2b(content.tobytes()).digest()
+            lights.setdefault(digest, []).append(name)
+    equal = [same for same in lights.values() if len(same) > 1]
+    if not equal:
+        return []
+    listed = "; ".join(" and ".join(same[:_LISTED]) for same in equal[:_LISTED])
+    text = (
+        f"the images of {listed} are the same image: one of them is missing, and its light is "
+        "wrong; restore the image"
+    )
+    return [Notice("image-duplicate", text)]
+
+
+def _check_apart(images: Sequence[SphereImage]) -> None:
+    """Raise `DataError` if two marks are the same sphere, which must not count twice."""
+    for one, other in combinations([image.outline for image in images], 2):
+        apart = float(np.hypot(*np.subtract(one.centre_px, other.centre_px)))
+        if apart < min(one.radius_px, other.radius_px):
+            x, y = one.centre_px
+            raise DataError(f"two marks are the sphere at ({x:.0f}, {y:.0f}) px: mark it once")
 
 
 def gray_values(

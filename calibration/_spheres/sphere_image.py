@@ -44,6 +44,8 @@ class SphereImage:
     mask_off_px
         Largest difference of centre and radius from the given mask, if the images replaced it; 0
         otherwise.
+    unconfirmed
+        Whether it is in a mask whose outline the images do not show.
     painted
         Whether the sphere in a mask is shaded like a painted ball.
     on_plane
@@ -57,6 +59,7 @@ class SphereImage:
     covariance_px2: Array | None = None
     systematic_px: float = OUTLINE_SIGMA_PX
     mask_off_px: float = 0.0
+    unconfirmed: bool = False
     painted: bool = False
     on_plane: bool = False
 
@@ -151,6 +154,16 @@ def mask_warnings(images: list[SphereImage]) -> list[Notice]:
         for image in images
         if image.mask_off_px
     ]
+    alone = [image for image in images if image.unconfirmed]
+    if alone:
+        # A highlight that is a share of the radius off turns the light by twice that angle.
+        degrees = max(np.degrees(2 / image.outline.radius_px) for image in alone)
+        text = (
+            f"the images show no outline near that of the mask of {places(alone)}, so its stated "
+            f"error is that of its edge alone: if it is off by 1 px, the lights are off by "
+            f"{degrees:.1f} degrees; compare it with the images in lights.png"
+        )
+        notices.append(Notice("mask-unconfirmed", text))
     painted = [image for image in images if image.painted]
     if painted:
         text = (

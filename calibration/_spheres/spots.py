@@ -25,6 +25,8 @@ _WIDEST_SHARE = 1 / 12
 _FAINTEST_FLUX = 0.01
 _LEAST_LIGHTS = 0.4
 _FARTHEST = 2.5
+# Drawn layouts have at most one cluster more than spheres; noise has thousands.
+_MOST_CLUSTERS = 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +128,8 @@ def spot_clusters(stack: ReducedStack) -> list[SpotCluster]:
 
     A spot is much brighter than the place is under most other lights, which excludes print, and
     than any matte surface. Each spot starts a cluster of the nearest spots under all other lights.
-    A cluster has spots under at least two fifths of the lights.
+    A cluster has spots under at least two fifths of the lights. At most 32 clusters are returned:
+    images in which more places look like highlights contain noise, and no lights.
     """
     spots = stack.spots
     if not len(spots):
@@ -145,6 +148,8 @@ def spot_clusters(stack: ReducedStack) -> list[SpotCluster]:
         if any(_apart(centre, c.centre_px) < 0.7 * max(c.reach_px, reach, 2) for c in clusters):
             continue
         clusters.append(SpotCluster(centre, reach, spots[near, 1:3]))
+        if len(clusters) == _MOST_CLUSTERS:
+            break
     return [
         SpotCluster(
             stack.full_px(c.centre_px), max(c.reach_px, 1) * stack.factor, stack.full_px(c.spots_px)

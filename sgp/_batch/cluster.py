@@ -49,14 +49,11 @@ class ClusterWorkers:
         from distributed import Future, as_completed
 
         run = uuid.uuid4().hex[:8]
-        futures: dict[Future, Task] = {
-            self._client.submit(
-                perform, task, key=f"sgp-{run}-{task.name}", pure=False, retries=0
-            ): task
-            for task in tasks
-        }
+        futures: dict[Future, Task] = {}
         for task in tasks:
             started(task)
+            key = f"sgp-{run}-{task.name}"
+            futures[self._client.submit(perform, task, key=key, pure=False, retries=0)] = task
         try:
             for future in as_completed(list(futures)):
                 task = futures.pop(future)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from sgp._exit import UsageError
+from sgp._options import distinct
 
 # Files and folders that a batch itself writes.
 _TAKEN = ("state", "thumbnails", "batch.csv", "batch.json", "index.html")
@@ -26,13 +26,7 @@ def names_of(sources: Sequence[Path], known: Mapping[str, str]) -> dict[str, Pat
     UsageError
         If a source is given twice.
     """
-    first: dict[Path, Path] = {}
-    for source in sources:
-        place = source.resolve()
-        if place in first:
-            same = "" if source == first[place] else f" and as {first[place]}"
-            raise UsageError(f"{source} is given twice{same}: give each source once")
-        first[place] = source
+    first = distinct(sources)
     kept = {source: name for name, source in known.items()}
     used = {name.casefold() for name in (*_TAKEN, *known)}
     named = {}

@@ -12,6 +12,8 @@ import rig
 # Tables of a recipe, in the order of the commands.
 TABLES = ("calibrate", "run", "report")
 _GIVEN = ("out", "force", "json", "debug")
+# Words in braces that stand for a source.
+_OF_A_SOURCE = ("source", "name", "parent")
 
 Value = bool | int | float | str | Sequence[object]
 
@@ -92,6 +94,17 @@ def option_words(options: Mapping[str, Value], places: Mapping[str, str]) -> lis
             else:
                 words.append(f"--{name}={placed(one, places)}")
     return words
+
+
+def places_of(source: Path) -> dict[str, str]:
+    """Return what the words in braces stand for."""
+    values = (str(source), source.name, str(source.parent))
+    return dict(zip(_OF_A_SOURCE, values, strict=True))
+
+
+def is_placed(text: str) -> bool:
+    """Return whether a text has one of the words in braces, and so differs between sources."""
+    return any(f"{{{word}}}" in text for word in _OF_A_SOURCE)
 
 
 def placed(value: object, places: Mapping[str, str]) -> str:

@@ -16,6 +16,7 @@ from sgp._batch.task import Outcome, Task
 from sgp._result import dumps
 
 FORMAT, VERSION = "sgp-batch-state", 1
+_INTERRUPTED = "the batch was interrupted while it was computed"
 
 
 class State(BaseModel):
@@ -79,6 +80,14 @@ class States:
                 found[path.stem] = state
         return found
 
+    def begin(self, task: Task, state: State) -> None:
+        """Note that a task begins to overwrite the result that a state describes.
+
+        If the batch is interrupted, the result may have files of both, so it is computed again.
+        """
+        begun = state.model_copy(update={"error": _INTERRUPTED, "exit_code": 1})
+        self._store(task.name, begun)
+
     def write(self, task: Task, outcome: Outcome) -> State:
         """Write the outcome of a task."""
         state = State(
@@ -98,9 +107,12 @@ class States:
             notices=dict(outcome.notices),
             figures=dict(outcome.figures),
         )
-        content = f"{dumps(state.model_dump())}\n".encode()
-        acquisition.write_durably(self.path(task.name), content)
+        self._store(task.name, state)
         return state
+
+    def _store(self, name: str, state: State) -> None:
+        content = f"{dumps(state.model_dump())}\n".encode()
+        acquisition.write_durably(self.path(name), content)
 
 
 def _read(path: Path) -> State | None:
@@ -126,6 +138,8 @@ def reason_to_run(task: Task, states: Mapping[str, State]) -> str | None:
     state = states.get(task.name)
     if state is None:
         return "new"
+    if state.error == _INTERRUPTED:
+        return "interrupted before"
     if state.error is not None:
         return "failed before"
     if state.lines != task.lines():

@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
+import rig
 from sgp._batch.state import State
 from sgp._printable import printable
 
@@ -70,18 +71,29 @@ def csv_table(states: Mapping[str, State]) -> str:
     return text.getvalue()
 
 
-def html_table(folder: Path, states: Mapping[str, State]) -> str:
-    """Return the table as a page, failed sources first; it links to the results in ``folder``."""
+def html_table(folder: Path, states: Mapping[str, State], others: int = 0) -> str:
+    """Return the table as a page, failed sources first; it links to the results in ``folder``.
+
+    ``others`` is the number of results in the folder that are not in the table.
+    """
     failed = [name for name, state in states.items() if state.error is not None]
     order = sorted(states, key=lambda name: (name not in failed, name))
-    head = ["", "name", *_FIGURES.values(), "seconds", "errors", "warnings", ""]
+    head = ["", "name", *_FIGURES.values(), "seconds", "errors", "warnings"]
     counts = f"{len(states) - len(failed)} of {len(states)} sources done, {len(failed)} failed"
+    if others:
+        counts += f"; {other_results(others)}"
     return _PAGE.format(
         title=_text(f"Batch {folder.name}"),
         counts=_text(counts),
         head="".join(f"<th>{_text(word)}</th>" for word in head),
         rows="\n".join(_row(folder, name, states[name]) for name in order),
     )
+
+
+def other_results(count: int) -> str:
+    """Return the words about results of sources that were not named."""
+    noun = rig.pluralize(count, "result of another source is", "results of other sources are")
+    return f"{noun} in this folder; the table has only the sources of the last command"
 
 
 def _row(folder: Path, name: str, state: State) -> str:
@@ -98,10 +110,12 @@ def _row(folder: Path, name: str, state: State) -> str:
         state.notices.get("error", 0),
         state.notices.get("warning", 0),
     ]
-    cells = "".join(f'<td class="number">{_number(value)}</td>' for value in numbers)
-    kind = ' class="failed"' if state.error else ""
-    last = f'<td class="text">{_text(state.error or "")}</td>'
-    return f"<tr{kind}><td>{image}</td><td>{label}</td>{cells}{last}</tr>"
+    cells = [f'<td class="number">{_number(value)}</td>' for value in numbers]
+    kind = ""
+    if state.error is not None:  # in the place of the figures, which it does not have
+        kind, wide = ' class="failed"', len(_FIGURES)
+        cells[:wide] = [f'<td class="text" colspan="{wide}">{_text(state.error)}</td>']
+    return f"<tr{kind}><td>{image}</td><td>{label}</td>{''.join(cells)}</tr>"
 
 
 def _number(value: float | None) -> str:

@@ -53,11 +53,17 @@ class _Part:
 
 
 def make_report(
-    paths: Sequence[Path], *, max_pixels: int, full: bool = False, most_bytes: int = MOST_BYTES
+    paths: Sequence[Path],
+    *,
+    max_pixels: int,
+    full: bool = False,
+    most_bytes: int = MOST_BYTES,
+    unrecorded: Sequence[rig.Notice] = (),
 ) -> Report:
     """Return the page of some result folders.
 
-    Without ``full``, maps are reduced until the page has at most ``most_bytes``.
+    Without ``full``, maps are reduced until the page has at most ``most_bytes``. ``unrecorded`` are
+    notices about the first result that its records do not have yet.
 
     Raises
     ------
@@ -65,6 +71,7 @@ def make_report(
         If a folder contains nothing that a report can show.
     """
     folders = [_Folder(read_folder(path), max_pixels) for path in paths]
+    folders[0].add_unrecorded(unrecorded)
     pixels = _PIXELS / len(folders)
     rest: int | None = None
     while True:
@@ -101,7 +108,7 @@ def _reduced(name: str, maps: Embedded) -> str:
 
 def write_report(path: Path, folder: Path, result: Result, max_pixels: int) -> None:
     """Write the page of a folder whose result is complete but for its record, and add it."""
-    made = make_report([folder], max_pixels=max_pixels)
+    made = make_report([folder], max_pixels=max_pixels, unrecorded=result.warnings)
     acquisition.write_durably(path, made.html.encode())
     result.outputs["report"] = path
     known = set(result.warnings)
@@ -119,6 +126,15 @@ class _Folder:
         self._recording: Recording | None = None
         self._notices: list[rig.Notice] = []
         self._beside: list[Companion] = []
+
+    def add_unrecorded(self, notices: Sequence[rig.Notice]) -> None:
+        """Add those of some notices that no record has."""
+        known = {
+            (one.code, one.text)
+            for record in self._folder.records.values()
+            for one in record.notices
+        }
+        self._notices += [one for one in notices if (one.code, one.text) not in known]
 
     def parts(self, first: int, pixels: float, full: bool) -> Iterator[_Part]:
         """Yield the result, and the maps that it was computed from."""

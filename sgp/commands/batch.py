@@ -19,16 +19,16 @@ from sgp._batch.local import LocalWorkers
 from sgp._batch.names import names_of
 from sgp._batch.perform import bound_arguments
 from sgp._batch.progress import BatchProgress
-from sgp._batch.recipe import Recipe, option_words, placed, read_recipe
+from sgp._batch.recipe import Recipe, is_placed, option_words, placed, places_of, read_recipe
 from sgp._batch.state import State, States, reason_to_run
-from sgp._batch.tables import csv_table, html_table
+from sgp._batch.tables import csv_table, html_table, other_results
 from sgp._batch.task import Stage, Task, Workers
 from sgp._console import note
 from sgp._exit import UsageError
 from sgp._help import usage_complaint
 from sgp._memory_limit import size_text
 from sgp._metrics import BatchMetrics
-from sgp._options import Inputs, Memory, OptionalInput, Whole
+from sgp._options import Inputs, Memory, OptionalInput, Whole, inputs_of
 from sgp._output import check_output, write_record
 from sgp._result import Result
 from sgp.commands.calibrate import spheres
@@ -105,6 +105,7 @@ def batch(
         check_scheduler(scheduler)
     chosen = Recipe() if recipe is None else read_recipe(recipe)
     check_output(out, [*source, recipe], force=True)
+    _check_options(chosen, recipe, source[0])
     with batch_folder(out) as states:
         known = states.read_all()
         named = names_of(source, {name: state.source for name, state in known.items()})
@@ -113,12 +114,11 @@ def batch(
             _task(name, place, chosen, out.absolute(), threads=threads, attempts=retries + 1)
             for name, place in named.items()
         ]
-        _check_options(tasks[0], recipe)
         due = _due(tasks, known)
         with _pool(scheduler, workers, memory, states.folder) as pool:
             _work(pool, due, states, known)
         shown = {task.name: known[task.name] for task in tasks}
-        result = _written(out, shown, recipe, len(due))
+        result = _written(out, shown, recipe, len(due), len(known) - len(shown))
         parameters = {
             "source": list(source),
             "recipe": recipe,
@@ -151,9 +151,27 @@ def _task(
     name: str, source: Path, recipe: Recipe, out: Path, *, threads: int, attempts: int
 ) -> Task:
     """Return the task for one source."""
-    places = {"source": str(source), "name": source.name, "parent": str(source.parent)}
-    target, stages = out / name, []
-    words = [str(source), f"--out={target}", "--force", *option_words(recipe.run, places)]
+    target = out / name
+    stages = _stages(recipe, str(source), target, places_of(source))
+    return Task(
+        name=name,
+        source=source,
+        stages=stages,
+        out=target,
+        folder=recipe.folder,
+        log=out / "state" / f"{name}.log",
+        thumbnail=out / "thumbnails" / f"{name}.png",
+        threads=threads,
+        attempts=attempts,
+    )
+
+
+def _stages(
+    recipe: Recipe, source: str, target: Path, places: Mapping[str, str]
+) -> tuple[Stage, ...]:
+    """Return the command lines for one source."""
+    stages = []
+    words = [source, f"--out={target}", "--force", *option_words(recipe.run, places)]
     if recipe.calibrate is not None:
         lights = target / "calibration" / "lights.json"
         options = dict(recipe.calibrate)
@@ -168,28 +186,30 @@ def _task(
         page = [str(target), f"--out={target / 'report.html'}", "--force"]
         page += option_words(recipe.report, places)
         stages.append(Stage("sgp report", report, tuple(page)))
-    return Task(
-        name=name,
-        source=source,
-        stages=tuple(stages),
-        out=target,
-        folder=recipe.folder,
-        log=out / "state" / f"{name}.log",
-        thumbnail=out / "thumbnails" / f"{name}.png",
-        threads=threads,
-        attempts=attempts,
-    )
+    return tuple(stages)
 
 
-def _check_options(task: Task, recipe: Path | None) -> None:
-    """Refuse a recipe whose options are wrong before any work."""
-    with chdir(task.folder):
-        for stage in task.stages:
+def _check_options(recipe: Recipe, path: Path | None, first: Path) -> None:
+    """Refuse a recipe whose options are wrong, or whose files do not exist, before any work.
+
+    Files with ``{name}`` and so on are those of one source, which fails alone.
+    """
+    where = path or "the options"
+    with chdir(recipe.folder):
+        for stage in _stages(recipe, str(first), Path(first.name), places_of(first)):
             try:
                 bound_arguments(stage)
             except CycloptsError as error:
-                text = usage_complaint(error, stage.name)
-                raise UsageError(f"{recipe or 'the options'}: {text}") from error
+                raise UsageError(f"{where}: {usage_complaint(error, stage.name)}") from error
+        for stage in _stages(recipe, "{source}", Path("{name}"), {}):
+            try:
+                bound = bound_arguments(stage)
+            except CycloptsError:  # an option that is valid with the words of a source only
+                continue
+            for file in inputs_of(stage.command, bound.arguments):
+                if not is_placed(str(file)) and not file.exists():
+                    text = f"{where}: {acquisition.missing_path(file)}"
+                    raise UsageError(f"{text}; its paths are relative to {recipe.folder}")
 
 
 def _due(tasks: list[Task], known: Mapping[str, State]) -> list[Task]:
@@ -208,13 +228,22 @@ def _due(tasks: list[Task], known: Mapping[str, State]) -> list[Task]:
 
 
 def _work(pool: Workers, due: list[Task], states: States, known: dict[str, State]) -> None:
+    before = dict(known)
+
+    def started(task: Task) -> None:
+        if task.name in before:
+            states.begin(task, before[task.name])
+        progress.started(task)
+
     with BatchProgress(len(due), pool.count) as progress:
-        for task, outcome in pool.outcomes(due, progress.started):
+        for task, outcome in pool.outcomes(due, started):
             known[task.name] = states.write(task, outcome)
             progress.ended(task, outcome)
 
 
-def _written(out: Path, states: Mapping[str, State], recipe: Path | None, computed: int) -> Result:
+def _written(
+    out: Path, states: Mapping[str, State], recipe: Path | None, computed: int, others: int
+) -> Result:
     """Write the tables."""
     failed = {name: state for name, state in states.items() if state.error is not None}
     done = len(states) - len(failed)
@@ -226,7 +255,7 @@ def _written(out: Path, states: Mapping[str, State], recipe: Path | None, comput
     }
     outputs = {"table": out / "batch.csv", "page": out / "index.html"}
     acquisition.write_durably(outputs["table"], csv_table(states).encode(errors="backslashreplace"))
-    page = html_table(out, states)
+    page = html_table(out, states, others)
     acquisition.write_durably(outputs["page"], page.encode(errors="backslashreplace"))
     summary = [
         f"{name}: {state.error} (log: {out / 'state' / name}.log)" for name, state in failed.items()
@@ -237,7 +266,12 @@ def _written(out: Path, states: Mapping[str, State], recipe: Path | None, comput
     return Result(
         outputs=outputs,
         metrics=metrics,
-        summary=[*summary, counts, f"look at  {outputs['page']}"],
+        summary=[
+            *summary,
+            counts,
+            *([other_results(others)] if others else ()),
+            f"look at  {outputs['page']}",
+        ],
         inputs=[] if recipe is None else [recipe],
         ok=not failed,
     )

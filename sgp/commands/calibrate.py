@@ -13,7 +13,7 @@ import acquisition
 import calibration
 import rig as rigs
 from sgp._exit import UsageError
-from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, RigOption
+from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, RigOption, distinct
 from sgp._output import check_file
 from sgp._result import Result
 from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
@@ -96,6 +96,7 @@ def spheres(
     outputs = {"lights": out, "lp": out.with_suffix(".lp"), "picture": out.with_suffix(".png")}
     for path, suffix in zip(outputs.values(), (".json", ".lp", ".png"), strict=True):
         check_file(path, suffix, force=force)
+    distinct(source)
     if rig is not None:
         rig_with_positions(rig)  # a mistake is reported before the images are read
     marks = marks_of([str(path) for path in mask], sphere, len(source))
@@ -203,6 +204,7 @@ def _estimate(
     """Calibrate from one recording, or from all of them together; draw candidates if it fails."""
     cameras = [one.source.camera for one in recordings if one.source.camera is not None]
     camera, radii = (cameras[0] if cameras else None), given_radii(radius_mm)
+    stack: calibration.RawStack | None = None
     try:
         if len(recordings) > 1:
             return calibration.calibrate_moved_spheres(
@@ -226,7 +228,7 @@ def _estimate(
     except calibration.EstimateError as error:
         for one in recordings:
             _explain_masks(error, one.source, one.masks)
-        if len(recordings) == 1 and not recordings[0].masks:
+        if stack is not None and not recordings[0].masks:
             _draw_candidates(error, recordings[0], stack, picture)
         raise
 

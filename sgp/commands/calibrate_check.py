@@ -73,16 +73,19 @@ def check(
         config = rig_with_positions(rig)
         compared = calibration.compare_with_rig(acquisition.read_lights(a), config)
         inputs, title = [a], f"against the rig {config.name}"
+        equal = []
     else:
         first, second = acquisition.read_lights(a), acquisition.read_lights(b)
         compared = calibration.compare_lights(first, second)
         inputs, title = [a, b], f"of {b.name} against {a.name}"
+        equal = [path.name for path, lights in ((a, first), (b, second)) if _all_equal(lights)]
     if limit_mm is not None and compared.distance_mm is None:
         raise UsageError("--limit-mm needs lights with positions: give --limit-deg for directions")
     intensities = b is not None and not np.isnan(compared.intensity_factor)
     if limit_percent is not None and not intensities:
         raise UsageError(
-            "--limit-percent: only one of the files has intensities: compare two that have them"
+            f"--limit-percent: the intensities of {' and '.join(equal)} are all equal, as before "
+            "`sgp calibrate intensities`: compare two files with measured ones"
         )
     beyond = _beyond(compared, limit_deg, limit_mm, limit_percent)
     # Lights beyond a limit come first.
@@ -95,11 +98,16 @@ def check(
         summary=[
             f"{rigs.pluralize(len(compared.ids), 'light')} {title}, the worst first",
             *_rows(compared, beyond, order, intensities=intensities),
-            *_verdict(compared, beyond, limits=limits, intensities=intensities),
+            *_verdict(compared, beyond, limits=limits, equal=equal),
         ],
         inputs=inputs,
         ok=compared.same_order and not beyond.any() and not contradicted,
     )
+
+
+def _all_equal(lights: acquisition.Lights) -> bool:
+    """Return whether the intensities are those of lights whose intensities were not measured."""
+    return not np.ptp(np.asarray(lights.intensities))
 
 
 def _beyond(
@@ -205,9 +213,11 @@ def _verdict(
     beyond: npt.NDArray[np.bool_],
     *,
     limits: bool,
-    intensities: bool,
+    equal: list[str],
 ) -> Iterator[str]:
-    if intensities:
+    if equal:
+        yield f"intensities are not compared: those of {' and '.join(equal)} are all equal"
+    elif not np.isnan(compared.intensity_factor):
         factor = compared.intensity_factor
         yield (
             "the intensities have no common factor"
@@ -220,5 +230,5 @@ def _verdict(
         yield (
             f"{count} of {of} {'is' if count == 1 else 'are'} beyond a limit (*)"
             if count
-            else "all lights are within the limits"
+            else f"all {of} that were compared are within the limits"
         )

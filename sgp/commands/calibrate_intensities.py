@@ -16,7 +16,17 @@ import rig
 from sgp._calibration_metrics import IntensitiesMetrics
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import Gamma, Input, Inputs, OptionalInput, Pixels, Positive, Real, numbers
+from sgp._options import (
+    Gamma,
+    Input,
+    Inputs,
+    OptionalInput,
+    Pixels,
+    Positive,
+    Real,
+    distinct,
+    numbers,
+)
 from sgp._output import check_file
 from sgp._result import Result
 from sgp._spheres import write_calibration
@@ -93,6 +103,7 @@ def intensities(
         Overwrite an existing file.
     """
     check_file(out, ".json", force=force)
+    distinct(source)
     if len(height_mm) not in (0, len(source)):
         raise UsageError(
             f"--height-mm is given {rig.pluralize(len(height_mm), 'time')} for "

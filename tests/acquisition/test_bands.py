@@ -79,7 +79,7 @@ def test_maps_of_another_identity_are_refused(
 ) -> None:
     with open_store(tmp_path) as store:
         store.complete(slice(0, 7))
-    with pytest.raises(OtherMapsError, match=f"with another {named}: repeat"):
+    with pytest.raises(OtherMapsError, match=f"that differs in {named}: repeat"):
         open_store(tmp_path, **changes)
     with pytest.raises(OtherMapsError, match=named):
         check_unfinished(tmp_path / "normals", {**IDENTITY, **changes})
@@ -169,7 +169,7 @@ def test_a_full_disk_loses_no_completed_row(
         patched.setattr(band_store.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 9}))
         with open_store(tmp_path) as store:  # its space is not needed again
             assert store.missing() == [slice(2, 7)]
-        with pytest.raises(DataError, match="GB are free"):
+        with pytest.raises(StorageError, match=r"are free: free space"):
             open_store(tmp_path, replace=True, method="best")
 
 

@@ -220,9 +220,10 @@ def test_intensities_differ_after_removing_their_common_factor() -> None:
     relative = np.hypot(0.12 / 4, 0.12 / (4 * 1.5 * 0.9))
     np.testing.assert_allclose(known.intensity_deviations[3], -np.log(0.9) / relative)
     assert np.isnan(found.intensity_deviations).all()
-    alone = compare_lights(dome(5), before)
-    assert np.isnan(alone.intensity_factor)
-    assert np.isnan(alone.intensity_percent).all()
+    for one, other in ((dome(5), before), (before, dome(5)), (dome(5), dome(5))):
+        unknown = compare_lights(one, other)
+        assert np.isnan(unknown.intensity_factor)
+        assert np.isnan(unknown.intensity_percent).all()
 
 
 @pytest.mark.slow

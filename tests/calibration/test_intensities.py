@@ -64,6 +64,28 @@ def test_a_surface_that_is_not_a_plane_is_reported():
     assert "matte" in str(result.warnings[0])
 
 
+@pytest.mark.parametrize(
+    ("places", "named"),
+    [
+        pytest.param({}, [], id="right"),
+        pytest.param({3: 7, 7: 3}, ["L03", "L07"], id="two lights are swapped"),
+        pytest.param({3: 4, 4: 3}, ["L03", "L04"], id="neighbours are swapped"),
+        pytest.param({5: 6}, ["L05"], id="one is at the place of another one"),
+    ],
+)
+def test_a_light_at_a_wrong_place_is_named(places, named):
+    """Its own axis and falloff absorb the difference, so that the images fit nevertheless."""
+    lights, points, values, _ = card(9, 1.0)
+    values = values * np.random.default_rng(10).normal(1, 0.01, values.shape)
+    wrong = lights.positions_mm.copy()
+    for light, place in places.items():
+        wrong[light] = lights.positions_mm[place]
+    result = calibrate(values, Lights(positions_mm=wrong), points)
+    texts = [one.text for one in result.warnings if one.code == "axis-unlike"]
+    assert len(texts) == bool(named)
+    assert [name for name in lights.ids if any(f"{name} (" in text for text in texts)] == named
+
+
 def test_pixels_without_a_point_do_not_count():
     lights, points, values, strength = card(7, 1.0)
     points[3:9, 4:20] = np.nan

@@ -66,6 +66,7 @@ def off_px(image, outline):
 def test_a_mask_that_is_off_is_refined(scene, change, refined):
     (image,) = masked_spheres(scene.values, [changed(scene.mask, change)], scene.camera)
     assert (image.mask_off_px > 0.5) == refined
+    assert not image.unconfirmed
     sigma = np.sqrt(np.diag(outline_covariance(image)))
     off = np.abs(off_px(image, scene.outline))
     assert np.all(off < (0.25 if refined else sigma))
@@ -88,6 +89,18 @@ def test_a_mask_is_kept_where_the_images_show_no_outline():
     (image,) = masked_spheres(values, [mask])
     assert image.mask_off_px == 0
     assert image.outline.radius_px == pytest.approx(radius + 1.5, abs=0.2)
+    assert image.unconfirmed
+
+
+@pytest.mark.parametrize("off_px", [8, 12])
+def test_a_mask_beside_the_sphere_is_named(scene, off_px):
+    """What is farther away than the errors of painting is not taken for the outline."""
+    masks = [np.roll(scene.mask, off_px, axis=1)]
+    calibration = calibrate_spheres(scene.values, masks=masks, camera=scene.camera)
+    (notice,) = [one for one in calibration.warnings if one.code == "mask-unconfirmed"]
+    (x, y), radius = scene.outline.centre_px, scene.outline.radius_px
+    assert f"that of the mask of the sphere at ({x + off_px:.0f}, {y:.0f}) px" in notice.text
+    assert f"off by {np.degrees(2 / radius):.1f} degrees" in notice.text
 
 
 def test_a_mask_of_a_painted_ball_is_named():

@@ -111,6 +111,7 @@ def test_lights_are_near_if_the_directions_differ_by_three_degrees(monkeypatch, 
     assert result.residuals_deg == pytest.approx([off_deg, 0], rel=0.05, abs=0.001)
     assert codes(result) == (["lights-near"] if near else [])
     if near:
+        assert "(light L00), which the stated errors do not contain" in str(result.warnings[0])
         assert f"differ by up to {result.residuals_deg[0]:.1f} degrees" in result.warnings[0].text
 
 

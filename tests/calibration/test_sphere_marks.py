@@ -84,6 +84,7 @@ def test_each_region_of_each_mask_is_a_sphere():
     [
         pytest.param(np.ones((160, 120)), DataError, r"\(160, 120\) does not fit", id="shape"),
         pytest.param(np.zeros((120, 160)), EstimateError, "mask is empty", id="empty"),
+        pytest.param(np.ones((120, 160)), EstimateError, "covers the complete image", id="full"),
     ],
 )
 def test_a_wrong_mask_is_refused(mask, error, says):
@@ -117,6 +118,36 @@ def test_a_circle_may_be_wrong_by_a_tenth_of_the_radius(monkeypatch, radius, rea
     monkeypatch.setattr(marked, "outline_near", refine)
     (image,) = circled_spheres(VALUES, [(70, 55, radius)])
     assert (image.outline, image.coverage, image.points_px.shape) == (outline, 0.8, (5, 2))
+
+
+@pytest.mark.parametrize(
+    ("other", "same"),
+    [
+        pytest.param((50.0, 60.0, 30.0), True, id="the same outline"),
+        pytest.param((79.0, 60.0, 30.0), True, id="overlapping"),
+        pytest.param((50.0, 60.0, 12.0), True, id="inside"),
+        pytest.param((81.0, 60.0, 30.0), False, id="one that hides a part of the other"),
+        pytest.param((63.0, 60.0, 12.0), False, id="a small ball in front of a large one"),
+        pytest.param((111.0, 60.0, 30.0), False, id="side by side"),
+    ],
+)
+def test_a_sphere_counts_once(monkeypatch, other, same):
+    """Two marks of one sphere would count as independent, and halve the stated variance."""
+    highlights = Highlights(
+        np.full((len(VALUES), 2), 60.0), np.zeros(len(VALUES), bool), np.full(len(VALUES), 0.05)
+    )
+    images = [
+        SphereImage(Ellipse((x, y), (radius, radius)), np.full((9, 2), x), 1.0, highlights)
+        for x, y, radius in ((50.0, 60.0, 30.0), other)
+    ]
+    monkeypatch.setattr(recording, "circled_spheres", lambda *_: images)
+    if same:
+        with pytest.raises(
+            DataError, match=r"two marks are the sphere at \(50, 60\) px: mark it once"
+        ):
+            recording.seen_in(VALUES, None, [(50, 60, 30), other], None, None)
+        return
+    assert len(recording.seen_in(VALUES, None, [(50, 60, 30), other], None, None).images) == 2
 
 
 def test_an_uneven_outline_is_a_warning_and_not_left_out(monkeypatch):

@@ -215,6 +215,25 @@ def test_rendered_spheres_give_the_positions(drawn, marked):
             assert sphere.coverage > 0.95
 
 
+@pytest.mark.parametrize(
+    ("copies", "named"),
+    [
+        pytest.param({}, [], id="none"),
+        pytest.param({3: 8}, ["L03 and L08"], id="one"),
+        pytest.param({3: 8, 1: 0}, ["L00 and L01; L03 and L08"], id="two"),
+    ],
+)
+def test_copies_of_an_image_are_named(drawn, copies, named):
+    """The light of a copy is that of another LED, and nothing else shows it."""
+    values, masks = drawn
+    values = values.copy()
+    for of, image in copies.items():
+        values[of] = values[image]
+    calibration = calibrate_spheres(values, masks=masks, camera=SMALL.camera, radius_mm=RADII)
+    texts = [one.text for one in calibration.warnings if one.code == "image-duplicate"]
+    assert [text.split("images of ")[1].split(" are the same")[0] for text in texts] == named
+
+
 def test_a_mask_gives_outline_and_highlights(drawn):
     values, masks = drawn
     images = masked_spheres(values, masks)

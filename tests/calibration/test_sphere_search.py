@@ -21,6 +21,7 @@ from calibration._spheres.find import (
     round_outlines,
 )
 from calibration._spheres.highlights import Highlights
+from calibration._spheres.spots import reduce_stack, spot_clusters
 from tests.calibration.test_sphere_parts import SMALL, image_of
 
 
@@ -425,3 +426,13 @@ def test_spheres_of_another_size_are_reported_with_their_size(monkeypatch):
         searched(monkeypatch, [], SMALL.camera, [20.0])
     with pytest.raises(EstimateError, match="no mirror sphere found: 0 round outlines"):
         searched(monkeypatch, [])
+
+
+def test_images_of_noise_have_no_more_clusters_than_a_search_can_try():
+    """The lights were off: thousands of places look like highlights, and each is tried."""
+    noise = np.random.default_rng(0).normal(0, 0.002, (6, 200, 260)).clip(0).astype(np.float32)
+    lit = noise.copy()
+    for k in range(6):
+        lit[k, 98:101, 100 + 8 * k : 103 + 8 * k] = 0.8
+    assert len(spot_clusters(reduce_stack(noise))) == 32
+    assert spot_clusters(reduce_stack(lit))[0].centre_px == pytest.approx((121, 99), abs=5)

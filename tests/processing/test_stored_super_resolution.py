@@ -113,7 +113,7 @@ def test_what_is_complete_is_not_computed_again(tmp_path: Path, monkeypatch) -> 
             with pytest.raises(KeyboardInterrupt):
                 super_resolve_on_disk(given, target, 2, **options)
         assert target.parent.exists() == bool(wanted)
-    with pytest.raises(OtherMapsError, match="another a"):
+    with pytest.raises(OtherMapsError, match="differs in a"):
         super_resolve_on_disk(given, target, 2, **options | {"identity": {"a": 2}})
     steps = []
     found = super_resolve_on_disk(

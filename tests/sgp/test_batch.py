@@ -135,6 +135,16 @@ def test_a_result_is_computed_again_only_if_it_has_to_be(task, monkeypatch) -> N
     assert reason_to_run(task, states.read_all()) == f"computed by version {SOFTWARE}"
 
 
+def test_a_result_that_was_being_overwritten_is_computed_again(task) -> None:
+    """The files may be those of other options, with which the batch was interrupted."""
+    states = States(task.log.parent)
+    states.write(task, perform(task))
+    states.begin(with_words(task, "--text=more"), states.read_all()["owl"])
+    assert reason_to_run(task, states.read_all()) == "interrupted before"
+    states.write(task, perform(task))
+    assert reason_to_run(task, states.read_all()) is None
+
+
 def test_a_damaged_state_costs_one_source_and_one_of_another_version_is_refused(task) -> None:
     states = States(task.log.parent)
     states.write(task, perform(task))
@@ -250,6 +260,29 @@ def test_tables_escape_what_names_and_errors_contain(task, tmp_path) -> None:
     assert [row["status"] for row in rows] == ["done", "failed"]
     assert rows[0]["pixels"] == "12"
     assert rows[1]["name"] == hostile
+
+
+@pytest.mark.parametrize(
+    ("others", "said"),
+    [
+        (0, "1 of 2 sources done, 1 failed</p>"),
+        (1, "1 failed; 1 result of another source is in this folder; the table has only the"),
+        (7, "1 failed; 7 results of other sources are in this folder; the table has only the"),
+    ],
+)
+def test_the_page_says_what_it_does_not_show(task, tmp_path, others, said) -> None:
+    states = States(task.log.parent)
+    good = states.write(task, perform(task))
+    bad = good.model_copy(update={"error": "the disk is full", "figures": {}})
+    page = html_table(tmp_path / "out", {"owl": good, "cat": bad}, others)
+    assert said in page
+    # A long error has the width of the figures, which a failed source does not have.
+    assert '<td class="text" colspan="5">the disk is full</td>' in page
+    widths = [
+        row.count("<td") + row.count("<th") + 4 * row.count('colspan="5"')
+        for row in page.split("<tr")[1:]
+    ]
+    assert len(set(widths)) == 1
 
 
 @pytest.fixture

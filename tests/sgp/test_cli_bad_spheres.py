@@ -51,6 +51,14 @@ def mirror(k, peak=0.8):
     return 0.3 * (1 - cover) + cover * (0.05 + peak * np.exp(-(away**2) / (2 * 2.0**2)))
 
 
+def unlit(k):
+    return np.full(SIZE, -1.0)
+
+
+def white(k):
+    return np.full(SIZE, 1.2)
+
+
 def saturated(k):
     return mirror(k, peak=60.0)
 
@@ -82,6 +90,8 @@ def camera_file(path, focal_px=900.0):
         pytest.param(nothing, "no mirror sphere found", id="no sphere"),
         pytest.param(diffuse, "no mirror sphere found", id="a diffuse ball"),
         pytest.param(overexposed, "no mirror sphere found", id="an overexposed ball"),
+        pytest.param(unlit, "all 6 images are black or saturated", id="black images"),
+        pytest.param(white, "every sample of all 6 images is saturated", id="white images"),
     ],
 )
 def test_what_is_no_mirror_sphere_is_refused(sgp, tmp_path, draw, says):

@@ -103,6 +103,68 @@ def test_a_batch_does_what_is_missing(here, sgp, two, recipe, tmp_path) -> None:
         assert (out / "bright" / name).read_bytes() == (by_hand / name).read_bytes()
 
 
+@pytest.mark.parametrize(
+    ("content", "missing"),
+    [
+        ('[run]\nlights = "light.json"\n', "light.json"),
+        ('[run]\nlights = "{sorce}/lights.json"\n', "{sorce}/lights.json"),
+        ('[calibrate]\nrecordings = ["balls"]\n', "balls"),
+        ('[calibrate]\nrecordings = ["{parent}/balls", "balls"]\n', "balls"),
+    ],
+    ids=["file", "word in braces", "recording", "second recording"],
+)
+def test_files_of_a_recipe_that_do_not_exist_cost_no_result(
+    here, sgp, recording, recipe, tmp_path, content, missing
+) -> None:
+    """Without this check, every source fails, and all are computed again later."""
+    words = ["batch", recording, "--out", tmp_path / "out", "--recipe", recipe]
+    assert sgp(*words).code == 0
+    whole = recipe.read_text()
+    recipe.write_text(content)
+    text = sgp(*words).error_line(2)
+    assert f"recipe.toml: {missing}: no such file" in text
+    assert text.endswith(f"its paths are relative to {tmp_path}")
+    recipe.write_text(whole)
+    assert "1 result is up to date" in sgp(*words).err
+
+
+def test_a_file_that_one_source_lacks_is_its_own_failure(here, sgp, two, recipe, tmp_path) -> None:
+    (two[0] / "own.json").write_bytes((tmp_path / "lights.json").read_bytes())
+    (two[0] / "curve.txt").write_text("0 0\n65535 1\n")
+    recipe.write_text('[run]\nlights = "{source}/own.json"\ngamma = "{source}/curve.txt"\n')
+    answer = sgp("batch", *two, "--out", tmp_path / "out", "--recipe", recipe, "--json")
+    assert answer.code == 4
+    assert {name: row["status"] for name, row in table(tmp_path / "out").items()} == {
+        "ball": "done",
+        "bright": "failed",
+    }
+
+
+class Interrupted(Here):
+    """Does the work of a task, but is interrupted before the outcome arrives."""
+
+    def outcomes(self, tasks, started):
+        for _ in super().outcomes(tasks, started):
+            raise KeyboardInterrupt
+        yield from ()
+
+
+def test_an_interrupted_batch_with_other_options_leaves_no_result_that_counts(
+    here, sgp, recording, recipe, tmp_path, monkeypatch
+) -> None:
+    out, other = tmp_path / "out", tmp_path / "other.toml"
+    other.write_text('[run]\nlights = "lights.json"\nmethod = "ls"\n')
+    words = ["batch", recording, "--out", out, "--recipe"]
+    assert sgp(*words, recipe).code == 0
+    kept = (out / "ball" / "normals" / "normals.exr").read_bytes()
+    monkeypatch.setattr("sgp.commands.batch.LocalWorkers", Interrupted)
+    assert sgp(*words, other).code == 130
+    assert (out / "ball" / "normals" / "normals.exr").read_bytes() != kept
+    monkeypatch.setattr("sgp.commands.batch.LocalWorkers", Here)
+    assert "ball: computed again: interrupted before" in sgp(*words, recipe).err
+    assert (out / "ball" / "normals" / "normals.exr").read_bytes() == kept
+
+
 def test_wrong_commands_are_refused_before_any_work(here, sgp, two, recipe, tmp_path) -> None:
     out = tmp_path / "out"
     asked = ["batch", *two, "--out", out]

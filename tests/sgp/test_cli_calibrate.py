@@ -1,6 +1,7 @@
 """Masks of spheres: a mask given as an option, or the mask of a plain folder of images."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -65,12 +66,12 @@ def test_the_mask_file_of_a_plain_folder_marks_the_sphere(sgp, chrome, tmp_path,
 def test_masks_in_the_folder_may_be_given_one_by_one(sgp, chrome, tmp_path):
     left, right = chrome / "left.mask.png", chrome / "right.mask.png"
     write_png(left, disc())
-    write_png(right, disc())
+    write_png(right, disc((160, 120), 15))  # an empty place, which the answer names
     found = tmp_path / "l.json"
     answer = sgp("calibrate", "spheres", chrome, "--mask", left, "--mask", right, "--out", found)
     assert answer.code == 0, answer.err
     assert "not used" not in answer.err
-    assert "from 2 spheres" in answer.out
+    assert "no highlight under any light on the sphere at (160, 120) px" in answer.err
     assert error_deg(found) < 0.3
     assert sgp("calibrate", "spheres", chrome, "--out", tmp_path / "m.json").code == 4
 
@@ -198,7 +199,8 @@ def test_intensities_come_from_the_card_and_not_from_the_object(sgp, card, tmp_p
 
 def test_strengths_are_one_block_and_complete_figures(sgp, card, tmp_path):
     truth = card / "derived" / "truth" / "lights.json"
-    words = ("calibrate", "intensities", card, card, "--height-mm", 0, "--height-mm", 0)
+    again = shutil.copytree(card, tmp_path / "again")
+    words = ("calibrate", "intensities", card, again, "--height-mm", 0, "--height-mm", 0)
     found = tmp_path / "i.json"
     answer = sgp(*words, "--lights", truth, "--out", found)
     assert answer.code == 0, answer.err

@@ -48,6 +48,7 @@ def folder(tmp_path: Path) -> Path:
         "swapped": SWAPPED,
         "dimmer": DIMMER,
         "uneven": UNEVEN,
+        "same": UNEVEN,
         "few": lights(11),
         "distant": lights().distant(),
         "photos": replace(lights(), ids=tuple(f"p{n}.jpg" for n in range(12))),
@@ -68,7 +69,8 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("words", "code", "expected"),
     [
-        pytest.param("a.json copy.json", 0, ["no common factor"], id="equal"),
+        pytest.param("a.json copy.json", 0, ["of a.json and copy.json are all"], id="unmeasured"),
+        pytest.param("uneven.json same.json", 0, ["no common factor"], id="equal"),
         pytest.param("a.json moved.json", 0, ["L05", "5.00 mm", "17.7"], id="no limit"),
         pytest.param("a.json moved.json --limit-mm 5.1", 0, ["within the limits"], id="within"),
         pytest.param("a.json moved.json --limit-mm 4.9", 4, ["1 of 12 lights is beyond"], id="mm"),
@@ -76,7 +78,12 @@ def folder(tmp_path: Path) -> Path:
         pytest.param(
             "uneven.json dimmer.json --limit-percent 40", 4, ["-45.0 %", "of 2 was"], id="percent"
         ),
-        pytest.param("a.json uneven.json", 0, ["0.000 deg"], id="intensities of one"),
+        pytest.param(
+            "a.json uneven.json",
+            0,
+            ["0.000 deg", "not compared: those of a.json are all equal"],
+            id="intensities of one",
+        ),
         pytest.param("a.json swapped.json", 4, ["LED 10 and 11 are swapped"], id="swapped"),
         pytest.param("a.json --rig rig.toml", 0, ["the rig dome one"], id="rig"),
         pytest.param("distant.json --rig rig.toml", 0, ["the rig dome one"], id="directions"),
@@ -115,7 +122,10 @@ def test_verdict(
         pytest.param("a.json moved.json --limit-mm 0", 2, "--limit-mm", id="zero limit"),
         pytest.param("distant.json --rig rig.toml --limit-mm 3", 2, "--limit-deg", id="no mm"),
         pytest.param("a.json --rig rig.toml --limit-percent 3", 2, "no intensities", id="percent"),
-        pytest.param("a.json uneven.json --limit-percent 9", 2, "only one of", id="no strengths"),
+        pytest.param("a.json uneven.json --limit-percent 9", 2, "of a.json are", id="no strengths"),
+        pytest.param(
+            "a.json copy.json --limit-percent 9", 2, "of a.json and copy.json are", id="unmeasured"
+        ),
         pytest.param("a.json --rig bare.toml", 2, "no led_positions_mm", id="no positions"),
         pytest.param("photos.json --rig rig.toml", 4, "light p0.jpg is not one of", id="photos"),
         pytest.param("a.json --rig none.toml", 2, "none.toml", id="no rig file"),

@@ -95,7 +95,12 @@ def test_optional_arguments_have_names(page):
         pytest.param(["normals"], r"SOURCE is missing \(see `sgp normals --help`\)"),
         pytest.param(["capture", "run"], r"OUT is missing \(see `sgp capture run --help`\)"),
         pytest.param(["normals", "x"], r"--out is missing \(see `sgp normals --help`\)"),
-        pytest.param(["normals", "x", "--out"], r"--out requires an argument.* normals --help`\)"),
+        pytest.param(["normals", "x", "--out"], r"--out requires a value: .* normals --help`\)"),
+        pytest.param(
+            ["calibrate", "spheres", "x", "--out", "l.json", "--sphere", "-3,48,20"],
+            r"--sphere requires a value: write one that begins with a minus as --sphere=VALUE \(",
+            id="a value with a minus",
+        ),
         pytest.param(
             ["detail", "combine", "x"], r"DETAIL is missing \(see `sgp detail combine --h"
         ),

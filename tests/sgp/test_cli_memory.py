@@ -138,11 +138,11 @@ def test_unfinished_maps_of_others_are_refused(sgp, given, tmp_path, monkeypatch
     with monkeypatch.context() as patched:
         patched.setattr(_stored_normals.acquisition, "software_version", lambda: "0.0.1")
         line = sgp(*command).error_line(2)
-    assert "another software version: " in line
+    assert "differs in software version: " in line
     assert "--force" in line
     other = ["normals", *given[:-1], "ls", "--out", tmp_path / "out", "--memory", LITTLE]
     line = sgp(*other).error_line(2)
-    assert "another method: " in line
+    assert "differs in method: " in line
     assert software_version() != "0.0.1"
     assert sgp(*other, "--force").code == 0
     assert sgp("normals", *given[:-1], "ls", "--out", tmp_path / "whole").code == 0
@@ -168,7 +168,7 @@ def test_unfinished_maps_of_another_command_are_kept_with_enough_memory(sgp, rec
     (out / ".part-normals" / "identity.json").write_text('{"method": "other"}')
     (out / "normals.exr").write_text("of that command")
     line = sgp("normals", recording, "--lights", tmp_path / "lights.json", "--out", out)
-    assert "unfinished maps of a command with another" in line.error_line(2)
+    assert "unfinished maps of a command that differs in" in line.error_line(2)
     assert (out / "normals.exr").read_text() == "of that command"
 
 

@@ -101,7 +101,7 @@ def test_an_interrupted_separation_continues(sgp, relief, tmp_path, monkeypatch)
         assert [path.name for path in (tmp_path / "out").iterdir()] == [".part-detail"]
     assert len(done) == 2
     other = ["detail", "separate", relief, "--order", 2, "--w", 3, "--out", tmp_path / "out"]
-    assert "another order: repeat that" in sgp(*other, "--memory", "400K").error_line(2)
+    assert "differs in order: repeat that" in sgp(*other, "--memory", "400K").error_line(2)
     assert sgp(*command, tmp_path / "out", "--memory", "1G").code == 0
     named = [row for band in done for row in range(band.start, band.stop)]
     assert sorted(named) == sorted(set(named))

@@ -85,7 +85,7 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
             patched.setattr(_stored_run, name, raises)
             assert sgp(*command).code == 130
     line = sgp(*command, "--stl").error_line(2)
-    assert "another stl: repeat that command" in line
+    assert "differs in stl: repeat that command" in line
     assert sgp(*command).code == 0
     assert written == ["write_normals_stage", "write_separation", "stored_surface"]
     check_equal(out, tmp_path / "whole")

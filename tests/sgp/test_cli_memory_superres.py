@@ -88,7 +88,7 @@ def test_an_interrupted_enlargement_continues(sgp, low, tmp_path, monkeypatch) -
         assert [path.name for path in out.iterdir()] == [".part-superres"]
     assert len(done) == 2
     other = ["detail", "superres", low, "--scale", 2, "--method", "bicubic", "--out", out]
-    assert "another scale, maps: repeat that" in sgp(*other, "--memory", least(2)).error_line(2)
+    assert "differs in scale, maps: repeat that" in sgp(*other, "--memory", least(2)).error_line(2)
     assert sgp(*command, out, "--memory", "1G").code == 0
     assert len(done) == len(set(done)) > 2
     assert sgp(*command, tmp_path / "whole").code == 0

@@ -47,6 +47,16 @@ def test_two_recordings_give_one_calibration(sgp, two, tmp_path):
     assert cv2.imread(str(tmp_path / "l.png")).shape[0] > 900  # three rows of panels
 
 
+@pytest.mark.parametrize("command", ["spheres", "intensities"])
+def test_one_recording_does_not_count_twice(sgp, two, tmp_path, monkeypatch, command):
+    """It would be two measurements, with standard deviations that are too small."""
+    monkeypatch.chdir(two[0].parent)
+    lights = ("--lights", two[0].parent / "camera.json") if command == "intensities" else ()
+    for again in (two[0], "first/", "./moved/../first"):
+        asked = ("calibrate", command, two[0], two[1], again, *lights, "--out", tmp_path / "l.json")
+        assert "is given twice" in sgp(*asked).error_line(2)
+
+
 def test_a_circle_belongs_to_the_recording_with_its_number():
     marks = marks_of(["1:a:b.png"], ["2:80,90,20.5", "2:1,2,3"], 2)
     assert marks[0] == Marks([Path("a:b.png")])

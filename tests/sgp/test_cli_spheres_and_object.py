@@ -1,11 +1,12 @@
 """``--spheres``: the lights come from chrome spheres next to the object."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 
-from acquisition import led_id, read_image, read_lights
+from acquisition import led_id, read_image, read_lights, write_png
 from calibration import EstimateError
 from processing import read_normals
 from sgp import read_record
@@ -63,6 +64,20 @@ def test_the_lights_are_those_of_calibrate(sgp, recording, tmp_path):
     np.testing.assert_array_equal(found.directions, own.directions)
     assert found.ids == own.ids
     assert len(found) == 8
+
+
+def test_the_page_has_the_notices_about_the_spheres(sgp, recording, tmp_path):
+    """The page is written before the record of the run, which alone has them."""
+    source, out = tmp_path / "source", tmp_path / "result"
+    shutil.copytree(recording, source)
+    for path in source.iterdir():
+        write_png(path, np.minimum(read_image(path).astype(int) * 2, 65535).astype(np.uint16))
+    result = sgp("run", source, "--spheres", "--out", out, "--json")
+    assert result.code == 0, result.err
+    notices = [one["code"] for one in json.loads(result.out)["notices"]]
+    assert "highlights-saturated" in notices
+    page = (out / "report.html").read_text()
+    assert [code for code in notices if page.count(f"<code>{code}</code>") != 1] == []
 
 
 @pytest.mark.parametrize(
