@@ -104,13 +104,14 @@ def residuals_panel(lights: acquisition.Lights) -> Panel | None:
         set_plot_area(axes)
         where = np.arange(len(residuals))
         axes.bar(where, np.nan_to_num(residuals), color="tab:blue", width=0.8)
-        axes.set_ylabel("px")
         axes.set_xlim(-0.7, len(residuals) - 0.3)
         names = short_names(lights.ids)
         step = 1 if len(names) <= _FEW // 2 else -(-len(names) // (_FEW // 2))
         axes.set_xticks(where[::step], names[::step], fontsize=7, rotation=90)
 
-    return Panel("rms distance of the highlights of each light from those predicted", draw, None)
+    # A label at the axis would be outside of the picture in its first column.
+    title = "rms distance of the highlights of each light from those predicted, px"
+    return Panel(title, draw, None)
 
 
 def _in_space(lights: acquisition.Lights) -> Array | None:

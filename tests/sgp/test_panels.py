@@ -267,6 +267,15 @@ def test_ellipsoids_are_enlarged_by_the_factor_in_the_title():
     assert len(shown(residuals_panel(lights))[1].patches) == 3
 
 
+def test_the_residuals_are_inside_the_picture_in_its_first_column():
+    errors = LightErrors(residual_px=np.array([0.0041, 0.002, 0.0013]))
+    figure = sheet("title", [residuals_panel(Lights(directions=rings(3, 40), errors=errors))], 2)
+    figure.canvas.draw()
+    (axes,) = figure.axes
+    assert any(text.get_text().endswith("those predicted, px") for text in figure.texts)
+    assert axes.get_tightbbox().x0 >= 0
+
+
 def test_directions_have_ellipsoids_in_degrees_and_lights_without_errors_have_none():
     variance = np.radians(0.5) ** 2
     lights = Lights(
