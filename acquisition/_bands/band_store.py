@@ -119,9 +119,11 @@ class BandStore(Mapping[str, BandFile]):
     identity
         What the values depend on, as JSON: parameters, hashes of inputs, software version.
     maps
-        Shape ``(H, ...)`` and type of each map, all with the same H.
+        Shape ``(H, ...)`` and type of each map, all with the same H unless there are `units`.
     replace
         Begin again if there are maps of another identity, which are otherwise refused.
+    units
+        What the journal counts instead of rows, for a computation in several steps.
 
     Raises
     ------
@@ -152,9 +154,10 @@ class BandStore(Mapping[str, BandFile]):
         maps: Mapping[str, Form],
         *,
         replace: bool = False,
+        units: int | None = None,
     ) -> None:
         self.folder = part_path(path)
-        self._height = next(iter(maps.values()))[0][0]
+        self._height = next(iter(maps.values()))[0][0] if units is None else units
         forms = {name: [list(shape), np.dtype(kind).name] for name, (shape, kind) in maps.items()}
         wanted = _as_json({**identity, "maps": forms})
         with disk(self.folder, "write"), suppress(FileNotFoundError):
