@@ -6,6 +6,7 @@ from ._curvature.curvature import curvature as curvature
 from ._detail.filter_kind import FilterKind as FilterKind
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
 from ._detail.local_transfer import transfer_local as transfer_local
+from ._detail.placement import Placement as Placement
 from ._detail.properties import ChainStep as ChainStep
 from ._detail.properties import DetailComparison as DetailComparison
 from ._detail.properties import compare_details as compare_details
@@ -27,10 +28,15 @@ from ._detail.similarity import Pose as Pose
 from ._detail.similarity import Similarity as Similarity
 from ._detail.stored_separation import StoredSeparation as StoredSeparation
 from ._detail.stored_separation import separate_on_disk as separate_on_disk
+from ._detail.stored_transfer import StoredTransfer as StoredTransfer
+from ._detail.stored_transfer import transfer_on_disk as transfer_on_disk
 from ._detail.tile import Tile as Tile
 from ._detail.transfer import TransferFidelity as TransferFidelity
 from ._detail.transfer import TransferResult as TransferResult
 from ._detail.transfer import transfer as transfer
+from ._detail.transfer_figures import TransferFigures as TransferFigures
+from ._detail.transfer_memory import least_memory_of_transfer as least_memory_of_transfer
+from ._detail.transfer_memory import memory_of_transfer as memory_of_transfer
 from ._errors import DataError as DataError
 from ._errors import EstimateError as EstimateError
 from ._errors import MissingPathError as MissingPathError
