@@ -1,13 +1,13 @@
 """Memory and CPU time of commands on recordings larger than memory, against smaller ones.
 
 A recording of --lights images of a relief with highlights and noise, as 16-bit TIFF, is made for
-each size, the reference first. Its rows repeat, so that recording it is quick. `detail`
-and `surface` read normals of waves with noise; .25 megapixels of them are the detail that is
-transferred to the large map, and continued over a large sheet. Each command runs in a process of its own with
---memory. The table has the CPU seconds, the CPU time per pixel and its ratio to the reference, the
-peak of the resident memory, and the largest size of the result with its temporary files. --folder
-keeps the inputs for the next run; a recording needs 2 bytes for each pixel and light. The first run
-may compile kernels: run a small one before.
+each size, the reference first. Its rows repeat, so that recording it is quick. `detail` and
+`surface` read normals of waves with noise; .25 megapixels of them are the detail that is
+transferred to the large map, and continued over a large sheet. Each command runs in a process of
+its own with --memory. The table has the CPU seconds, the CPU time per pixel and its ratio to the
+reference, the peak of the resident memory, and the largest size of the result with its temporary
+files. --folder keeps the inputs for the next run; a recording needs 2 bytes for each pixel and
+light. The first run may compile kernels: run a small one before.
 
     NUMBA_NUM_THREADS=1 python benchmarks/large_recordings.py --megapixels 20
 """

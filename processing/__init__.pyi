@@ -155,6 +155,10 @@ from ._synthesis.onto import synthesize_onto as synthesize_onto
 from ._synthesis.quilting import Synthesis as Synthesis
 from ._synthesis.quilting import synthesize as synthesize
 from ._synthesis.seam_steps import CutSteps as CutSteps
+from ._synthesis.stored_synthesis import StoredSynthesis as StoredSynthesis
+from ._synthesis.stored_synthesis import synthesize_on_disk as synthesize_on_disk
+from ._synthesis.synthesis_memory import least_memory_of_synthesis as least_memory_of_synthesis
+from ._synthesis.synthesis_memory import memory_of_synthesis as memory_of_synthesis
 from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty
 from ._uncertainty.normal_uncertainty import normal_uncertainty as normal_uncertainty
 from ._uncertainty.sample_kind import Reason as Reason

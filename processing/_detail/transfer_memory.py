@@ -12,8 +12,9 @@ AROUND = 5
 # Bytes per pixel of a band, besides those of its separation: the placed detail, its labels, the
 # shapes, the errors and what the similarities need.
 _OF_BAND = 110
-# Bytes per pixel of the target, and of the source, if both are in memory.
-_TARGET, _SOURCE = 140, 40
+# Bytes per pixel if both maps are in memory, besides those of the separation: of the target while
+# its errors are measured, of the source meanwhile and while it is separated, of a map that waits.
+_TARGET, _SOURCE, _SEPARATED, _WAITING = 105, 25, 15, 13
 # Bytes per pixel: of masks while the maps are on disk, and while the second map is read.
 _MASKS, _READING = 4, 6
 
@@ -44,10 +45,12 @@ class TransferSizes:
 
     def whole(self) -> int:
         """Return the bytes of a program that reads both maps and calls `transfer`."""
-        (h, w), (height, width) = self.source, self.target
+        source, target = (height * width for height, width in (self.source, self.target))
         filtered = rows.pixel_bytes(self.shape_filter)
-        source = h * w * (_SOURCE + filtered)
-        return rows.fixed() + source + height * width * (_TARGET + filtered)
+        return rows.fixed() + max(
+            source * (_SEPARATED + filtered) + target * _WAITING,
+            source * _SOURCE + target * (_TARGET + filtered),
+        )
 
     def least(self) -> int:
         """Return the bytes that `transfer_on_disk` needs at least."""

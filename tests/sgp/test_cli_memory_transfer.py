@@ -52,7 +52,7 @@ def record(folder: Path) -> dict[str, object]:
     """Return a record without times and the limit."""
     found = json.loads((folder / "normals.json").read_text())
     found["parameters"].pop("memory")
-    return {name: found[name] for name in ("parameters", "metrics", "notes", "inputs")}
+    return {name: found[name] for name in ("parameters", "metrics", "notices", "inputs")}
 
 
 @pytest.mark.parametrize(
