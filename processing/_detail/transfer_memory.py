@@ -54,7 +54,8 @@ class TransferSizes:
 
     def least(self) -> int:
         """Return the bytes that `transfer_on_disk` needs at least."""
-        return self._outside() + self._row() * min(rows.LEAST_ROWS + 2 * self.halo, self._height())
+        band = self._row() * min(rows.LEAST_ROWS + 2 * self.halo, self._height())
+        return min(self._outside() + band, self.whole())
 
     def band_rows(self, memory: int) -> int:
         """Return the rows of a band for which a number of bytes is enough."""

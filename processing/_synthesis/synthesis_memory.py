@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from processing._synthesis.strips import CORRECTED_ROWS, ROWS
 
-# The interpreter, libraries and compiled kernels, and the figures of at most 2048 x 2048 pixels.
+# The interpreter, libraries and compiled kernels; the figures, of at most 2048 x 2048 pixels.
 _FIXED = 330_000_000
 _FIGURES = 300_000_000
 _MOST_FIGURES = 2048 * 2048
 # Bytes per pixel: of the exemplar and its separation, of each of its copies, and of a sheet in
 # memory while it is written.
-_EXEMPLAR, _COPY, _SHEET = 70, 28, 20
+_EXEMPLAR, _COPY, _SHEET = 70, 28, 16
 # Bytes per pixel: of masks while the sheet is on disk, of a strip, and of rows while they are
 # filtered.
 _ON_DISK, _OF_STRIP, _OF_BAND = 3, 30, 70
@@ -35,7 +35,7 @@ def memory_of_synthesis(
     >>> memory_of_synthesis((256, 256), (4000, 5000)) // 1_000_000 > 600
     True
     """
-    return _outside(exemplar, size, copies) + _SHEET * size[0] * size[1]
+    return _outside(exemplar, copies) + _figures(size) + _SHEET * size[0] * size[1]
 
 
 def least_memory_of_synthesis(
@@ -66,10 +66,16 @@ def least_memory_of_synthesis(
     stride = patch - (patch // 4 if overlap is None else overlap)
     strip = min(ROWS * stride + patch, height) * _OF_STRIP
     band = min(CORRECTED_ROWS + _MARGIN, height) * _OF_BAND
-    return _outside(exemplar, size, copies) + _ON_DISK * height * width + width * max(strip, band)
+    most = max(_figures(size), width * max(strip, band))
+    least = _outside(exemplar, copies) + _ON_DISK * height * width + most
+    return min(least, memory_of_synthesis(exemplar, size, copies=copies))
 
 
-def _outside(exemplar: tuple[int, int], size: tuple[int, int], copies: int) -> int:
-    """Return the bytes of what does not depend on where the sheet is."""
-    figures = _FIGURES * min(size[0] * size[1], _MOST_FIGURES) // _MOST_FIGURES
-    return _FIXED + figures + exemplar[0] * exemplar[1] * (_EXEMPLAR + _COPY * copies)
+def _outside(exemplar: tuple[int, int], copies: int) -> int:
+    """Return the bytes of what does not depend on the sheet."""
+    return _FIXED + exemplar[0] * exemplar[1] * (_EXEMPLAR + _COPY * copies)
+
+
+def _figures(size: tuple[int, int]) -> int:
+    """Return the bytes that the figures of a sheet need."""
+    return _FIGURES * min(size[0] * size[1], _MOST_FIGURES) // _MOST_FIGURES
