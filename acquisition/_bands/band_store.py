@@ -7,7 +7,7 @@ import os
 import shutil
 import stat
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -202,6 +202,28 @@ class BandStore(Mapping[str, BandFile]):
                 gaps.append(slice(at, rows.start))
             at = max(at, rows.stop)
         return gaps if at >= self._height else [*gaps, slice(at, self._height)]
+
+    def missing_bands(self, count: int, part: slice | None = None) -> list[slice]:
+        """Return the rows that are not complete, in bands of at most `count`.
+
+        ``part`` is the range of a step among the units that the journal counts; its bands begin at
+        0. By default, it is everything.
+        """
+        first, last = (0, self._height) if part is None else (part.start, part.stop)
+        bands = []
+        for gap in self.missing():
+            begin, end = max(gap.start, first) - first, min(gap.stop, last) - first
+            bands += [slice(top, min(top + count, end)) for top in range(begin, end, count)]
+        return bands
+
+    @contextmanager
+    def filling(self) -> Iterator[None]:
+        """Keep what is complete after an error in the block, as `abandon` does."""
+        try:
+            yield
+        except BaseException:
+            self.abandon()
+            raise
 
     def complete(self, rows: slice) -> None:
         """Make rows of all maps durable, then name them in the journal.

@@ -165,7 +165,7 @@ def border_sums(normals: Float, known: Mask, labels: npt.NDArray[np.int32]) -> D
 
 
 def steps_of_sums(sums: Double) -> SeamSteps:
-    """Return the mean steps of the rows of `border_sums`; NaN if there are none."""
+    """Return the mean steps of the rows of `border_sums`; NaN without any."""
     across, crossed, inside, same = (float(np.ascontiguousarray(s).sum()) for s in sums.T)
     return SeamSteps(across / crossed if crossed else math.nan, inside / same if same else math.nan)
 

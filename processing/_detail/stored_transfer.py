@@ -124,7 +124,7 @@ def transfer_on_disk(
     tiled = tile if at is None else None
     stages = TransferStages(sizes, tiled, amplitude, keep_target_detail=keep_target_detail)
     store = BandStore(path, identity, stages.forms, replace=replace, units=stages.units)
-    try:
+    with store.filling():
         first, second = (
             store_normals(file, store[name].path, green=green, max_pixels=max_pixels)
             for file, name, green in (
@@ -138,9 +138,6 @@ def transfer_on_disk(
         placement = stages.placement(store, masks, at, memory)
         stages.fill(store, masks, placement, memory, on_progress)
         figures = stages.figures(store, second.mask)
-    except BaseException:
-        store.abandon()
-        raise
     return StoredTransfer(
         normals=store[stages.result],
         shape_error_deg=store["shape_error"],

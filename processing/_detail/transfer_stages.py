@@ -160,11 +160,11 @@ class TransferStages:
         steps.append((height, receive))
         steps += [(height, corrected(*pair)) for pair in pairwise(maps)]
         steps.append((height, measure))
-        missing = store.missing()
-        on_progress("transferring", self.units - sum(m.stop - m.start for m in missing), self.units)
+        missing = sum(rows.stop - rows.start for rows in store.missing())
+        on_progress("transferring", self.units - missing, self.units)
         begin = 0
         for length, step in steps:
-            for rows in _bands(missing, begin, length, count):
+            for rows in store.missing_bands(count, slice(begin, begin + length)):
                 step(rows)
                 store.complete(slice(begin + rows.start, begin + rows.stop))
                 on_progress("transferring", begin + rows.stop, self.units)
@@ -229,12 +229,3 @@ def _errors(
         angle_map_deg(a[inner], b[inner], received) for a, b in zip(wanted, has, strict=True)
     )
     return shape, detail
-
-
-def _bands(missing: list[slice], begin: int, length: int, count: int) -> list[slice]:
-    """Return the missing rows of a step, in bands; ``begin`` is the unit of its first row."""
-    bands = []
-    for part in missing:
-        first, last = max(part.start - begin, 0), min(part.stop - begin, length)
-        bands += [slice(top, min(top + count, last)) for top in range(first, last, count)]
-    return bands

@@ -121,12 +121,9 @@ def synthesize_on_disk(
     )  # fmt: skip
     sheet = _Sheet(quilt)
     store = BandStore(path, identity, sheet.forms, replace=replace, units=sheet.units)
-    try:
+    with store.filling():
         sheet.quilt(store, on_progress)
         sheet.correct(store, exemplar, on_progress)
-    except BaseException:
-        store.abandon()
-        raise
     return StoredSynthesis(store["sheet"], store["labels"], patch, quilt.overlap, tileable, store)
 
 
@@ -162,7 +159,7 @@ class _Sheet:
             # After each strip: number of patches, and uses of classes.
             "uses": ((self._strips, 1 + CLASSES), np.float64),
             "share": ((1,), np.float64),
-            # After a 0 if there is none.
+            # The first row is 0 without a filter.
             "kernel": ((KERNEL[0] + 1, KERNEL[1]), np.float32),
         }
 

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from acquisition import BandStore
 from processing import NormalMap, write_normals
 from processing._synthesis import synthesis_memory
-from tests.sgp.test_cli_memory import bands, check_equal, stop  # noqa: F401 - a fixture
+from tests.sgp.in_bands import check_bands, check_continued, check_needs_whole
+from tests.sgp.test_cli_memory import bands  # noqa: F401 - a fixture
 
 SIZE = ("--size", "110x600", "--patch", 16)
 # More than a strip needs, less than the sheet.
@@ -45,40 +43,17 @@ def hide(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ids=["", "for tiling", "turned"],
 )
 def test_a_sheet_in_files_is_that_in_memory(sgp, hide, tmp_path, bands, options) -> None:  # noqa: F811
-    answers = []
-    for name, limit in (("whole", "1G"), ("bands", LITTLE)):
-        words = ("detail", "synthesize", hide, *SIZE, *options, "--json", "--memory", limit)
-        answer = sgp(*words, "--out", tmp_path / name)
-        assert answer.code == 0, answer.err
-        answers.append(answer.out.replace(f"/{name}/", "/"))
-        assert (len(bands) > 5) == (name == "bands")
-    assert answers[0] == answers[1]
-    check_equal(tmp_path / "bands", tmp_path / "whole")
+    command = ["detail", "synthesize", hide, *SIZE, *options]
+    check_bands(sgp, bands, tmp_path, command, LITTLE)
 
 
 def test_an_interrupted_sheet_continues(sgp, hide, tmp_path, monkeypatch) -> None:
-    """After a full disk and Ctrl-C, also with more memory; what is complete is not done again."""
-    command = ["detail", "synthesize", hide, *SIZE, "--out"]
-    assert sgp(*command, tmp_path / "whole").code == 0
-    done: list[slice] = []
-    complete = BandStore.complete
-
-    def noted(store: BandStore, steps: slice) -> None:
-        complete(store, steps)
-        done.append(steps)
-
-    monkeypatch.setattr(BandStore, "complete", noted)
-    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    for error, code in ((full, 3), (KeyboardInterrupt(), 130), (full, 3)):
-        with monkeypatch.context() as patched:
-            patched.setattr(BandStore, "complete", stop(error, 1))
-            assert sgp(*command, tmp_path / "out", "--memory", LITTLE).code == code
-        assert [path.name for path in (tmp_path / "out").iterdir()] == [".part-synthesize"]
-    other = ["detail", "synthesize", hide, *SIZE, "--seed", 5, "--out", tmp_path / "out"]
-    assert "another seed: repeat that" in sgp(*other, "--memory", LITTLE).error_line(2)
-    assert sgp(*command, tmp_path / "out", "--memory", "1G").code == 0
+    command = ["detail", "synthesize", hide, *SIZE]
+    done = check_continued(
+        sgp, monkeypatch, tmp_path, command, LITTLE, ".part-synthesize",
+        other=("--seed", 5), reason="seed",
+    )  # fmt: skip
     assert [steps.start for steps in done] == list(range(len(done)))
-    check_equal(tmp_path / "out", tmp_path / "whole")
 
 
 def test_a_memory_that_is_too_small(sgp, hide, tmp_path) -> None:
@@ -88,13 +63,9 @@ def test_a_memory_that_is_too_small(sgp, hide, tmp_path) -> None:
     assert "--memory 9K is too small for a sheet of 110 x 600 pixels: give at least" in line
     stated = line.rsplit(" ", 1)[1]
     assert sgp(*command, "--memory", stated).code == 0
-    for options, option, of in (
-        (("--onto", hide), "--onto", "a target of 100 x 90"),
-        (("--size", "40x40", "--method", "efros-leung"), "--method efros-leung", "a sheet of"),
+    for options, option in (
+        (("--onto", hide), "--onto"),
+        (("--size", "40x40", "--method", "efros-leung"), "--method efros-leung"),
     ):
         words = ["detail", "synthesize", hide, *options, "--force", "--out", tmp_path / "o"]
-        line = sgp(*words, "--memory", "300K").error_line(2)
-        assert f"is too small for {of}" in line
-        assert f"with {option}, which needs the complete maps: give --memory " in line
-        stated = line.split("give --memory ")[1].split(",")[0]
-        assert sgp(*words, "--memory", stated).code == 0
+        check_needs_whole(sgp, words, "300K", option)

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import errno
-import json
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from acquisition import BandStore
 from processing import NormalMap, ShapeFilter, write_normals
 from processing._detail import rows
 from processing._detail.transfer_memory import TransferSizes
-from tests.sgp.test_cli_memory import bands, check_equal, stop  # noqa: F401 - a fixture
+from tests.sgp.in_bands import check_bands, check_continued, check_needs_whole
+from tests.sgp.test_cli_memory import bands  # noqa: F401 - a fixture
 
 SOURCE, TARGET = (70, 40), (300, 60)
 FILTER = ("--order", 2, "--w", 2)
@@ -48,57 +45,23 @@ def memory(refine: int = 0) -> str:
     return f"{least // 1024 + 120}K"
 
 
-def record(folder: Path) -> dict[str, object]:
-    """Return a record without times and the limit."""
-    found = json.loads((folder / "normals.json").read_text())
-    found["parameters"].pop("memory")
-    return {name: found[name] for name in ("parameters", "metrics", "notices", "inputs")}
-
-
 @pytest.mark.parametrize(
     "options",
     [(), ("--refine", 2), ("--tile", "mirror", "--amplitude", -0.5), ("--at", "-10,50")],
     ids=["cut", "corrected", "mirrored", "put"],
 )
 def test_bands_give_the_result_of_the_whole(sgp, maps, tmp_path, bands, options) -> None:  # noqa: F811
-    answers = []
-    for name, limit in (("whole", "1G"), ("bands", memory())):
-        words = ("detail", "transfer", *maps, *FILTER, *options, "--json", "--memory", limit)
-        answer = sgp(*words, "--out", tmp_path / name)
-        assert answer.code == 0, answer.err
-        answers.append(answer.out.replace(f"/{name}/", "/"))
-        assert (len(bands) > 5) == (name == "bands")
-    assert answers[0] == answers[1]
-    assert record(tmp_path / "bands") == record(tmp_path / "whole")
-    check_equal(tmp_path / "bands", tmp_path / "whole")
+    command = ["detail", "transfer", *maps, *FILTER, *options]
+    check_bands(sgp, bands, tmp_path, command, memory())
 
 
 def test_an_interrupted_transfer_continues(sgp, maps, tmp_path, monkeypatch) -> None:
-    """After a full disk and Ctrl-C, also with more memory; what is complete is not done again."""
-    command = ["detail", "transfer", *maps, *FILTER, "--refine", 1, "--out"]
-    assert sgp(*command, tmp_path / "whole").code == 0
-    done: list[slice] = []
-    complete = BandStore.complete
-
-    def noted(store: BandStore, band: slice) -> None:
-        complete(store, band)
-        done.append(band)
-
-    monkeypatch.setattr(BandStore, "complete", noted)
-    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    for error, code in ((full, 3), (KeyboardInterrupt(), 130), (full, 3)):
-        with monkeypatch.context() as patched:
-            patched.setattr(BandStore, "complete", stop(error, 3))
-            assert sgp(*command, tmp_path / "out", "--memory", memory()).code == code
-        assert [path.name for path in (tmp_path / "out").iterdir()] == [".part-transfer"]
-    assert len(done) == 9
-    other = ["detail", "transfer", *maps, *FILTER, "--refine", 2, "--out", tmp_path / "out"]
-    assert "another refine" in sgp(*other, "--memory", memory()).error_line(2)
-    assert sgp(*command, tmp_path / "out", "--memory", "1G").code == 0
-    named = [row for band in done for row in range(band.start, band.stop)]
-    assert sorted(named) == sorted(set(named))
-    assert len(named) == SOURCE[0] + 1 + 3 * TARGET[0]
-    check_equal(tmp_path / "out", tmp_path / "whole")
+    command = ["detail", "transfer", *maps, *FILTER, "--refine", 1]
+    done = check_continued(
+        sgp, monkeypatch, tmp_path, command, memory(), ".part-transfer",
+        other=("--amplitude", 2), reason="amplitude",
+    )  # fmt: skip
+    assert sum(rows.stop - rows.start for rows in done) == SOURCE[0] + 1 + 3 * TARGET[0]
 
 
 def test_a_memory_that_is_too_small(sgp, maps, tmp_path) -> None:
@@ -110,9 +73,5 @@ def test_a_memory_that_is_too_small(sgp, maps, tmp_path) -> None:
     stated = line.rsplit(" ", 1)[1]
     assert sgp(*command, "--memory", stated).code == 0
     for option in (("--profile",), ("--mirror",), ("--rotate-deg", 20)):
-        words = ["detail", "transfer", *maps, *option, "--at", "30,150", "--force", "--out"]
-        words.append(tmp_path / "o")
-        line = sgp(*words, "--memory", "300K").error_line(2)
-        assert f"with {option[0]}, which needs the complete maps: give --memory " in line
-        stated = line.split("give --memory ")[1].split(",")[0]
-        assert sgp(*words, "--memory", stated).code == 0
+        words = ["detail", "transfer", *maps, *option, "--at", "30,150", "--force"]
+        check_needs_whole(sgp, [*words, "--out", tmp_path / "o"], "300K", option[0])
