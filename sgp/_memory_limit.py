@@ -102,8 +102,13 @@ class Limit:
         Raises
         ------
         UsageError
-            The message names the option and states the memory that it needs.
+            The message names the option and states the memory that it needs. Also if there are
+            unfinished maps of another command.
         """
+        if self.force:
+            acquisition.remove_unfinished(self.path)
+        with other_maps_refused():
+            acquisition.check_unfinished(self.path, {"way": option})
         if self.memory is not None and self.memory < need.whole:
             raise UsageError(
                 f"--memory {size_text(self.memory)} is too small for {need.of} with {option}, "

@@ -54,13 +54,14 @@ class TransferSizes:
 
     def least(self) -> int:
         """Return the bytes that `transfer_on_disk` needs at least."""
-        band = self._row() * min(rows.LEAST_ROWS + 2 * self.halo, self._height())
+        around = min(2 * self.halo, self._height()) * self._filtered()
+        band = around + min(rows.LEAST_ROWS, self._height()) * self._row()
         return min(self._outside() + band, self.whole())
 
     def band_rows(self, memory: int) -> int:
         """Return the rows of a band for which a number of bytes is enough."""
-        free = (memory - self._outside()) // self._row() - 2 * self.halo
-        return rows.useful_rows(free, self.halo)
+        free = memory - self._outside() - 2 * self.halo * self._filtered()
+        return rows.useful_rows(free // self._row(), self.halo)
 
     def spare(self, memory: int) -> int:
         """Return the bytes that are left for a part of the source before the first band."""
@@ -72,9 +73,13 @@ class TransferSizes:
         held = _MASKS * target + source
         return rows.fixed() + max(_READING * source, _READING * target + source, held)
 
+    def _filtered(self) -> int:
+        """Return the bytes of a row that is only filtered."""
+        return max(self.source[1], self.target[1]) * rows.pixel_bytes(self.shape_filter)
+
     def _row(self) -> int:
-        width = max(self.source[1], self.target[1])
-        return width * (_OF_BAND + rows.pixel_bytes(self.shape_filter))
+        """Return the bytes of a row of a band."""
+        return self._filtered() + max(self.source[1], self.target[1]) * _OF_BAND
 
     def _height(self) -> int:
         return max(self.source[0], self.target[0])

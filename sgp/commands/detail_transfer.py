@@ -172,7 +172,7 @@ def transfer(
         raise UsageError(
             "--tile cannot be used with --at or in a local transfer: only one copy is placed"
         )
-    limit = Limit(memory, out / "transfer", force)
+    limit = Limit(memory, out / "normals", force)
     maps = TransferMaps(source, target, source_green, target_green, max_pixels)
     by = processing.ShapeFilter(filter, order, (10 if is_local else 5) if w is None else w)
     whole = [*local.given(), *(["--profile"] if profile else [])]

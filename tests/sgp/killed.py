@@ -54,8 +54,6 @@ class Unfinished:
     units, begin, rows
         What the journal counts if it does not count the rows of this map: their number, that of the
         first row of the map, and the rows of one.
-    record
-        Name of the record, if it is not that of the maps.
     """
 
     out: Path
@@ -66,7 +64,6 @@ class Unfinished:
     units: int | None = None
     begin: int = 0
     rows: int = 1
-    record: str = ""
 
     @property
     def total(self) -> int:
@@ -100,7 +97,7 @@ class Unfinished:
         if isinstance(target, str):
             return (self.out / target / f"{target}.json").exists()
         rows = sum(last - first for first, last in self.rows_done())
-        return rows >= target or (self._result / f"{self.record or self.name}.json").exists()
+        return rows >= target or (self._result / f"{self.name}.json").exists()
 
     def complete(self) -> dict[str, int]:
         """Return the stages that count as complete, with the time of their records."""

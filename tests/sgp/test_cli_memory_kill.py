@@ -108,8 +108,7 @@ def test_transfer(server: Server, tmp_path: Path) -> None:
     command = ["detail", "transfer", *maps, "--refine", "2", "--memory", memory, "--out"]
     begin = CLOTH[0] + 1
     found = Unfinished(
-        tmp_path / "out", "transfer", (*MAP, 3), "shape", units=begin + 4 * MAP[0], begin=begin,
-        record="normals",
+        tmp_path / "out", "normals", (*MAP, 3), "shape", units=begin + 4 * MAP[0], begin=begin,
     )  # fmt: skip
     check_killed(server, command, found, tmp_path / "whole", kills=8, seed=13)
 

@@ -58,7 +58,7 @@ def test_bands_give_the_result_of_the_whole(sgp, maps, tmp_path, bands, options)
 def test_an_interrupted_transfer_continues(sgp, maps, tmp_path, monkeypatch) -> None:
     command = ["detail", "transfer", *maps, *FILTER, "--refine", 1]
     done = check_continued(
-        sgp, monkeypatch, tmp_path, command, memory(), ".part-transfer",
+        sgp, monkeypatch, tmp_path, command, memory(), ".part-normals",
         other=("--amplitude", 2), reason="amplitude",
     )  # fmt: skip
     assert sum(rows.stop - rows.start for rows in done) == SOURCE[0] + 1 + 3 * TARGET[0]
