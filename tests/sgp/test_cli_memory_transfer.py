@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from acquisition import BandStore
 from processing import NormalMap, ShapeFilter, write_normals
 from processing._detail import rows
 from processing._detail.transfer_memory import TransferSizes
 from tests.sgp.in_bands import check_bands, check_continued, check_needs_whole
-from tests.sgp.test_cli_memory import bands  # noqa: F401 - a fixture
+from tests.sgp.test_cli_memory import bands, stop  # noqa: F401 - a fixture
 
 SOURCE, TARGET = (70, 40), (300, 60)
 FILTER = ("--order", 2, "--w", 2)
@@ -75,3 +76,18 @@ def test_a_memory_that_is_too_small(sgp, maps, tmp_path) -> None:
     for option in (("--profile",), ("--mirror",), ("--rotate-deg", 20)):
         words = ["detail", "transfer", *maps, *option, "--at", "30,150", "--force"]
         check_needs_whole(sgp, [*words, "--out", tmp_path / "o"], "300K", option[0])
+
+
+def test_unfinished_maps_are_not_mixed_with_a_transfer_in_memory(
+    sgp, maps, tmp_path, monkeypatch
+) -> None:
+    out = tmp_path / "out"
+    command = ["detail", "transfer", *maps, *FILTER, "--out", out]
+    with monkeypatch.context() as patched:
+        patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 2))
+        assert sgp(*command, "--memory", memory()).code == 130
+    line = sgp(*command, "--profile").error_line(2)
+    assert "contains unfinished maps of a command with another" in line
+    assert sgp(*command, "--profile", "--force").code == 0
+    assert (out / "height_profile.png").exists()
+    assert not list(out.glob(".part-*"))
