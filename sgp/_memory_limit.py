@@ -108,7 +108,7 @@ class Limit:
         if self.force:
             acquisition.remove_unfinished(self.path)
         with other_maps_refused():
-            acquisition.check_unfinished(self.path, {"way": option})
+            acquisition.check_unfinished(self.path, {"options": option})
         if self.memory is not None and self.memory < need.whole:
             raise UsageError(
                 f"--memory {size_text(self.memory)} is too small for {need.of} with {option}, "
