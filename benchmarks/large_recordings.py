@@ -1,12 +1,13 @@
 """Memory and CPU time of commands on recordings larger than memory, against smaller ones.
 
 A recording of --lights images of a relief with highlights and noise, as 16-bit TIFF, is made for
-each size, the reference first. Its rows repeat, so that recording it is quick. `detail separate`
-and `surface` read normals of waves with noise. Each command runs in a process of its own with
---memory. The table has the CPU seconds, the CPU time per pixel and its ratio to the reference, the
-peak of the resident memory, and the largest size of the result with its temporary files. --folder
-keeps the inputs for the next run; a recording needs 2 bytes for each pixel and light. The first run
-may compile kernels: run a small one before.
+each size, the reference first. Its rows repeat, so that recording it is quick. `detail` and
+`surface` read normals of waves with noise; .25 megapixels of them are the detail that is
+transferred to the large map, and continued over a large sheet. Each command runs in a process of
+its own with --memory. The table has the CPU seconds, the CPU time per pixel and its ratio to the
+reference, the peak of the resident memory, and the largest size of the result with its temporary
+files. --folder keeps the inputs for the next run; a recording needs 2 bytes for each pixel and
+light. The first run may compile kernels: run a small one before.
 
     NUMBA_NUM_THREADS=1 python benchmarks/large_recordings.py --megapixels 20
 """
@@ -31,9 +32,11 @@ from whole_commands import cost
 from acquisition import ComputedRows, Lights, write_exr
 
 SGP = [sys.executable, "-m", "sgp"]
-_COMMANDS = ("normals", "run", "separate", "surface")
+_COMMANDS = ("normals", "run", "separate", "transfer", "synthesize", "surface")
 _OF_RECORDINGS = ("normals", "run")
 _POLL_S = 1.0
+# Megapixels of the map whose detail is transferred or continued.
+_SOURCE = 0.25
 # Of the slopes of the waves, and rows after which it repeats.
 _NOISE, _NOISE_ROWS = 0.02, 128
 
@@ -109,6 +112,14 @@ def commands(
     if "separate" in options.commands:
         normals = str(waves(root, megapixels))
         yield "detail separate", ["detail", "separate", normals, "--memory", options.memory]
+    if "transfer" in options.commands:
+        maps = [str(waves(root, size)) for size in (_SOURCE, megapixels)]
+        yield "detail transfer", ["detail", "transfer", *maps, "--memory", options.memory]
+    if "synthesize" in options.commands:
+        side = round((megapixels * 1e6) ** 0.5)
+        given = [str(waves(root, _SOURCE)), "--size", f"{side}x{side}"]
+        words = ["detail", "synthesize", *given, "--memory", options.memory]
+        yield "detail synthesize", words
     if "surface" in options.commands:
         normals = str(waves(root, megapixels))
         yield "surface", ["surface", normals, "--memory", options.surface_memory]

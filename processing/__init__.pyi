@@ -6,6 +6,7 @@ from ._curvature.curvature import curvature as curvature
 from ._detail.filter_kind import FilterKind as FilterKind
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
 from ._detail.local_transfer import transfer_local as transfer_local
+from ._detail.placement import Placement as Placement
 from ._detail.properties import ChainStep as ChainStep
 from ._detail.properties import DetailComparison as DetailComparison
 from ._detail.properties import compare_details as compare_details
@@ -27,10 +28,15 @@ from ._detail.similarity import Pose as Pose
 from ._detail.similarity import Similarity as Similarity
 from ._detail.stored_separation import StoredSeparation as StoredSeparation
 from ._detail.stored_separation import separate_on_disk as separate_on_disk
+from ._detail.stored_transfer import StoredTransfer as StoredTransfer
+from ._detail.stored_transfer import transfer_on_disk as transfer_on_disk
 from ._detail.tile import Tile as Tile
 from ._detail.transfer import TransferFidelity as TransferFidelity
 from ._detail.transfer import TransferResult as TransferResult
 from ._detail.transfer import transfer as transfer
+from ._detail.transfer_figures import TransferFigures as TransferFigures
+from ._detail.transfer_memory import least_memory_of_transfer as least_memory_of_transfer
+from ._detail.transfer_memory import memory_of_transfer as memory_of_transfer
 from ._errors import DataError as DataError
 from ._errors import EstimateError as EstimateError
 from ._errors import MissingPathError as MissingPathError
@@ -149,6 +155,10 @@ from ._synthesis.onto import synthesize_onto as synthesize_onto
 from ._synthesis.quilting import Synthesis as Synthesis
 from ._synthesis.quilting import synthesize as synthesize
 from ._synthesis.seam_steps import CutSteps as CutSteps
+from ._synthesis.stored_synthesis import StoredSynthesis as StoredSynthesis
+from ._synthesis.stored_synthesis import synthesize_on_disk as synthesize_on_disk
+from ._synthesis.synthesis_memory import least_memory_of_synthesis as least_memory_of_synthesis
+from ._synthesis.synthesis_memory import memory_of_synthesis as memory_of_synthesis
 from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty
 from ._uncertainty.normal_uncertainty import normal_uncertainty as normal_uncertainty
 from ._uncertainty.sample_kind import Reason as Reason

@@ -18,7 +18,9 @@ from rig import in_threads, short_repr
 __all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
 Float = npt.NDArray[np.float32]
+Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Protocol = Literal["masked", "paper"]
 
 # Error of a pixel without a normal, as in the published benchmarks.
 _MISSING_DEG = 90.0
@@ -139,7 +141,7 @@ def ssim(
     b: NormalMap,
     mask: Mask | None = None,
     *,
-    protocol: Literal["masked", "paper"] = "masked",
+    protocol: Protocol = "masked",
 ) -> float:
     """Return the structural similarity of two normal maps, averaged over the three channels.
 
@@ -186,12 +188,37 @@ def ssim(
     counted = a.mask | b.mask if mask is None else _checked_mask(mask, a.size)
     if not counted.any():
         raise DataError("the mask is empty: nothing to compare")
+    sums = similarity_of_rows(a.normals, b.normals, (a.mask, b.mask), counted, protocol)
+    return mean_similarity(sums, counted, protocol)
+
+
+def similarity_of_rows(
+    a: Float, b: Float, masks: tuple[Mask, Mask], counted: Mask, protocol: Protocol
+) -> Double:
+    """Return the sums over rows of which `mean_similarity` makes the similarity of `ssim`.
+
+    Parameters
+    ----------
+    a, b
+        ``(n, W, 3)`` rows of two maps. The first and last 5 of them are only those of the complete
+        maps if these begin and end there.
+    masks
+        Where the maps have a normal.
+    counted
+        The pixels to compare.
+    protocol
+        As for `ssim`.
+    """
     if protocol == "paper":
-        everywhere, drawn = np.ones(a.size, np.bool_), (a.mask, b.mask)
-        rows = similarity_rows(a.normals, b.normals, everywhere, 0.01, 0.03, drawn)
-        return float(np.mean(rows) / a.size[1])
-    rows = similarity_rows(a.normals, b.normals, counted, 0.01**2, 0.03**2)
-    return float(rows.sum() / np.count_nonzero(counted))
+        return similarity_rows(a, b, np.ones(counted.shape, np.bool_), 0.01, 0.03, masks)
+    return similarity_rows(a, b, counted, 0.01**2, 0.03**2)
+
+
+def mean_similarity(sums: Double, counted: Mask, protocol: Protocol) -> float:
+    """Return the similarity of two maps from the sums of all of their rows."""
+    if protocol == "paper":
+        return float(np.mean(sums) / counted.shape[1])
+    return float(sums.sum() / np.count_nonzero(counted))
 
 
 def _check_sizes(a: NormalMap, b: NormalMap) -> None:

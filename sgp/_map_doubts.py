@@ -35,10 +35,24 @@ def read_map(
         Largest allowed number of pixels.
     """
     read = processing.read_normals(path, green=green, max_pixels=max_pixels)
-    if any(notice.code == "normals-channels-swapped" for notice in read.warnings):
-        return read
-    named = axes_doubts(path, read.normal_map.normals, read.normal_map.mask, green, option)
-    return read._replace(warnings=(*read.warnings, *named))
+    named = with_doubts(
+        read.warnings, path, read.normal_map.normals, read.normal_map.mask, green, option
+    )
+    return read._replace(warnings=named)
+
+
+def with_doubts(
+    notices: tuple[rig.Notice, ...],
+    path: Path,
+    normals: acquisition.MapRows,
+    mask: npt.NDArray[np.bool_],
+    green: Green = "up",
+    option: str | None = "--green",
+) -> tuple[rig.Notice, ...]:
+    """Return the notices of a reader with those about the axes, unless it has named the axes."""
+    if any(notice.code == "normals-channels-swapped" for notice in notices):
+        return notices
+    return (*notices, *axes_doubts(path, normals, mask, green, option))
 
 
 def axes_doubts(

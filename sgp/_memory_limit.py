@@ -67,18 +67,58 @@ def is_in_bands(memory: int | None, need: Need) -> bool:
     return True
 
 
-def must_be_stored(memory: int | None, need: Need, path: Path) -> bool:
-    """Return whether the maps of a result belong into files.
+@dataclass(frozen=True)
+class Limit:
+    """The memory that a command may use, and where the maps are that do not fit into it.
 
-    What is unfinished is continued, even if more memory is free now. Parameters and errors are
-    those of `is_in_bands`; ``path`` is the future result.
+    Parameters
+    ----------
+    memory
+        Bytes of ``--memory``; None for half of what is free.
+    path
+        Future result. Maps that do not fit are in a hidden folder next to it until the result is
+        complete; another call continues them.
+    force
+        Whether unfinished maps of other inputs or options are removed.
     """
-    return is_in_bands(memory, need) or acquisition.is_unfinished(path)
 
+    memory: int | None
+    path: Path
+    force: bool
 
-def bytes_of_bands(memory: int | None, need: Need) -> int:
-    """Return the bytes for bands: the limit, or the least if even that is not free."""
-    return max(rig.memory_budget(memory), need.least)
+    def must_be_stored(self, need: Need) -> bool:
+        """Return whether the maps of a result belong into files.
+
+        What is unfinished is continued, even if more memory is free now. Errors are those of
+        `is_in_bands`.
+        """
+        return is_in_bands(self.memory, need) or acquisition.is_unfinished(self.path)
+
+    def check_whole(self, need: Need, option: str) -> None:
+        """Refuse an option that needs the complete maps if ``--memory`` is too small for them.
+
+        Without a limit, perhaps there is enough.
+
+        Raises
+        ------
+        UsageError
+            The message names the option and states the memory that it needs. Also if there are
+            unfinished maps of another command.
+        """
+        if self.force:
+            acquisition.remove_unfinished(self.path)
+        with other_maps_refused():
+            acquisition.check_unfinished(self.path, {"options": option})
+        if self.memory is not None and self.memory < need.whole:
+            raise UsageError(
+                f"--memory {size_text(self.memory)} is too small for {need.of} with {option}, "
+                f"which needs the complete maps: give --memory {size_text(need.whole)}, or leave "
+                f"{option} out"
+            )
+
+    def bytes_of_bands(self, need: Need) -> int:
+        """Return the bytes for bands: the limit, or the least if even that is not free."""
+        return max(rig.memory_budget(self.memory), need.least)
 
 
 def too_small(memory: int, of: str, least: int) -> UsageError:

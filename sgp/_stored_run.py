@@ -14,7 +14,7 @@ import acquisition
 import processing
 import rig
 from sgp._console import note
-from sgp._memory_limit import identity, is_in_bands, other_maps_refused
+from sgp._memory_limit import Limit, identity, is_in_bands, other_maps_refused
 from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder
@@ -281,13 +281,11 @@ class _Run:
     def _detail(self) -> Result:
         given = self._given
         with separation_within(
-            self._memory,
+            Limit(self._memory, self._out / "detail" / "detail", self._force),
             self._out / "normals",
             given.separation,
             green="up",
             max_pixels=given.source.max_pixels,
-            out=self._out / "detail",
-            force=self._force,
         ) as (parts, _):
             result = self.records.write(
                 "detail", lambda place: write_separation(place, parts, given.maps)

@@ -10,8 +10,8 @@ from typing import Literal
 
 import processing
 from sgp._console import Stages
-from sgp._map_doubts import axes_doubts, read_map
-from sgp._memory_limit import Need, bytes_of_bands, identity, must_be_stored, stored
+from sgp._map_doubts import read_map, with_doubts
+from sgp._memory_limit import Limit, Need, identity, stored
 from sgp._stage_options import SeparationOptions
 
 Green = Literal["up", "down"]
@@ -20,28 +20,16 @@ Separated = processing.Separation | processing.StoredSeparation
 
 @contextmanager
 def separation_within(
-    memory: int | None,
-    normals: Path,
-    options: SeparationOptions,
-    *,
-    green: Green,
-    max_pixels: int,
-    out: Path,
-    force: bool,
+    limit: Limit, normals: Path, options: SeparationOptions, *, green: Green, max_pixels: int
 ) -> Iterator[tuple[Separated, processing.NormalMapFile | processing.StoredSeparation]]:
     """Provide shape and detail of a normal map, computed with a limited memory, and its file.
 
     Parameters
     ----------
-    memory
-        Bytes to use; None for half of what is free.
+    limit
+        Memory to use, and where maps that do not fit are.
     normals, options, green, max_pixels
         The map, the filter, and how the map is read.
-    out
-        Future result. Maps that do not fit into memory are in a hidden folder there until the block
-        ends without an error; another call continues them.
-    force
-        Whether unfinished maps of other inputs or options are removed.
 
     Raises
     ------
@@ -49,9 +37,9 @@ def separation_within(
         If the memory is too small, or there are unfinished maps of another command.
     """
     found = processing.find_normals(normals, max_pixels=max_pixels)
-    shape_filter, path = options.shape_filter(), out / "detail"
+    shape_filter = options.shape_filter()
     need = separation_need(found.size, shape_filter)
-    if not must_be_stored(memory, need, path):
+    if not limit.must_be_stored(need):
         read = read_map(normals, green=green, max_pixels=max_pixels)
         with Stages() as progress:
             parts = processing.separate(
@@ -64,18 +52,18 @@ def separation_within(
     with stored(
         lambda progress: processing.separate_on_disk(
             normals,
-            path,
-            memory=bytes_of_bands(memory, need),
+            limit.path,
+            memory=limit.bytes_of_bands(need),
             identity=depends_on,
-            replace=force,
+            replace=limit.force,
             shape_filter=shape_filter,
             green=green,
             max_pixels=max_pixels,
             on_progress=progress,
         )
     ) as made:
-        doubts = axes_doubts(normals, made.normals, made.mask, green)
-        yield made, replace(made, warnings=(*made.warnings, *doubts))
+        warnings = with_doubts(made.warnings, normals, made.normals, made.mask, green)
+        yield made, replace(made, warnings=warnings)
 
 
 def separation_need(size: tuple[int, int], shape_filter: processing.ShapeFilter) -> Need:

@@ -11,8 +11,8 @@ from typing import Literal
 import processing
 import rig
 from sgp._console import Stages
-from sgp._map_doubts import axes_doubts, read_map
-from sgp._memory_limit import Need, identity, must_be_stored, stored
+from sgp._map_doubts import read_map, with_doubts
+from sgp._memory_limit import Limit, Need, identity, stored
 from sgp._write_superres import Enlarged
 
 
@@ -29,28 +29,16 @@ class Enlarging:
 
 @contextmanager
 def enlarged_within(
-    memory: int | None,
-    normals: Path,
-    how: Enlarging,
-    *,
-    green: Literal["up", "down"],
-    max_pixels: int,
-    out: Path,
-    force: bool,
+    limit: Limit, normals: Path, how: Enlarging, *, green: Literal["up", "down"], max_pixels: int
 ) -> Iterator[Enlarged]:
     """Provide a normal map that is enlarged with a limited memory.
 
     Parameters
     ----------
-    memory
-        Bytes to use; None for half of what is free.
+    limit
+        Memory to use, and where maps that do not fit are.
     normals, how, green, max_pixels
         The map, how it is enlarged, and how it is read.
-    out
-        Future result. Maps that do not fit into memory are in a hidden folder there until the block
-        ends without an error; another call continues them.
-    force
-        Whether unfinished maps of other inputs or options are removed.
 
     Raises
     ------
@@ -58,9 +46,9 @@ def enlarged_within(
         If the memory is too small, or there are unfinished maps of another command.
     """
     found = processing.find_normals(normals, max_pixels=max_pixels)
-    path, most = out / "superres", max(max_pixels, rig.MAX_PIXELS)
+    most = max(max_pixels, rig.MAX_PIXELS)
     need = superres_need(found.size, how.scale, how.network)
-    if not must_be_stored(memory, need, path):
+    if not limit.must_be_stored(need):
         read = read_map(normals, green=green, max_pixels=max_pixels)
         with Stages() as progress:
             made = processing.super_resolve(
@@ -87,10 +75,10 @@ def enlarged_within(
     with stored(
         lambda progress: processing.super_resolve_on_disk(
             normals,
-            path,
+            limit.path,
             how.scale,
             identity=depends_on,
-            replace=force,
+            replace=limit.force,
             method=how.method,
             model=how.network,
             self_ensemble=how.self_ensemble,
@@ -101,7 +89,8 @@ def enlarged_within(
             on_progress=progress,
         )
     ) as on_disk:
-        yield Enlarged.on_disk(on_disk, axes_doubts(normals, on_disk.low, on_disk.low_mask, green))
+        low = normals, on_disk.low, on_disk.low_mask, green
+        yield Enlarged.on_disk(on_disk, with_doubts(on_disk.warnings, *low))
 
 
 def superres_need(

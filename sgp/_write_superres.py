@@ -61,9 +61,10 @@ class Enlarged:
         return cls(made, high.normals, high.mask, low.normals, low.mask, read.warnings, read.files)
 
     @classmethod
-    def on_disk(cls, made: processing.StoredSuperResolution, doubts: list[rig.Notice]) -> Enlarged:
-        """Return a result in files, with doubts about the given map."""
-        warnings = (*made.warnings, *doubts)
+    def on_disk(
+        cls, made: processing.StoredSuperResolution, warnings: tuple[rig.Notice, ...]
+    ) -> Enlarged:
+        """Return a result in files, with the notices about the given map."""
         return cls(made, made.normals, made.mask, made.low, made.low_mask, warnings, made.files)
 
 

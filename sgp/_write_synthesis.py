@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
+import acquisition
 import processing
 from sgp._console import Stages, shown
 from sgp._detail_metrics import SynthesisMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_panel
+from sgp._panels.maps import lit_panel, lit_vectors_panel
 from sgp._result import Result
 
 _MOST_SHOWN = 700  # pixels of a side of a picture
@@ -26,20 +29,49 @@ _FIGURES = (
 )
 
 
+@dataclass(frozen=True)
+class Synthesised:
+    """A synthesised detail, in memory or in files.
+
+    Parameters
+    ----------
+    made
+        The result.
+    normals, mask
+        ``(H, W, 3)`` and ``(H, W)``, its detail.
+    measured
+        The part of which the figures are: a large sheet's middle.
+    """
+
+    made: processing.Synthesis | processing.StoredSynthesis | processing.TargetSynthesis
+    normals: acquisition.MapRows
+    mask: npt.NDArray[np.bool_]
+    measured: processing.NormalMap
+
+    @classmethod
+    def in_memory(cls, made: processing.Synthesis | processing.TargetSynthesis) -> Synthesised:
+        """Return a detail in memory."""
+        return cls(made, made.detail.normals, made.detail.mask, made.detail)
+
+    @classmethod
+    def on_disk(cls, made: processing.StoredSynthesis) -> Synthesised:
+        """Return a sheet in files."""
+        return cls(made, made.normals, np.ones(made.labels.shape, np.bool_), made.middle())
+
+
 def measure_texture(
-    made: processing.Synthesis | processing.TargetSynthesis,
-    exemplar: processing.NormalMap,
-    result: Result,
+    detail: Synthesised, exemplar: processing.NormalMap, result: Result
 ) -> SynthesisMetrics:
     """Compare synthesised detail with its exemplar, add the summary, and return the figures."""
-    figures = processing.texture_figures(made.detail, exemplar, patch=made.patch)
+    made = detail.made
+    figures = processing.texture_figures(detail.measured, exemplar, patch=made.patch)
     # Each figure is computed when it is first used.
     for name in shown("measuring", _FIGURES):
         getattr(figures, name)
     steps = made.steps
-    height, width = made.detail.size
-    pixels = np.count_nonzero(made.detail.mask)
-    size = f"{width} x {height} pixels" if made.detail.mask.all() else f"{pixels} pixels"
+    height, width = detail.mask.shape
+    pixels = np.count_nonzero(detail.mask)
+    size = f"{width} x {height} pixels" if detail.mask.all() else f"{pixels} pixels"
     result.summary = [
         f"{size} from {np.count_nonzero(exemplar.mask)}",
         f"detail angle   {figures.detail_angle_deg:.2f} deg (exemplar "
@@ -96,16 +128,18 @@ def _text(value: float) -> str:
 
 
 def write_sheet_picture(
-    path: Path, title: str, made: processing.Synthesis, exemplar: processing.NormalMap
+    path: Path, title: str, sheet: Synthesised, exemplar: processing.NormalMap
 ) -> None:
     """Draw the exemplar, a part of the sheet at the same scale, and the complete sheet."""
-    height, width = made.detail.size
+    height, width = sheet.mask.shape
     side = min(*exemplar.size, _MOST_SHOWN)
     part = Crop(slice(0, min(side, height)), slice(0, min(side, width)))
     panels = [
         lit_panel("exemplar", exemplar),
-        lit_panel("upper left part of the sheet", made.detail, part),
-        lit_panel(f"sheet, {width} x {height} pixels", made.detail),
+        lit_vectors_panel("upper left part of the sheet", sheet.normals, sheet.mask, part),
+        lit_vectors_panel(
+            f"sheet, {width} x {height} pixels", sheet.normals, sheet.mask, Crop.around(sheet.mask)
+        ),
     ]
     write_overview(path, title, panels, columns=3)
 

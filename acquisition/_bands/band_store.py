@@ -7,7 +7,7 @@ import os
 import shutil
 import stat
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -119,9 +119,11 @@ class BandStore(Mapping[str, BandFile]):
     identity
         What the values depend on, as JSON: parameters, hashes of inputs, software version.
     maps
-        Shape ``(H, ...)`` and type of each map, all with the same H.
+        Shape ``(H, ...)`` and type of each map, all with the same H unless there are `units`.
     replace
         Begin again if there are maps of another identity, which are otherwise refused.
+    units
+        What the journal counts instead of rows, for a computation in several steps.
 
     Raises
     ------
@@ -152,9 +154,10 @@ class BandStore(Mapping[str, BandFile]):
         maps: Mapping[str, Form],
         *,
         replace: bool = False,
+        units: int | None = None,
     ) -> None:
         self.folder = part_path(path)
-        self._height = next(iter(maps.values()))[0][0]
+        self._height = next(iter(maps.values()))[0][0] if units is None else units
         forms = {name: [list(shape), np.dtype(kind).name] for name, (shape, kind) in maps.items()}
         wanted = _as_json({**identity, "maps": forms})
         with disk(self.folder, "write"), suppress(FileNotFoundError):
@@ -199,6 +202,28 @@ class BandStore(Mapping[str, BandFile]):
                 gaps.append(slice(at, rows.start))
             at = max(at, rows.stop)
         return gaps if at >= self._height else [*gaps, slice(at, self._height)]
+
+    def missing_bands(self, count: int, part: slice | None = None) -> list[slice]:
+        """Return the rows that are not complete, in bands of at most `count`.
+
+        ``part`` is the range of a step among the units that the journal counts; its bands begin at
+        0. By default, it is everything.
+        """
+        first, last = (0, self._height) if part is None else (part.start, part.stop)
+        bands = []
+        for gap in self.missing():
+            begin, end = max(gap.start, first) - first, min(gap.stop, last) - first
+            bands += [slice(top, min(top + count, end)) for top in range(begin, end, count)]
+        return bands
+
+    @contextmanager
+    def filling(self) -> Iterator[None]:
+        """Keep what is complete after an error in the block, as `abandon` does."""
+        try:
+            yield
+        except BaseException:
+            self.abandon()
+            raise
 
     def complete(self, rows: slice) -> None:
         """Make rows of all maps durable, then name them in the journal.

@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
-from processing._detail.copies import cut_copies, lay
+from acquisition import ComputedRows, DataError, MapRows
+from processing._detail.copies import cut_row, lay
 from processing._detail.tile import TILES, Tile
 from processing._normal_map import NormalMap
 
+Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
+
+
+class RowsToWrite(Protocol):
+    """An array or a file whose rows are written."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """``(H, W)``."""
+
+    def __setitem__(self, rows: slice, values: Whole, /) -> None:
+        """Replace rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +48,7 @@ class Placement:
         Whether every second copy is mirrored along its axis.
     copies
         ``(h, w)`` int32: number of the copy, in reading order, at each pixel of the area that
-        starts at `at`.
+        starts at `at`; an array, or a map whose rows are read or computed.
     """
 
     source_window: tuple[int, int, int, int]
@@ -43,7 +56,7 @@ class Placement:
     tiles: tuple[int, int]
     overlaps: tuple[int, int]
     mirrored: bool
-    copies: Whole
+    copies: MapRows
 
     def __repr__(self) -> str:
         used = f"source_window={self.source_window}, at={self.at}, tiles={self.tiles}"
@@ -51,22 +64,162 @@ class Placement:
 
     def place(self, detail: NormalMap, target: NormalMap) -> NormalMap:
         """Place a source's detail on a target; known where both target and detail are known."""
-        _, _, width, height = self.source_window
-        strides = width - self.overlaps[0], height - self.overlaps[1]
-        normals, mask = lay(
-            detail.normals, detail.mask, target.mask, self.copies, self.source_window, self.at,
-            strides, self.tiles[0], self.mirrored,
-        )  # fmt: skip
-        return NormalMap(normals, mask)
+        everywhere = slice(0, len(target.mask))
+        return NormalMap(*self.place_rows(detail.normals, detail.mask, target.mask, everywhere))
+
+    def place_rows(
+        self, normals: MapRows, mask: Mask, room: Mask, rows: slice
+    ) -> tuple[Float, Mask]:
+        """Place a source's detail on some rows of a target.
+
+        Parameters
+        ----------
+        normals, mask
+            ``(h, w, 3)`` and ``(h, w)``: the detail, of which only the required rows are read.
+        room
+            ``(H, W)`` bool, the pixels of the target that may receive a normal.
+        rows
+            Rows of the target, with start and stop.
+
+        Returns
+        -------
+        normals, known
+            ``(rows, W, 3)`` float32, 0 where nothing is placed, and ``(rows, W)`` bool.
+        """
+        x, y, width, height = self.source_window
+        count, columns = rows.stop - rows.start, room.shape[1]
+        out, known = np.zeros((count, columns, 3), np.float32), np.zeros((count, columns), np.bool_)
+        # In rows of the area.
+        first = max(rows.start - self.at[1], 0)
+        last = min(rows.stop - self.at[1], self.copies.shape[0])
+        stride = height - self.overlaps[1]
+        for i in range(max((first - height) // stride, 0), self.tiles[1]):
+            top, bottom = max(first, i * stride), min(last, i * stride + height)
+            if top >= bottom:
+                continue
+            upside_down = self.mirrored and i % 2 == 1
+            begin = i * stride + height - bottom if upside_down else top - i * stride
+            of_source = slice(y + begin, y + begin + bottom - top)
+            of_target = slice(self.at[1] + top, self.at[1] + bottom)
+            to = slice(of_target.start - rows.start, of_target.stop - rows.start)
+            lay(
+                np.ascontiguousarray(normals[of_source]), np.ascontiguousarray(mask[of_source]),
+                np.ascontiguousarray(room[of_target]), self._copies(slice(top, bottom)), i,
+                self.tiles[0], (x, width, upside_down), width - self.overlaps[0], self.at[0],
+                self.mirrored, out[to], known[to],
+            )  # fmt: skip
+        return out, known
+
+    def _copies(self, rows: slice) -> Whole:
+        return np.ascontiguousarray(self.copies[rows][:, : self.copies.shape[1]], np.int32)
 
     def labels(self, size: tuple[int, int]) -> Whole:
         """Return the number of the copy at each pixel of a target, -1 outside the area."""
-        found = np.full(size, -1, np.int32)
+        return self.label_rows(slice(0, size[0]), size[1])
+
+    def label_rows(self, rows: slice, width: int) -> Whole:
+        """Return the number of the copy at each pixel of some rows of a target, -1 outside."""
+        found = np.full((rows.stop - rows.start, width), -1, np.int32)
         x, y = self.at
-        rows, columns = self.copies.shape
-        part = self.copies[max(-y, 0) : size[0] - y, max(-x, 0) : size[1] - x]
-        found[max(y, 0) : max(y + rows, 0), max(x, 0) : max(x + columns, 0)] = part
+        first, last = max(rows.start - y, 0), min(rows.stop - y, self.copies.shape[0])
+        if first < last:
+            part = self._copies(slice(first, last))[:, max(-x, 0) : max(width - x, 0)]
+            left, top = max(x, 0), y + first - rows.start
+            found[top : top + len(part), left : left + part.shape[1]] = part
         return found
+
+
+@dataclass(frozen=True)
+class Cover:
+    """How copies of a rectangle of a source cover the bounding box of a target.
+
+    Parameters
+    ----------
+    window
+        (column, row, width, height) of the rectangle in the source.
+    at, size
+        (column, row) of the area in the target, and its (height, width).
+    tiles, overlaps
+        Number of copies, and columns and rows by which they overlap (across, down).
+    """
+
+    window: tuple[int, int, int, int]
+    at: tuple[int, int]
+    size: tuple[int, int]
+    tiles: tuple[int, int]
+    overlaps: tuple[int, int]
+
+    @classmethod
+    def of(cls, source_mask: Mask, target_mask: Mask, tile: Tile) -> Cover:
+        """Return the way in which the largest rectangle inside a mask covers another mask.
+
+        Along each axis: if the rectangle is at least as long as the target's bounding box, its
+        middle part; otherwise the rectangle is repeated, starting at the first pixel of the box.
+        Copies that are cut overlap by a third of the shorter side of the rectangle.
+
+        Raises
+        ------
+        DataError
+            If `tile` is unknown.
+        """
+        if tile not in TILES:
+            raise DataError(f"unknown way of tiling {tile!r}: use {', '.join(TILES)}")
+        x, y, width, height = largest_rectangle(source_mask)
+        rows, columns = (np.flatnonzero(target_mask.any(axis=axis)) for axis in (1, 0))
+        first_row, first_column = int(rows[0]), int(columns[0])
+        need = int(rows[-1]) + 1 - first_row, int(columns[-1]) + 1 - first_column
+        overlap = min(width, height) // 3 if tile == "cut" else 0
+        overlap = overlap if overlap > 1 else 0
+        x, width, across, over = _along(x, width, need[1], overlap)
+        y, height, down, under = _along(y, height, need[0], overlap)
+        window, at = (x, y, width, height), (first_column, first_row)
+        return cls(window, at, need, (across, down), (over, under))
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether copies overlap, so that cuts have to be found."""
+        return self.overlaps != (0, 0)
+
+    def cut(self, normals: MapRows, copies: RowsToWrite) -> None:
+        """Find the cuts between copies of a detail, one row of copies after the other.
+
+        Parameters
+        ----------
+        normals
+            ``(h, w, 3)``: the detail of the source, of which the rectangle is read.
+        copies
+            ``(H, W)`` int32 of at least the size of the area: written.
+        """
+        x, y, width, height = self.window
+        rectangle = np.ascontiguousarray(normals[y : y + height][:, x : x + width], np.float32)
+        (rows, columns), stride = self.size, height - self.overlaps[1]
+        above = np.zeros((0, columns), np.int32)
+        for i in range(self.tiles[1]):
+            top = i * stride
+            part = np.zeros((min(height, rows - top), columns), np.int32)
+            part[: len(above)] = above
+            cut_row(rectangle, (self.overlaps[1], self.overlaps[0]), i, part)
+            written = part
+            if columns < copies.shape[1]:
+                written = np.zeros((len(part), copies.shape[1]), np.int32)
+                written[:, :columns] = part
+            copies[top : top + len(part)] = written
+            above = part[stride:]
+
+    def placement(self, tile: Tile, copies: MapRows | None) -> Placement:
+        """Return the placement; ``copies`` are those of `cut`, None if nothing is cut."""
+        (rows, columns), (_, _, width, height) = self.size, self.window
+
+        def numbers(part: slice) -> Whole:
+            down = np.arange(part.start, part.stop) // height * self.tiles[0]
+            return (down[:, None] + np.arange(columns) // width).astype(np.int32)
+
+        def cut(part: slice) -> Whole:
+            found: Whole = (numbers if copies is None else copies.__getitem__)(part)[:, :columns]
+            return found
+
+        known = ComputedRows((rows, columns), np.dtype(np.int32), cut)
+        return Placement(self.window, self.at, self.tiles, self.overlaps, tile == "mirror", known)
 
 
 def cover(detail: NormalMap, target_mask: Mask, tile: Tile) -> Placement:
@@ -84,35 +237,19 @@ def cover(detail: NormalMap, target_mask: Mask, tile: Tile) -> Placement:
     Returns
     -------
     Placement
-        Along each axis: if the rectangle is at least as long as the target's bounding box, its
-        middle part; otherwise the rectangle is repeated, starting at the first pixel of the box.
-        Copies that are cut overlap by a third of the shorter side of the rectangle.
+        As `Cover.of` describes.
 
     Raises
     ------
     DataError
         If `tile` is unknown.
     """
-    if tile not in TILES:
-        raise DataError(f"unknown way of tiling {tile!r}: use {', '.join(TILES)}")
-    x, y, width, height = largest_rectangle(detail.mask)
-    rows, columns = np.flatnonzero(target_mask.any(axis=1)), np.flatnonzero(target_mask.any(axis=0))
-    first_row, first_column = int(rows[0]), int(columns[0])
-    need = int(rows[-1]) + 1 - first_row, int(columns[-1]) + 1 - first_column
-    overlap = min(width, height) // 3 if tile == "cut" else 0
-    overlap = overlap if overlap > 1 else 0
-    x, width, across, over = _along(x, width, need[1], overlap)
-    y, height, down, under = _along(y, height, need[0], overlap)
-    if overlap:
-        rectangle = np.ascontiguousarray(detail.normals[y : y + height, x : x + width])
-        copies = cut_copies(rectangle, need, (under, over))
-    else:
-        number = np.arange(need[0]) // height * across
-        copies = (number[:, None] + np.arange(need[1]) // width).astype(np.int32)
-    return Placement(
-        (x, y, width, height), (first_column, first_row), (across, down), (over, under),
-        tile == "mirror", copies,
-    )  # fmt: skip
+    way = Cover.of(detail.mask, target_mask, tile)
+    if not way.is_cut:
+        return way.placement(tile, None)
+    copies = np.zeros(way.size, np.int32)
+    way.cut(detail.normals, copies)
+    return way.placement(tile, copies)
 
 
 def _along(start: int, length: int, need: int, overlap: int) -> tuple[int, int, int, int]:
@@ -122,7 +259,7 @@ def _along(start: int, length: int, need: int, overlap: int) -> tuple[int, int, 
     return start, length, -(-(need - overlap) // (length - overlap)), overlap
 
 
-def place_at(source: NormalMap, target: NormalMap, at: tuple[int, int]) -> Placement:
+def place_at(source_mask: Mask, target_mask: Mask, at: tuple[int, int]) -> Placement:
     """Place a source's first pixel on a pixel (column, row) of the target.
 
     Raises
@@ -130,25 +267,25 @@ def place_at(source: NormalMap, target: NormalMap, at: tuple[int, int]) -> Place
     DataError
         If no pixel of the source's mask is placed inside the target's mask.
     """
-    height, width = source.size
+    height, width = source_mask.shape
     x, y = int(at[0]), int(at[1])
     top, left = max(y, 0), max(x, 0)
-    bottom, right = min(y + height, target.size[0]), min(x + width, target.size[1])
+    bottom, right = min(y + height, target_mask.shape[0]), min(x + width, target_mask.shape[1])
     overlap = (
         bottom > top
         and right > left
         and np.any(
-            target.mask[top:bottom, left:right]
-            & source.mask[top - y : bottom - y, left - x : right - x]
+            target_mask[top:bottom, left:right]
+            & source_mask[top - y : bottom - y, left - x : right - x]
         )
     )
     if not overlap:
         raise DataError(
             f"a source of {width} x {height} pixels put at {x},{y} does not reach the mask of the "
-            f"target of {target.size[1]} x {target.size[0]}: choose another place"
+            f"target of {target_mask.shape[1]} x {target_mask.shape[0]}: choose another place"
         )
-    copies = np.zeros((height, width), np.int32)
-    return Placement((0, 0, width, height), (x, y), (1, 1), (0, 0), mirrored=False, copies=copies)
+    window, one = (0, 0, width, height), (height, width)
+    return Cover(window, (x, y), one, (1, 1), (0, 0)).placement("plain", None)
 
 
 def largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:

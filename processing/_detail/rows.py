@@ -18,7 +18,7 @@ _FIXED = 330_000_000
 _OF_BAND, _OF_EDGE_AWARE_BAND = 50, 225
 # Bytes per pixel: of a map in memory besides that, and of masks while the maps are on disk.
 _MAP, _ON_DISK = 13, 6
-_LEAST_ROWS = 8
+LEAST_ROWS = 8
 # A band of fewer margins would compute most rows several times.
 _MOST_MARGINS, _MOST_ROWS = 16, 512
 
@@ -91,7 +91,7 @@ def memory_of_separation(size: tuple[int, int], shape_filter: ShapeFilter = Shap
     >>> memory_of_separation((3000, 4000)) // 1_000_000
     1086
     """
-    return _FIXED + size[0] * size[1] * (_MAP + _pixel_bytes(shape_filter))
+    return _FIXED + size[0] * size[1] * (_MAP + pixel_bytes(shape_filter))
 
 
 def least_memory_of_separation(
@@ -105,17 +105,28 @@ def least_memory_of_separation(
     >>> least_memory_of_separation((3000, 4000)) // 1_000_000
     451
     """
-    rows = min(_LEAST_ROWS + 2 * halo_rows(shape_filter), size[0])
-    return _FIXED + size[1] * (_ON_DISK * size[0] + rows * _pixel_bytes(shape_filter))
+    rows = min(LEAST_ROWS + 2 * halo_rows(shape_filter), size[0])
+    return _FIXED + size[1] * (_ON_DISK * size[0] + rows * pixel_bytes(shape_filter))
 
 
 def rows_of_band(size: tuple[int, int], shape_filter: ShapeFilter, memory: int) -> int:
     """Return the rows of a band for which a number of bytes is enough."""
     halo = halo_rows(shape_filter)
     free = memory - _FIXED - _ON_DISK * size[0] * size[1]
-    rows = free // (size[1] * _pixel_bytes(shape_filter)) - 2 * halo
+    rows = free // (size[1] * pixel_bytes(shape_filter)) - 2 * halo
+    return useful_rows(rows, halo)
+
+
+def useful_rows(rows: int, halo: int) -> int:
+    """Return the rows of a band: as many as fit, but not more than are useful."""
     return max(1, min(rows, max(_MOST_MARGINS * halo, _MOST_ROWS)))
 
 
-def _pixel_bytes(shape_filter: ShapeFilter) -> int:
+def fixed() -> int:
+    """Return the bytes of the interpreter, libraries and compiled kernels."""
+    return _FIXED
+
+
+def pixel_bytes(shape_filter: ShapeFilter) -> int:
+    """Return the bytes per pixel that is separated."""
     return _OF_EDGE_AWARE_BAND if shape_filter.kind in ("guided", "bilateral") else _OF_BAND

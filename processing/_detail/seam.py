@@ -18,6 +18,8 @@ Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
+# Rows whose steps are measured at once.
+_AT_ONCE = 256
 # Slices that enumerate each pair of neighbours once: (left, right) and (upper, lower).
 _NEIGHBOURS = (
     ((slice(None), slice(None, -1)), (slice(None), slice(1, None))),
@@ -127,15 +129,45 @@ def border_steps(detail: NormalMap, labels: npt.NDArray[np.int32]) -> SeamSteps:
     labels
         ``(H, W)`` int32: number of the copy at each pixel; pixels below 0 are not measured.
     """
-    across: list[Double] = []
-    inside: list[Double] = []
-    known = detail.mask & (labels >= 0)
+    height = len(labels)
+    sums = []
+    for top in range(0, height, _AT_ONCE):
+        last = min(top + _AT_ONCE, height)
+        rows = slice(top, min(last + 1, height))
+        found = border_sums(detail.normals[rows], detail.mask[rows], labels[rows])
+        sums.append(found[: last - top])
+    return steps_of_sums(np.concatenate(sums))
+
+
+def border_sums(normals: Float, known: Mask, labels: npt.NDArray[np.int32]) -> Double:
+    """Return the sums that `steps_of_sums` needs for rows of a placed detail.
+
+    Parameters
+    ----------
+    normals, known, labels
+        ``(n, W, 3)``, ``(n, W)`` and ``(n, W)``, as for `border_steps`.
+
+    Returns
+    -------
+    Double
+        ``(n, 4)``: sum in degrees and number of the steps across borders, and inside copies, to the
+        right and downwards. Those of the last row are only to the right.
+    """
+    sums = np.zeros((len(known), 4))
+    measured = known & (labels >= 0)
     for first, second in _NEIGHBOURS:
-        turn = angle_deg(detail.normals[first], detail.normals[second])
-        both, same = known[first] & known[second], labels[first] == labels[second]
-        across.append(turn[both & ~same])
-        inside.append(turn[both & same])
-    return SeamSteps(_mean(np.concatenate(across)), _mean(np.concatenate(inside)))
+        turn = angle_deg(normals[first], normals[second])
+        both, same = measured[first] & measured[second], labels[first] == labels[second]
+        for k, counted in enumerate((both & ~same, both & same)):
+            sums[: len(turn), 2 * k] += np.where(counted, turn, 0).sum(axis=1)
+            sums[: len(turn), 2 * k + 1] += np.count_nonzero(counted, axis=1)
+    return sums
+
+
+def steps_of_sums(sums: Double) -> SeamSteps:
+    """Return the mean steps of the rows of `border_sums`; NaN without any."""
+    across, crossed, inside, same = (float(np.ascontiguousarray(s).sum()) for s in sums.T)
+    return SeamSteps(across / crossed if crossed else math.nan, inside / same if same else math.nan)
 
 
 def _mean(values: Double) -> float:

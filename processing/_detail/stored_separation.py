@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import BandStore, MapRows, rows_in_bands
+from acquisition import BandStore, MapRows
 from processing._detail.rows import halo_rows, rows_of_band, separate_rows
 from processing._detail.separation import sums_of_rows
 from processing._detail.shape_filter import ShapeFilter
@@ -114,14 +114,11 @@ def separate_on_disk(
     vectors = ((*size, 3), np.float32)
     forms = {"normals": vectors, "shape": vectors, "detail": vectors}
     store = BandStore(target, identity, {**forms, "sums": (size[:1], np.float64)}, replace=replace)
-    try:
+    with store.filling():
         read = store_normals(path, store["normals"].path, green=green, max_pixels=max_pixels)
         read.normals.close()  # the store has the file, too
         count = rows_of_band(size, shape_filter, memory)
         _fill(store, read.mask, count, shape_filter, on_progress)
-    except BaseException:
-        store.abandon()
-        raise
     return StoredSeparation(
         normals=store["normals"],
         shape=store["shape"],
@@ -140,11 +137,7 @@ def _fill(
 ) -> None:
     """Compute the rows that are missing."""
     height, halo = len(mask), halo_rows(shape_filter)
-    bands = [
-        slice(missing.start + band.start, missing.start + band.stop)
-        for missing in store.missing()
-        for band in rows_in_bands(missing.stop - missing.start, 1, count)
-    ]
+    bands = store.missing_bands(count)
     on_progress("detail", bands[0].start if bands else height, height)
     for rows in bands:
         parts = separate_rows(store["normals"], mask, rows, shape_filter=shape_filter)

@@ -9,18 +9,18 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
 from processing._detail.placement import Placement, cover, place_at
-from processing._detail.rotation import rotate_between, rotate_from_z
 from processing._detail.seam import SeamSteps, border_steps
-from processing._detail.separation import Separation, separate
+from processing._detail.separation import Separation, separate, sums_of_rows
 from processing._detail.shape_filter import ShapeFilter
 from processing._detail.tile import Tile
+from processing._detail.transfer_rows import check_steps, refined, scale_slopes, transferred
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
 from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +57,16 @@ class TransferFidelity:
     @cached_property
     def shape_mae_deg(self) -> float:
         """Mean shape error over every pixel that received detail."""
-        return float(np.mean(self.shape_error_deg[self.detail.mask], dtype=np.float64))
+        return _mean(self.shape_error_deg, self.detail.mask)
 
     @cached_property
     def detail_mae_deg(self) -> float:
         """Mean detail error over every pixel that received detail."""
-        return float(np.mean(self.detail_error_deg[self.detail.mask], dtype=np.float64))
+        return _mean(self.detail_error_deg, self.detail.mask)
+
+
+def _mean(values: Float, mask: Mask) -> float:
+    return float(sums_of_rows(values, mask).sum() / np.count_nonzero(mask))
 
 
 def fidelity_of(
@@ -204,12 +208,14 @@ def transfer(
     """
     check_normal_map("source", source)
     check_normal_map("target", target)
-    if refine < 0:
-        raise DataError(f"the number of refinement steps cannot be negative: {refine}")
+    check_steps(refine)
     steps = 3 + refine
     on_progress("transferring", 0, steps)
     detail = separate(source, shape_filter=shape_filter).detail
-    placement = cover(detail, target.mask, tile) if at is None else place_at(source, target, at)
+    if at is None:
+        placement = cover(detail, target.mask, tile)
+    else:
+        placement = place_at(source.mask, target.mask, at)
     detail = placement.place(detail, target)
     detail = scale_slopes(detail, amplitude)
     received = detail.mask
@@ -217,34 +223,11 @@ def transfer(
     shape = shape_filter.shape(target)
     on_progress("transferring", 2, steps)
     ground = target if keep_target_detail else shape
-    normals = np.where(
-        received[..., None], rotate_from_z(detail.normals, ground.normals), target.normals
-    )
+    normals = transferred(detail.normals, received, ground.normals, target.normals)
     for done in range(refine):
         result_shape = shape_filter.shape(NormalMap(normals, target.mask))
-        turned = rotate_between(normals, result_shape.normals, shape.normals)
-        normals = np.where(received[..., None], turned, normals)
+        normals = refined(normals, received, result_shape.normals, shape.normals)
         on_progress("transferring", 3 + done, steps)
     result = NormalMap(normals, target.mask)
     on_progress("transferring", steps, steps)
     return TransferResult(result, source, target, shape_filter, amplitude, placement, shape, detail)
-
-
-def scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:
-    """Return a detail with its slopes multiplied by a factor.
-
-    Raises
-    ------
-    DataError
-        If the amplitude is not finite.
-    """
-    if not np.isfinite(amplitude):
-        raise DataError(
-            f"a detail amplitude of {amplitude} is not a finite number: use 1 to keep the detail"
-        )
-    if amplitude == 1:
-        return detail
-    scaled = detail.normals * np.array([amplitude, amplitude, 1.0], np.float32)
-    # At amplitude 0 a horizontal normal becomes a zero vector; replace it by z, no detail.
-    scaled[detail.mask & ~scaled.any(axis=2)] = (0, 0, 1)
-    return NormalMap.from_vectors(scaled, detail.mask)

@@ -127,16 +127,13 @@ def super_resolve_on_disk(
     way = Enlargement.by(scale, method, model, self_ensemble, sampling)
     size = way.size(find_normals(path, max_pixels=max_pixels).size, most_enlarged)
     store = BandStore(target, identity, way.forms(size), replace=replace)
-    try:
+    with store.filling():
         read = store_normals(path, store.folder / "low.raw", green=green, max_pixels=max_pixels)
         store.close_with(read.normals)
         _fill(store, way, read.normals, read.mask, on_progress)
         mask, sums = store["mask"][:], store["sums"][:]
         sigma = store.get("sigma_deg")
         median = float("nan") if sigma is None else median_of_rows(sigma, mask)
-    except BaseException:
-        store.abandon()
-        raise
     return StoredSuperResolution(
         normals=store["normals"],
         mask=mask,

@@ -18,7 +18,7 @@ Mask = npt.NDArray[np.bool_]
 # A smaller mean angle is noise of files: nothing that could be continued.
 _FLAT_DEG = 0.01
 # Classes of steepness of patches.
-_CLASSES = 24
+CLASSES = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def _steepness(angle: Float, places: Mask, patch: int) -> npt.NDArray[np.int32]:
     order = np.argsort(np.argsort(means, kind="stable"), kind="stable")
     classes = np.full(places.shape, -1, np.int32)
     # With fewer places than classes, some numbers have no place.
-    classes[places] = np.unique(order * _CLASSES // len(means), return_inverse=True)[1]
+    classes[places] = np.unique(order * CLASSES // len(means), return_inverse=True)[1]
     return classes
 
 

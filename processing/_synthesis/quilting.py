@@ -9,14 +9,14 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import BandFile, DataError
+from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
 from processing._synthesis.quilt_kernels import place_patches
 from processing._synthesis.seam_steps import CutSteps, cut_steps
 from processing._synthesis.softened_cuts import soften_cuts
 from processing._synthesis.spectrum_match import match_spectrum
-from processing._synthesis.strips import SheetRows, strips
+from processing._synthesis.strips import Begun, LabelRows, SheetRows, StripRange, strip_ranges
 from rig import Progress, in_threads, no_progress
 
 Whole = npt.NDArray[np.int32]
@@ -71,7 +71,6 @@ def synthesize(
     rotate: bool = False,
     mirror: bool = False,
     tileable: bool = False,
-    on_disk: BandFile | None = None,
     on_progress: Progress = no_progress,
 ) -> Synthesis:
     """Continue a detail component over a sheet of any size by image quilting.
@@ -102,9 +101,6 @@ def synthesize(
         with their normals.
     tileable
         The last column and row continue at the first ones, so that the sheet can be repeated.
-    on_disk
-        File of the sheet, ``(H, W, 3)`` float32, if it is large. The result is read from it. By
-        default, the sheet is in memory.
     on_progress
         Receives the stages ``preparing`` and ``synthesising``, the latter with numbers of patches.
 
@@ -129,30 +125,30 @@ def synthesize(
     NormalMap(float32[100, 150, 3], 15000 normals)
     """
     check_normal_map("exemplar", exemplar)
-    overlap = max(patch // 4, 2) if overlap is None else overlap
-    if min(size) < 1:
-        raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
-    check_options(patch, overlap, seed)
-    on_progress("preparing", 0, 1)
-    made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
-    grid = tuple(positions(length, patch, overlap, tileable) for length in size)
+    quilt = Quilt.of(
+        exemplar, size, patch, overlap, seed, rotate=rotate, mirror=mirror, tileable=tileable,
+        on_progress=on_progress,
+    )  # fmt: skip
     try:
-        sheet = np.zeros((*size, 3), np.float32) if on_disk is None else on_disk
+        sheet = np.zeros((*size, 3), np.float32)
         labels, mask = np.zeros(size, np.uint8), np.ones(size, np.bool_)
     except MemoryError as error:
         raise DataError(
             f"a sheet of {size[1]} x {size[0]} pixels does not fit into the memory: it needs "
             f"{14 * size[0] * size[1] / 1e9:.1f} GB"
         ) from error
-    _fill(sheet, labels, made, grid[0], grid[1], patch, seed, tileable, on_progress)
+    for _ in quilt.fill(sheet, labels, quilt.nothing(), on_progress):
+        pass
     # In this order, because softened cuts have less power at high frequencies.
     soften_cuts(sheet, labels, wrapped=tileable)
     match_spectrum(sheet, exemplar, wrapped=tileable)
-    if isinstance(sheet, BandFile):
-        # Writable, but never written: kernels are compiled once for arrays and files.
-        sheet = np.asarray(np.memmap(sheet.path, np.float32, "c", shape=sheet.shape))
     detail = NormalMap.of_unit_vectors(sheet, mask)
-    return Synthesis(detail, labels, patch, overlap, tileable)
+    return Synthesis(detail, labels, patch, quilt.overlap, tileable)
+
+
+def overlap_of(patch: int, overlap: int | None) -> int:
+    """Return the overlap of patches, of which the default is a quarter."""
+    return max(patch // 4, 2) if overlap is None else overlap
 
 
 def check_options(patch: int, overlap: int, seed: int) -> None:
@@ -182,43 +178,122 @@ def positions(length: int, patch: int, overlap: int, tileable: bool) -> Whole:
     return (np.arange(count) * length // count).astype(np.int32)
 
 
-def _fill(
-    sheet: SheetRows,
-    labels: npt.NDArray[np.uint8],
-    exemplar: Exemplar,
-    rows: Whole,
-    columns: Whole,
-    patch: int,
-    seed: int,
-    tileable: bool,
-    on_progress: Progress,
-) -> None:
-    """Place all patches, strip by strip and diagonal by diagonal, and count the uses of classes."""
-    uses, placed, total = np.zeros(len(exemplar.shares)), 0, len(rows) * len(columns)
-    height, width = labels.shape
-    for strip in strips(sheet, labels, rows, patch, wrapped=tileable):
-        for patch_of in diagonals(strip.last - strip.first, len(columns), tileable):
-            r, c = strip.first + patch_of[:, 0], patch_of[:, 1]
-            patches = np.stack([r, c, rows[r] - strip.top, columns[c]], axis=1).astype(np.int32)
-            bands = np.zeros_like(patches)
-            bands[:, 0] = np.where(c > 0, columns[c - 1] + patch - columns[c], 0)
-            bands[:, 1] = np.where(r > 0, rows[r - 1] + patch - rows[r], 0)
-            if tileable:
-                bands[:, 2] = np.where(c == len(columns) - 1, columns[c] + patch - width, 0)
-                bands[:, 3] = np.where(r == len(rows) - 1, rows[r] + patch - height, 0)
-            used = np.zeros(len(patches), np.int32)
-            penalty = ((uses + 1) / (placed * exemplar.shares + 1)) ** BALANCE
-            in_threads(
-                place_patches, len(r), strip.sheet, strip.labels, patches, bands, patch,
-                exemplar.vectors, exemplar.slopes, exemplar.starts, exemplar.classes, penalty,
-                exemplar.mean_energy, CANDIDATES, seed, used,
-            )  # fmt: skip
-            if not placed:  # the first patch waits for the compiler
-                on_progress("preparing", 1, 1)
-                on_progress("synthesising", 0, total)
-            uses += np.bincount(used, minlength=len(uses))
-            placed += len(used)
-            on_progress("synthesising", placed, total)
+@dataclass(frozen=True, eq=False)
+class Quilt:
+    """What the patches of a sheet are placed from.
+
+    Parameters
+    ----------
+    exemplar
+        The exemplar and its copies.
+    size
+        (height, width) of the sheet.
+    rows, columns
+        First pixel of each patch along each axis.
+    patch, overlap, seed, tileable
+        As for `synthesize`.
+    """
+
+    exemplar: Exemplar
+    size: tuple[int, int]
+    rows: Whole
+    columns: Whole
+    patch: int
+    overlap: int
+    seed: int
+    tileable: bool
+
+    @classmethod
+    def of(
+        cls,
+        exemplar: NormalMap,
+        size: tuple[int, int],
+        patch: int,
+        overlap: int | None,
+        seed: int,
+        *,
+        rotate: bool,
+        mirror: bool,
+        tileable: bool,
+        on_progress: Progress,
+    ) -> Quilt:
+        """Check the arguments of `synthesize` and prepare its exemplar."""
+        overlap = overlap_of(patch, overlap)
+        if min(size) < 1:
+            raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
+        check_options(patch, overlap, seed)
+        on_progress("preparing", 0, 1)
+        made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
+        rows, columns = (positions(length, patch, overlap, tileable) for length in size)
+        return cls(made, size, rows, columns, patch, overlap, seed, tileable)
+
+    @property
+    def strips(self) -> list[StripRange]:
+        """The strips of the sheet."""
+        return strip_ranges(self.rows, self.size[0], self.patch, wrapped=self.tileable)
+
+    def nothing(self) -> Begun:
+        """Return the beginning of a sheet."""
+        return Begun.nothing(len(self.exemplar.shares), self.size[1])
+
+    def fill(
+        self, sheet: SheetRows, labels: LabelRows, begun: Begun, on_progress: Progress
+    ) -> Iterator[Begun]:
+        """Place the patches that are missing, strip by strip, and yield the sheet after each."""
+        total, waits = len(self.rows) * len(self.columns), True
+        for part in self.strips[begun.strips :]:
+            filled = begun.strip(part)
+            uses, placed = begun.uses.copy(), begun.placed
+            for patch_of in diagonals(part.last - part.first, len(self.columns), self.tileable):
+                uses += self._place(*filled, part, patch_of, uses, placed)
+                if waits:  # the first patch waits for the compiler
+                    on_progress("preparing", 1, 1)
+                    on_progress("synthesising", placed, total)
+                    waits = False
+                placed += len(patch_of)
+                on_progress("synthesising", placed, total)
+            begun = begun.after(part, filled, sheet, labels, self.patch, uses, placed)
+            yield begun
+
+    def _place(
+        self,
+        sheet: npt.NDArray[np.float32],
+        labels: npt.NDArray[np.uint8],
+        part: StripRange,
+        patch_of: Whole,
+        uses: npt.NDArray[np.float64],
+        placed: int,
+    ) -> npt.NDArray[np.int64]:
+        """Place patches of a strip that touch no common pixel; return how often classes are used.
+
+        Parameters
+        ----------
+        sheet, labels
+            Rows of the strip, written.
+        part
+            The strip.
+        patch_of
+            ``(n, 2)``: row in the strip and column of each patch.
+        uses, placed
+            Uses of each class before, and number of patches.
+        """
+        rows, columns, patch, made = self.rows, self.columns, self.patch, self.exemplar
+        height, width = self.size
+        r, c = part.first + patch_of[:, 0], patch_of[:, 1]
+        patches = np.stack([r, c, rows[r] - part.top, columns[c]], axis=1).astype(np.int32)
+        bands = np.zeros_like(patches)
+        bands[:, 0] = np.where(c > 0, columns[c - 1] + patch - columns[c], 0)
+        bands[:, 1] = np.where(r > 0, rows[r - 1] + patch - rows[r], 0)
+        if self.tileable:
+            bands[:, 2] = np.where(c == len(columns) - 1, columns[c] + patch - width, 0)
+            bands[:, 3] = np.where(r == len(rows) - 1, rows[r] + patch - height, 0)
+        used = np.zeros(len(patches), np.int32)
+        penalty = ((uses + 1) / (placed * made.shares + 1)) ** BALANCE
+        in_threads(
+            place_patches, len(r), sheet, labels, patches, bands, patch, made.vectors, made.slopes,
+            made.starts, made.classes, penalty, made.mean_energy, CANDIDATES, self.seed, used,
+        )  # fmt: skip
+        return np.bincount(used, minlength=len(uses))
 
 
 def diagonals(rows: int, columns: int, tileable: bool) -> Iterator[Whole]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import MapRows
 from rig import in_threads
 
 # Steps are measured on at most this many rows and columns, in the middle.
 _MOST = 2048
+# Rows that are read at once.
+_READ = 128
 
 
 class CutSteps(NamedTuple):
@@ -35,9 +38,22 @@ class CutSteps(NamedTuple):
         return self.across_deg / self.inside_deg if self.inside_deg else math.nan
 
 
-def cut_steps(
-    normals: npt.NDArray[np.float32], labels: npt.NDArray[np.uint8], *, wrapped: bool = False
-) -> CutSteps:
+def part_in_middle(values: MapRows, rows: slice | None = None) -> npt.NDArray[Any]:
+    """Return at most 2048 x 2048 pixels in the middle of some rows of a map, or of all of them.
+
+    The map may be on disk: a few of its rows are read at a time.
+    """
+    height, width = values.shape[:2]
+    first, last, _ = (rows or slice(0, height)).indices(height)
+    y, x = first + max(0, last - first - _MOST) // 2, max(0, width - _MOST) // 2
+    last = min(y + _MOST, last)
+    parts = [
+        values[top : min(top + _READ, last)][:, x : x + _MOST] for top in range(y, last, _READ)
+    ]
+    return np.concatenate(parts)
+
+
+def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> CutSteps:
     """Measure the steps between pixels of the same and of different labels.
 
     Parameters
@@ -50,11 +66,9 @@ def cut_steps(
     wrapped
         Also measure from the last column and row to the first.
     """
-    height, width = labels.shape
-    y, x = max(0, height - _MOST) // 2, max(0, width - _MOST) // 2
-    part = slice(y, y + _MOST), slice(x, x + _MOST)
-    normals, labels = normals[part], labels[part]
-    if wrapped and (height, width) == labels.shape:
+    size = labels.shape
+    normals, labels = part_in_middle(normals), part_in_middle(labels)
+    if wrapped and size == labels.shape:
         normals = np.concatenate([normals, normals[:1]])
         normals = np.concatenate([normals, normals[:, :1]], axis=1)
         labels = np.concatenate([labels, labels[:1]])

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
-from processing._synthesis.seam_steps import cut_steps
-from processing._synthesis.strips import SheetRows
+from processing._synthesis.seam_steps import cut_steps, part_in_middle
+from processing._synthesis.strips import LabelRows, SheetRows, bands_with_margins
 
 Float = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
 
-# Rows of the part in the middle in which steps are measured, and rows that are softened at once.
-_MEASURED, _ROWS = 1024, 512
+# Rows of the part in the middle in which steps are measured.
+_MEASURED = 1024
 
 
-def soften_cuts(sheet: SheetRows, labels: Bytes, *, wrapped: bool) -> None:
+def soften_cuts(sheet: SheetRows, labels: LabelRows, *, wrapped: bool) -> None:
     """Make the mean step across cuts as large as that inside patches, if it is larger.
 
     A step of d between the two pixels at a straight cut becomes (1 - 2 s) d if each takes a share s
@@ -30,25 +32,35 @@ def soften_cuts(sheet: SheetRows, labels: Bytes, *, wrapped: bool) -> None:
     wrapped
         Whether the last column and row continue at the first.
     """
-    height = len(labels)
+    share = softening_share(sheet, labels)
+    if share:
+        for rows, band in softened_bands(sheet, labels, share, wrapped=wrapped):
+            sheet[rows] = band
+
+
+def softening_share(sheet: SheetRows, labels: LabelRows) -> float:
+    """Return the share that the pixels at a cut take of each other; 0 if none is needed."""
+    height = labels.shape[0]
     middle = slice(max(0, height - _MEASURED) // 2, max(0, height - _MEASURED) // 2 + _MEASURED)
-    ratio = cut_steps(sheet[middle], labels[middle]).ratio
-    if not ratio > 1:
-        return
-    share = (1 - 1 / ratio) / 2
-    # Copies of rows that are replaced before they are read.
-    top, above = sheet[:1].copy(), sheet[height - 1 : height].copy()
-    for first in range(0, height, _ROWS):
-        last = min(first + _ROWS, height)
-        below = sheet[last : last + 1] if last < height else top
-        rows = np.concatenate([above, sheet[first:last], below])
-        numbers = np.take(labels, range(first - 1, last + 1), axis=0, mode="wrap")
+    ratio = cut_steps(part_in_middle(sheet, middle), part_in_middle(labels, middle)).ratio
+    return (1 - 1 / ratio) / 2 if ratio > 1 else 0.0
+
+
+def softened_bands(
+    sheet: SheetRows, labels: LabelRows, share: float, *, wrapped: bool, begin: int = 0
+) -> Iterator[tuple[slice, Float]]:
+    """Yield bands of rows whose cuts are softened, beginning with a band."""
+    height = labels.shape[0]
+    for rows, band in bands_with_margins(sheet, 1, wrapped=wrapped, begin=begin):
+        first, last = rows.start, rows.stop
+        before = labels[first - 1 : first] if first else labels[height - 1 : height]
+        after = labels[last : last + 1] if last < height else labels[:1]
+        numbers = np.concatenate([before, labels[rows], after])
         if not wrapped and first == 0:
             numbers[0] = numbers[1]
         if not wrapped and last == height:
             numbers[-1] = numbers[-2]
-        above = rows[-2:-1]
-        sheet[first:last] = _softened(rows, numbers, share, wrapped=wrapped)[1:-1]
+        yield rows, _softened(band, numbers, share, wrapped=wrapped)[1:-1]
 
 
 def _softened(rows: Float, labels: Bytes, share: float, *, wrapped: bool) -> Float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +18,7 @@ from processing._synthesis.spectrum import (
     frequencies,
     windowed_power,
 )
-from processing._synthesis.strips import SheetRows
+from processing._synthesis.strips import SheetRows, bands_with_margins
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -34,11 +36,30 @@ _ROUNDS, _LEAST_POWER = 16, 1e-30
 _LEAST_GAIN, _MOST_GAIN = 0.003, 1.5
 # The mean angle of a sheet is measured on every eighth row.
 _SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
-_ROWS = 512
+# Rows and columns of a filter.
+KERNEL = (2 * _REACH + 1, 2 * _REACH + 1)
 
 
 def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> None:
     """Filter a detail component so that its power in each band becomes that of an exemplar.
+
+    Parameters
+    ----------
+    sheet
+        ``(H, W, 3)`` unit vectors, corrected in place.
+    exemplar
+        Detail component with the intended power.
+    wrapped
+        Whether the last column and row continue at the first.
+    """
+    kernel = matching_kernel(sheet, exemplar)
+    if kernel is not None:
+        for rows, band in filtered_bands(sheet, kernel, wrapped=wrapped):
+            sheet[rows] = band
+
+
+def matching_kernel(sheet: SheetRows, exemplar: NormalMap) -> Float | None:
+    """Return the filter that gives a sheet the power of an exemplar in each band.
 
     The cuts between patches add power at low frequencies, because patches no longer end where
     their slopes add up to 0, and at the highest. The filter is isotropic and has one gain for each
@@ -49,17 +70,17 @@ def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> N
 
     Parameters
     ----------
-    sheet
-        ``(H, W, 3)`` unit vectors, corrected in place. Nothing is changed if sheet or exemplar are
-        too small to measure their power.
-    exemplar
-        Detail component with the intended power.
-    wrapped
-        Whether the last column and row continue at the first.
+    sheet, exemplar
+        As for `match_spectrum`.
+
+    Returns
+    -------
+    Float or None
+        ``KERNEL`` pixels; None if sheet or exemplar are too small to measure their power.
     """
     block, (height, width) = block_side(exemplar.mask), sheet.shape[:2]
     if not block or min(height, width) < _LEAST_SIDE:
-        return
+        return None
     # Bands as narrow as the frequencies of a block.
     powers = np.maximum(band_powers(exemplar, block, block // 2), _LEAST_POWER)
     wanted, spread = powers.mean(axis=0), powers.std(axis=0) / powers.mean(axis=0)
@@ -76,7 +97,7 @@ def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> N
     gains = _gains(has, waves, upright, has * np.exp(differs))
     kernel = fftshift(_kernel(factor * gains, block + 2 * _REACH))
     middle = slice(block // 2, block // 2 + 2 * _REACH + 1)
-    _filter(sheet, np.ascontiguousarray(kernel[middle, middle]), wrapped=wrapped)
+    return np.ascontiguousarray(kernel[middle, middle])
 
 
 def _total(powers: Double, block: int) -> float:
@@ -178,22 +199,17 @@ def _kernel(gains: Double, side: int) -> Float:
     return np.asarray(irfft2(response, s=(side, side)) * window, np.float32)
 
 
-def _filter(sheet: SheetRows, kernel: Float, *, wrapped: bool) -> None:
-    """Filter n_x and n_y, in bands of rows, and normalise."""
-    border, height = cv2.BORDER_WRAP if wrapped else cv2.BORDER_REFLECT_101, sheet.shape[0]
-    # Copies of rows that are replaced before they are read.
-    upper = sheet[: _REACH + 1][..., :2].copy()
-    lower = sheet[height - _REACH - 1 : height][..., :2].copy()
-    above = lower[1:] if wrapped else upper[:0:-1]
-    beyond = upper[:-1] if wrapped else lower[-2::-1]
-    for first in range(0, height, _ROWS):
-        last = min(first + _ROWS, height)
-        part = sheet[first:last].copy()
-        below = sheet[last : min(last + _REACH, height)][..., :2]
-        below = np.concatenate([below, beyond])[:_REACH]
-        band = np.concatenate([above, part[..., :2], below])
-        above = band[-2 * _REACH : -_REACH]
-        band = np.asarray(cv2.copyMakeBorder(band, 0, 0, _REACH, _REACH, border), np.float32)
-        part[..., :2] = cv2.filter2D(band, -1, kernel)[_REACH:-_REACH, _REACH:-_REACH]
+def filtered_bands(
+    sheet: SheetRows, kernel: Float, *, wrapped: bool, begin: int = 0
+) -> Iterator[tuple[slice, Float]]:
+    """Yield bands of rows with n_x and n_y filtered, and unit length, beginning with a band."""
+    border = cv2.BORDER_WRAP if wrapped else cv2.BORDER_REFLECT_101
+    for rows, band in bands_with_margins(sheet, _REACH, wrapped=wrapped, begin=begin):
+        part = band[_REACH:-_REACH].copy()
+        slopes = np.ascontiguousarray(band[..., :2])
+        del band
+        slopes = np.asarray(cv2.copyMakeBorder(slopes, 0, 0, _REACH, _REACH, border), np.float32)
+        part[..., :2] = cv2.filter2D(slopes, -1, kernel)[_REACH:-_REACH, _REACH:-_REACH]
+        del slopes
         part /= np.sqrt(np.square(part).sum(axis=2, keepdims=True))
-        sheet[first:last] = part
+        yield rows, part

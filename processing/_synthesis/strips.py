@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +14,9 @@ Bytes = npt.NDArray[np.uint8]
 Whole = npt.NDArray[np.int32]
 
 # Rows of patches of a strip: as many threads can place patches of one diagonal.
-_ROWS = 16
+ROWS = 16
+# Rows of a sheet that are corrected at once.
+CORRECTED_ROWS = 512
 
 
 class SheetRows(Protocol):
@@ -24,6 +26,10 @@ class SheetRows(Protocol):
     def shape(self) -> tuple[int, ...]:
         """(H, W, 3)."""
 
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the values."""
+
     def __getitem__(self, rows: slice, /) -> Float:
         """Return rows."""
 
@@ -31,63 +37,173 @@ class SheetRows(Protocol):
         """Replace rows."""
 
 
-@dataclass(frozen=True, eq=False)
-class Strip:
+class LabelRows(Protocol):
+    """Rows of the numbers of patches ``(H, W)``, as an array or a file has them."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(H, W)."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the values."""
+
+    def __getitem__(self, rows: slice, /) -> Bytes:
+        """Return rows."""
+
+    def __setitem__(self, rows: slice, values: Bytes, /) -> None:
+        """Replace rows."""
+
+
+@dataclass(frozen=True)
+class StripRange:
     """A part of a sheet in which some rows of patches are placed.
 
     Parameters
     ----------
     first, last
         Range of the rows of patches.
-    top
-        First row of the sheet.
-    sheet, labels
-        ``(h, W, 3)`` and ``(h, W)``: what is there, then what was placed.
+    top, rows, done
+        First row of the sheet, number of rows, and how many of them the next strip leaves as they
+        are.
+    around
+        Number of rows at the end of the strip that are the first rows of the sheet.
     """
 
     first: int
     last: int
     top: int
-    sheet: Float
-    labels: Bytes
+    rows: int
+    done: int
+    around: int
 
 
-def strips(
-    sheet: SheetRows, labels: Bytes, tops: Whole, patch: int, *, wrapped: bool
-) -> Iterator[Strip]:
-    """Yield the strips of a sheet from the top downwards, and store each when it is filled.
+def strip_ranges(tops: Whole, height: int, patch: int, *, wrapped: bool) -> list[StripRange]:
+    """Return the strips of a sheet from the top downwards.
 
     Parameters
     ----------
-    sheet, labels
-        Written.
     tops
         First row of the sheet of each row of patches.
+    height
+        Rows of the sheet.
     patch
         Side of the patches.
     wrapped
         The last row of patches overlaps the first one. It is a strip of its own, which continues
         with the first rows of the sheet.
     """
-    height, width = labels.shape
-    normals, numbers = np.zeros((0, width, 3), np.float32), np.zeros((0, width), np.uint8)
     count = len(tops) - wrapped
-    starts = [*range(0, count, _ROWS), count] if wrapped else [*range(0, count, _ROWS)]
+    starts = [*range(0, count, ROWS), count] if wrapped else [*range(0, count, ROWS)]
+    ranges = []
     for first, last in zip(starts, [*starts[1:], len(tops)], strict=True):
         top, bottom = int(tops[first]), int(tops[last - 1]) + patch
         around = max(bottom - height, 0) if wrapped else 0
         rows = min(bottom, height) + around - top
-        part = Strip(
-            first, last, top, np.zeros((rows, width, 3), np.float32),
-            np.zeros((rows, width), np.uint8),
-        )  # fmt: skip
-        part.sheet[: len(normals)], part.labels[: len(numbers)] = normals, numbers
-        if around:
-            part.sheet[-around:], part.labels[-around:] = sheet[:around], labels[:around]
-        yield part
         done = (int(tops[last]) if last < len(tops) else height) - top
-        sheet[top : top + done] = part.sheet[:done]
-        labels[top : top + done] = part.labels[:done]
-        if around:
-            sheet[:around], labels[:around] = part.sheet[-around:], part.labels[-around:]
-        normals, numbers = part.sheet[done:], part.labels[done:]
+        ranges.append(StripRange(first, last, top, rows, done, around))
+    return ranges
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """A sheet of which the first strips are complete.
+
+    Parameters
+    ----------
+    strips
+        Number of complete strips.
+    uses, placed
+        How often each class of patches was used, and the number of patches.
+    normals, labels
+        ``(n, W, 3)`` and ``(n, W)``: the first rows of the next strip, as they are.
+    upper, upper_labels
+        The same for the first rows of the sheet, which the last strip of a sheet for tiling
+        overlaps.
+    """
+
+    strips: int
+    uses: npt.NDArray[np.float64]
+    placed: int
+    normals: Float
+    labels: Bytes
+    upper: Float
+    upper_labels: Bytes
+
+    @classmethod
+    def nothing(cls, classes: int, width: int) -> Begun:
+        """Return the beginning of a sheet."""
+        normals, labels = np.zeros((0, width, 3), np.float32), np.zeros((0, width), np.uint8)
+        return cls(0, np.zeros(classes), 0, normals, labels, normals, labels)
+
+    def strip(self, part: StripRange) -> tuple[Float, Bytes]:
+        """Return the rows of the next strip with what is there."""
+        width = self.labels.shape[1]
+        normals = np.zeros((part.rows, width, 3), np.float32)
+        labels = np.zeros((part.rows, width), np.uint8)
+        normals[: len(self.normals)], labels[: len(self.labels)] = self.normals, self.labels
+        if part.around:
+            normals[-part.around :] = self.upper[: part.around]
+            labels[-part.around :] = self.upper_labels[: part.around]
+        return normals, labels
+
+    def after(
+        self,
+        part: StripRange,
+        filled: tuple[Float, Bytes],
+        sheet: SheetRows,
+        labels: LabelRows,
+        patch: int,
+        uses: npt.NDArray[np.float64],
+        placed: int,
+    ) -> Begun:
+        """Write the rows of a strip that was filled, and return the sheet after it."""
+        normals, numbers = filled
+        sheet[part.top : part.top + part.done] = normals[: part.done]
+        labels[part.top : part.top + part.done] = numbers[: part.done]
+        if part.around:
+            sheet[: part.around] = normals[-part.around :]
+            labels[: part.around] = numbers[-part.around :]
+        upper, upper_labels = self.upper, self.upper_labels
+        if not self.strips:
+            rows = min(patch, part.done)
+            upper, upper_labels = normals[:rows].copy(), numbers[:rows].copy()
+        rest = normals[part.done :].copy(), numbers[part.done :].copy()
+        return Begun(self.strips + 1, uses, placed, *rest, upper, upper_labels)
+
+
+def bands_with_margins(
+    sheet: SheetRows, reach: int, *, wrapped: bool, begin: int = 0
+) -> Iterator[tuple[slice, Float]]:
+    """Yield bands of rows, with the rows above and below that a correction needs.
+
+    The sheet may be replaced band by band with what is computed of them.
+
+    Parameters
+    ----------
+    sheet
+        The sheet to correct.
+    reach
+        Number of rows above and below.
+    wrapped
+        Whether the last row continues at the first; otherwise the sheet continues with its
+        reflection.
+    begin
+        The first band; if it is not 0, the sheet is not replaced.
+    """
+    height = sheet.shape[0]
+    # Copies of rows that are replaced before they are read.
+    upper, lower = sheet[: reach + 1].copy(), sheet[max(height - reach - 1, 0) : height].copy()
+    above = lower[1:] if wrapped else upper[:0:-1]
+    beyond = upper[:-1] if wrapped else lower[-2::-1]
+    if not len(above):  # a sheet of one row
+        above = beyond = upper
+    first = begin * CORRECTED_ROWS
+    if begin:
+        above = sheet[first - reach : first]
+    for top in range(first, height, CORRECTED_ROWS):
+        last = min(top + CORRECTED_ROWS, height)
+        below = np.concatenate([sheet[last : min(last + reach, height)], beyond])[:reach]
+        band = np.concatenate([above, sheet[top:last], below])
+        above = band[len(band) - 2 * reach : len(band) - reach].copy()
+        yield slice(top, last), band

@@ -9,6 +9,7 @@ import processing
 import rig
 from sgp._detail_metrics import CombineMetrics
 from sgp._map_doubts import read_map
+from sgp._memory_limit import Limit
 from sgp._options import Input, Memory, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -61,9 +62,11 @@ def separate(
     force
         Write into an output folder that already contains files.
     """
-    with separation_within(
-        memory, normals, options, green=green, max_pixels=max_pixels, out=out, force=force
-    ) as (parts, read):
+    limit = Limit(memory, out / "detail", force)
+    with separation_within(limit, normals, options, green=green, max_pixels=max_pixels) as (
+        parts,
+        read,
+    ):
         result = write_separation(claim_folder(out, "detail.json"), parts, maps)
     result.warnings += read.warnings
     result.inputs = list(read.files)

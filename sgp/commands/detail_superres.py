@@ -13,6 +13,7 @@ import rig
 from sgp._camera_doubts import camera_notices
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._memory_limit import Limit
 from sgp._options import Input, Memory, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._point_samples import points_notices
@@ -112,9 +113,8 @@ def superres(
         sampling=sampling or ("points" if points else "area"),
     )
     view = None if camera is None else acquisition.read_camera(camera, found.size)
-    with enlarged_within(
-        memory, normals, how, green=green, max_pixels=max_pixels, out=out, force=force
-    ) as enlarged:
+    limit = Limit(memory, out / "superres", force)
+    with enlarged_within(limit, normals, how, green=green, max_pixels=max_pixels) as enlarged:
         claim_folder(out, "superres.json")
         result = Result(warnings=[*enlarged.warnings, *doubts], inputs=[*enlarged.files])
         with Stages() as progress:

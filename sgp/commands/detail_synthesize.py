@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -14,12 +16,14 @@ from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._guidance import GuidanceOptions
 from sgp._map_doubts import read_map
-from sgp._options import Count, Input, OptionalInput, Pixels, Region, Seed, image_size
+from sgp._memory_limit import Limit, identity
+from sgp._options import Count, Input, Memory, OptionalInput, Pixels, Region, Seed, image_size
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
-from sgp._sheet_file import sheet_file
 from sgp._stage_options import MapOptions, SeparationOptions
+from sgp._stored_synthesis import SheetOptions, SheetSizes, sheet_within
 from sgp._write_synthesis import (
+    Synthesised,
     measure_texture,
     measure_transfer,
     write_sheet_picture,
@@ -54,6 +58,7 @@ def synthesize(
     green: Literal["up", "down"] = "up",
     target_green: Literal["up", "down"] = "up",
     maps: MapOptions = _MAPS,
+    memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -116,6 +121,10 @@ def synthesize(
         Direction of the green channel in the target.
     maps
         Form of the PNG.
+    memory
+        Memory to use, such as 3G or 500M; default: half of what is free. A sheet that does not fit
+        is synthesised in strips of rows, in files in the output folder; the same command continues
+        it if it was interrupted. --onto and efros-leung need the complete maps.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -133,6 +142,18 @@ def synthesize(
             "--onto, --rotate, --mirror, --tileable and --overlap require --method quilting"
         )
     width, height = (0, 0) if size is None else image_size("--size", size)
+    limit = Limit(memory, out / "synthesize", force)
+    found = processing.find_normals(exemplar, max_pixels=max_pixels)
+    copies = (4 if rotate else 1) * (2 if mirror else 1)
+    of_sheet = (height, width)
+    if onto is not None:
+        of_sheet = processing.find_normals(onto, max_pixels=max_pixels).size
+    sizes = SheetSizes(found.size, of_sheet, patch or 48, overlap, copies)
+    need = sizes.need("sheet" if onto is None else "target")
+    if onto is not None or method != "quilting":
+        limit.check_whole(need, "--onto" if onto is not None else f"--method {method}")
+    else:
+        limit.must_be_stored(need)  # refuses a limit that is too small before anything is read
     read = read_map(exemplar, green=green, max_pixels=max_pixels)
     result = Result(warnings=list(read.warnings), inputs=[*read.files, *guidance.files()])
     shape_filter = options.shape_filter()
@@ -144,57 +165,65 @@ def synthesize(
         result.warnings += second.warnings
         result.inputs += second.files
         target = second.normal_map
-    # The sheet remains readable after its file is deleted.
-    with Stages() as progress, sheet_file(out, (height, width)) as on_disk:
-        detail = read.normal_map
-        if not is_detail:
+    detail = read.normal_map
+    if not is_detail:
+        with Stages() as progress:
             parts = processing.separate(detail, shape_filter=shape_filter, on_progress=progress)
             detail = parts.detail
-        detail = processing.NormalMap(detail.normals[window], detail.mask[window])
-        if is_detail:
-            result.warnings += _shape_notice(detail, shape_filter, exemplar)
-        placing = _Placing(
-            patch=patch or 48,
-            overlap=overlap,
-            seed=seed,
-            rotate=rotate,
-            mirror=mirror,
-            on_progress=progress,
-        )
-        made: processing.Synthesis | processing.TargetSynthesis
+    detail = processing.NormalMap(detail.normals[window], detail.mask[window])
+    if is_detail:
+        result.warnings += _shape_notice(detail, shape_filter, exemplar)
+    placing = _Placing(patch=patch or 48, overlap=overlap, seed=seed, rotate=rotate, mirror=mirror)
+    with ExitStack() as opened:
         if method != "quilting":
-            synthesizer = processing.SYNTHESIZERS[method]
             sides = {} if patch is None else {"patch": patch}
-            made = synthesizer(detail, (height, width), seed=seed, on_progress=progress, **sides)
+            with Stages() as progress:
+                made = Synthesised.in_memory(
+                    processing.SYNTHESIZERS[method](
+                        detail, of_sheet, seed=seed, on_progress=progress, **sides
+                    )
+                )
         elif target is None:
-            made = processing.synthesize(
-                detail, (height, width), tileable=tileable, on_disk=on_disk, **placing
+            sheet: SheetOptions = {**placing, "tileable": tileable}
+            given = {**sheet, "size": of_sheet, "is_detail": is_detail, "crop": crop}
+            given |= {**asdict(options), "green": green}
+            depends_on = identity(given, list(read.files))
+            made = opened.enter_context(
+                sheet_within(limit, need, detail, of_sheet, sheet, depends_on)
             )
         else:
             shape = shape_filter.shape(target)
-            made = processing.synthesize_onto(
-                detail, shape, image_space=image_space, **guides, **placing
-            )
-    claim_folder(out, "synthesize.json")
-    with Stages() as progress:
-        result.outputs = processing.write_normals(
-            out, made.detail, "detail", green=maps.green_out, on_progress=progress
-        )
-    result.outputs["invented"] = out / "invented.png"
-    acquisition.write_mask(result.outputs["invented"], made.detail.mask)
-    metrics: dict[str, Any] = {**measure_texture(made, detail, result)}
-    result.outputs["picture"] = picture = out / "synthesis.png"
-    if isinstance(made, processing.Synthesis):
-        write_sheet_picture(picture, f"Synthesis from {exemplar.name}", made, detail)
-    elif target is not None and onto is not None:
-        normals = processing.combine(target if keep_target_detail else shape, made.detail)
+            with Stages() as progress:
+                made = Synthesised.in_memory(
+                    processing.synthesize_onto(
+                        detail,
+                        shape,
+                        image_space=image_space,
+                        on_progress=progress,
+                        **guides,
+                        **placing,
+                    )
+                )
+        claim_folder(out, "synthesize.json")
         with Stages() as progress:
-            result.outputs |= processing.write_normals(
-                out, normals, green=maps.green_out, on_progress=progress
+            result.outputs = processing.write_normal_rows(
+                out, made.normals, made.mask, "detail", green=maps.green_out, on_progress=progress
             )
-        metrics |= measure_transfer(made, shape, normals, shape_filter, result)
-        title = f"Detail of {exemplar.name} on {onto.name}"
-        write_target_picture(picture, title, detail, target, normals)
+        result.outputs["invented"] = out / "invented.png"
+        acquisition.write_mask(result.outputs["invented"], made.mask)
+        metrics: dict[str, Any] = {**measure_texture(made, detail, result)}
+        result.outputs["picture"] = picture = out / "synthesis.png"
+        if target is None:
+            write_sheet_picture(picture, f"Synthesis from {exemplar.name}", made, detail)
+        elif onto is not None and isinstance(made.made, processing.TargetSynthesis):
+            normals = processing.combine(target if keep_target_detail else shape, made.made.detail)
+            with Stages() as progress:
+                result.outputs |= processing.write_normals(
+                    out, normals, green=maps.green_out, on_progress=progress
+                )
+            metrics |= measure_transfer(made.made, shape, normals, shape_filter, result)
+            title = f"Detail of {exemplar.name} on {onto.name}"
+            write_target_picture(picture, title, detail, target, normals)
     result.metrics = metrics
     return result
 
@@ -207,7 +236,6 @@ class _Placing(TypedDict):
     seed: int
     rotate: bool
     mirror: bool
-    on_progress: rig.Progress
 
 
 def _window(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import ExitStack
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,14 +15,14 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages
-from sgp._detail_metrics import TransferMetrics
 from sgp._exit import UsageError
-from sgp._map_doubts import read_map
+from sgp._memory_limit import Limit
 from sgp._options import (
     Count,
     Degrees,
     Factor,
     Input,
+    Memory,
     OptionalInput,
     Order,
     Pixels,
@@ -30,12 +31,11 @@ from sgp._options import (
     numbers,
 )
 from sgp._output import claim_folder, writes_folder
-from sgp._overview import write_overview
-from sgp._panels.crop import Crop
-from sgp._panels.maps import map_panel, normals_panel
 from sgp._result import Result
 from sgp._stage_options import MapOptions
+from sgp._stored_transfer import TransferMaps, TransferOptions, transferred_within
 from sgp._write_profile import write_height_profile
+from sgp._write_transfer import Transferred, write_transfer
 
 Green = Literal["up", "down"]
 _MAPS = MapOptions()
@@ -70,6 +70,18 @@ class LocalOptions:
     rotate_deg: Degrees = 0.0
     mirror: bool = False
 
+    def given(self) -> list[str]:
+        """Return the options that differ from their defaults."""
+        return [
+            f"--{field.name.replace('_', '-')}"
+            for field in fields(self)
+            if getattr(self, field.name) != field.default
+        ]
+
+    def masks(self) -> list[Path]:
+        """Return the files of the masks."""
+        return [path for path in (self.source_mask, self.target_mask) if path is not None]
+
 
 @writes_folder("normals.json")
 def transfer(
@@ -90,6 +102,7 @@ def transfer(
     source_green: Green = "up",
     target_green: Green = "up",
     written: MapOptions = _MAPS,
+    memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -142,6 +155,10 @@ def transfer(
         Direction of the green channel in the target.
     written
         Form of the PNG.
+    memory
+        Memory to use, such as 3G or 500M; default: half of what is free. Maps that do not fit are
+        computed in bands of rows, in files in the output folder; the same command continues them
+        if it was interrupted. A local transfer and --profile need the complete maps.
     max_pixels
         Refuse images with more pixels than this, before decoding them.
     force
@@ -155,54 +172,72 @@ def transfer(
         raise UsageError(
             "--tile cannot be used with --at or in a local transfer: only one copy is placed"
         )
-    first = read_map(source, green=source_green, option="--source-green", max_pixels=max_pixels)
-    second = read_map(target, green=target_green, option="--target-green", max_pixels=max_pixels)
-    maps = first.normal_map, second.normal_map
-    done: processing.TransferResult | processing.LocalTransferResult
-    with Stages() as progress:
-        if is_local:
-            done = processing.transfer_local(
-                *maps,
-                source_mask=_mask(local.source_mask, maps[0]),
-                target_mask=_mask(local.target_mask, maps[1]),
-                pose=processing.Pose(
-                    None if place is None else (place[0], place[1]),
-                    local.scale,
-                    local.rotate_deg,
-                    local.mirror,
-                ),
-                amplitude=amplitude,
-                shape_filter=processing.ShapeFilter(filter, order, 10 if w is None else w),
-                on_progress=progress,
-            )
+    limit = Limit(memory, out / "normals", force)
+    maps = TransferMaps(source, target, source_green, target_green, max_pixels)
+    by = processing.ShapeFilter(filter, order, (10 if is_local else 5) if w is None else w)
+    whole = [*local.given(), *(["--profile"] if profile else [])]
+    read = None
+    if whole:
+        limit.check_whole(maps.need(by)[0], whole[0])
+        read = maps.read()
+    with ExitStack() as opened:
+        if read is not None and is_local:
+            done = _transfer_local(*read, local, place, amplitude, by)
         else:
-            done = processing.transfer(
-                *maps,
-                keep_target_detail=keep_target_detail,
-                amplitude=amplitude,
-                refine=refine,
-                shape_filter=processing.ShapeFilter(filter, order, 5 if w is None else w),
-                at=None if place is None else _whole(place),
-                tile=tile,
-                on_progress=progress,
-            )
-    masks = [path for path in (local.source_mask, local.target_mask) if path is not None]
-    result = Result(
-        warnings=[*first.warnings, *second.warnings],
-        inputs=[*first.files, *second.files, *masks],
-    )
-    claim_folder(out, "normals.json")
-    with Stages() as progress:
-        result.outputs = processing.write_normals(
-            out, done.normal_map, green=written.green_out, on_progress=progress
+            options: TransferOptions = {
+                "keep_target_detail": keep_target_detail,
+                "amplitude": amplitude,
+                "refine": refine,
+                "shape_filter": by,
+                "at": None if place is None else _whole(place),
+                "tile": tile,
+            }
+            done = opened.enter_context(transferred_within(limit, maps, options, read))
+        result = Result(
+            warnings=[*done.warnings],
+            inputs=[*done.files, *local.masks()],
         )
-    title = f"Detail of {source.name} on {target.name}"
-    with Stages() as progress:
-        metrics = _write_errors(out, title, done, result, progress)
-    if profile:
-        metrics = {**metrics, **write_height_profile(out, maps[1], done.normal_map, result)}
+        claim_folder(out, "normals.json")
+        with Stages() as progress:
+            result.outputs = processing.write_normal_rows(
+                out, done.normals, done.mask, green=written.green_out, on_progress=progress
+            )
+        title = f"Detail of {source.name} on {target.name}"
+        metrics = write_transfer(out, title, done, result)
+        if profile and read is not None:
+            transferred = processing.NormalMap(done.normals[:], done.mask)
+            profiled = write_height_profile(out, read[1].normal_map, transferred, result)
+            metrics = {**metrics, **profiled}
     result.metrics = metrics
     return result
+
+
+def _transfer_local(
+    source: processing.NormalMapFile,
+    target: processing.NormalMapFile,
+    local: LocalOptions,
+    place: list[float] | None,
+    amplitude: float,
+    shape_filter: processing.ShapeFilter,
+) -> Transferred:
+    with Stages() as progress:
+        done = processing.transfer_local(
+            source.normal_map,
+            target.normal_map,
+            source_mask=_mask(local.source_mask, source.normal_map),
+            target_mask=_mask(local.target_mask, target.normal_map),
+            pose=processing.Pose(
+                None if place is None else (place[0], place[1]),
+                local.scale,
+                local.rotate_deg,
+                local.mirror,
+            ),
+            amplitude=amplitude,
+            shape_filter=shape_filter,
+            on_progress=progress,
+        )
+    with Stages() as progress:
+        return Transferred.in_memory(done, source, target, progress)
 
 
 def _mask(path: Path | None, normal_map: processing.NormalMap) -> Mask | None:
@@ -213,78 +248,3 @@ def _whole(place: list[float]) -> tuple[int, int]:
     if not all(value.is_integer() for value in place):
         raise UsageError("--at must be whole pixels, except in a local transfer")
     return int(place[0]), int(place[1])
-
-
-def _write_errors(
-    out: Path,
-    title: str,
-    done: processing.TransferResult | processing.LocalTransferResult,
-    result: Result,
-    on_progress: rig.Progress,
-) -> TransferMetrics:
-    """Write error maps and their picture, and return the figures."""
-    # Steps of about the same duration.
-    steps = 7
-    on_progress("measuring errors", 0, steps)
-    own = done.fidelity
-    on_progress("measuring errors", 1, steps)
-    paper = done.fidelity_paper
-    on_progress("measuring errors", 2, steps)
-    maps = {"shape": own.shape_error_deg, "detail": own.detail_error_deg}
-    means = {"shape": own.shape_mae_deg, "detail": own.detail_mae_deg}
-    crop = Crop.around(done.normal_map.mask)
-    panels = [normals_panel("Result", done.normal_map, crop)]
-    for name, values in maps.items():
-        result.outputs[f"{name}_error"] = out / f"{name}_error.exr"
-        acquisition.write_exr(result.outputs[f"{name}_error"], values)
-        error = f"{name.capitalize()} error, mean {means[name]:.2f} deg"
-        panels.append(map_panel(error, values, "deg", crop, error=True))
-    result.outputs["errors_picture"] = out / "errors.png"
-    write_overview(result.outputs["errors_picture"], title, panels, columns=3)
-    on_progress("measuring errors", 3, steps)
-    shapes, details = (own.result.shape, own.shape), (own.result.detail, own.detail)
-    received = own.detail.mask
-    similar = []
-    for pair in (shapes, details):
-        similar.append(processing.ssim(*pair, received))
-        on_progress("measuring errors", 3 + len(similar), steps)
-        similar.append(processing.ssim(*pair, protocol="paper"))
-        on_progress("measuring errors", 3 + len(similar), steps)
-    metrics: TransferMetrics = {
-        "shape_mae_deg": own.shape_mae_deg,
-        "detail_mae_deg": own.detail_mae_deg,
-        "shape_mae_deg_paper": paper.shape_mae_deg,
-        "detail_mae_deg_paper": paper.detail_mae_deg,
-        "shape_ssim": similar[0],
-        "shape_ssim_paper": similar[1],
-        "detail_ssim": similar[2],
-        "detail_ssim_paper": similar[3],
-        "pixels": int(received.sum()),
-    }
-    result.summary = [
-        _where(done),
-        f"shape error   {own.shape_mae_deg:.2f} deg (paper's filter {paper.shape_mae_deg:.2f})",
-        f"detail error  {own.detail_mae_deg:.2f} deg (paper's filter {paper.detail_mae_deg:.2f})",
-    ]
-    is_local = isinstance(done, processing.LocalTransferResult)
-    if not isinstance(done, processing.LocalTransferResult):
-        metrics["source_window"] = done.placement.source_window
-        metrics["tiles"] = done.placement.tiles
-    if is_local or metrics["tiles"] != (1, 1):
-        seam = done.seam
-        metrics["seam_step_deg"] = seam.seam_deg
-        metrics["interior_step_deg"] = seam.interior_deg
-        metrics["seam_ratio"] = seam.ratio
-        result.summary.append(
-            f"{'seam' if is_local else 'borders':13} {seam.seam_deg:.2f} deg per pixel, interior "
-            f"{seam.interior_deg:.2f}"
-        )
-    return metrics
-
-
-def _where(done: processing.TransferResult | processing.LocalTransferResult) -> str:
-    if isinstance(done, processing.LocalTransferResult):
-        return f"detail transferred to {rig.pluralize(int(done.region.sum()), 'pixel')}"
-    x, y, width, height = done.placement.source_window
-    across, down = done.placement.tiles
-    return f"{width} x {height} pixels of the source from {x},{y}, tiled {across} x {down} times"

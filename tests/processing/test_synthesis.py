@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-from acquisition import BandFile, DataError
+from acquisition import DataError
 from processing import NormalMap, angle_deg, separate, synthesize, texture_figures
 from simulator import BandNoise, LizardScales
 
@@ -202,19 +202,9 @@ def test_scales_with_turned_copies_are_refused_by_their_own_figure():
     assert plain < turned
 
 
-def test_a_sheet_on_disk_is_the_same(noise, tmp_path):
-    """Higher than two strips of rows, so that rows are read again from the file."""
-    options = {"patch": 8, "overlap": 2, "seed": 4}
-    size = (16 * 6 * 2 + 20, 60)
-    whole = synthesize(noise, size, **options)
-    file = BandFile(tmp_path / "sheet", (*size, 3), np.dtype(np.float32))
-    made = synthesize(noise, size, on_disk=file, **options)
-    file.close()
-    (tmp_path / "sheet").unlink()
-    np.testing.assert_array_equal(made.detail.normals, whole.detail.normals)
-    np.testing.assert_array_equal(made.labels, whole.labels)
-    # Patches of neighbouring strips are joined like all others.
-    steps = angle_deg(whole.detail.normals[1:], whole.detail.normals[:-1]).mean(axis=1)
+def test_patches_of_neighbouring_strips_are_joined_like_all_others(noise):
+    made = synthesize(noise, (16 * 6 * 2 + 20, 60), patch=8, overlap=2, seed=4).detail.normals
+    steps = angle_deg(made[1:], made[:-1]).mean(axis=1)
     borders = [96 - 1, 96, 192 - 1, 192]
     assert steps[borders].mean() < 1.15 * steps.mean()
 

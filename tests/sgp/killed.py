@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,6 +51,9 @@ class Unfinished:
     stages
         Folders of the stages in ``out``, of which one is ``name``; none for a command with a
         single one.
+    units, begin, rows
+        What the journal counts if it does not count the rows of this map: their number, that of the
+        first row of the map, and the rows of one.
     """
 
     out: Path
@@ -58,6 +61,14 @@ class Unfinished:
     shape: tuple[int, ...]
     filled: str
     stages: tuple[str, ...] = ()
+    units: int | None = None
+    begin: int = 0
+    rows: int = 1
+
+    @property
+    def total(self) -> int:
+        """Number of what the journal counts."""
+        return self.units or self.shape[0]
 
     @property
     def _result(self) -> Path:
@@ -76,9 +87,10 @@ class Unfinished:
         return [tuple(json.loads(line)) for line in lines]
 
     def rows_filled(self) -> set[int]:
-        """Return the rows of the unfinished map that contain a value."""
+        """Return what the journal calls the rows of the unfinished map that contain a value."""
         values = np.fromfile(self._part / f"{self.filled}.raw", np.float32).reshape(self.shape)
-        return set(np.flatnonzero(values.reshape(len(values), -1).any(axis=1)))
+        filled = np.flatnonzero(values.reshape(len(values), -1).any(axis=1))
+        return {*(filled // self.rows + self.begin)}
 
     def reached(self, target: int | str) -> bool:
         """Return whether so many rows, or a stage, are complete."""
@@ -152,6 +164,23 @@ def server(request: pytest.FixtureRequest) -> Iterator[Server]:
     server.close()
 
 
+def killed_when(
+    server: Server, words: list[str], reached: Callable[[], bool], seconds: float
+) -> int:
+    """Kill a command some seconds after it has reached a state, and return its exit status."""
+    pid = server.start(words)
+    limit = time.monotonic() + 60
+    while not reached():
+        assert time.monotonic() < limit, words
+        time.sleep(0.002)
+    time.sleep(seconds)
+    with suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGKILL)
+    status = server.status()
+    assert status in (0, -signal.SIGKILL)
+    return status
+
+
 def check_killed(
     server: Server, command: list[str], found: Unfinished, whole: Path, kills: int, seed: int
 ) -> None:
@@ -172,24 +201,20 @@ def check_killed(
     """
     server.start([*command, str(whole)])
     assert server.status() == 0
-    rng, height = np.random.default_rng(seed), found.shape[0]
+    rng, height = np.random.default_rng(seed), found.total
     # Rows or stages after which the process is killed; the last kills hit the files of the result.
     ends = found.stages or (height, height)
     rows = np.sort(rng.integers(0, height, kills - 1 - len(ends)))
     killed, before, again, complete = 0, [], [0], {}
     for target in (0, *(int(row) for row in rows), *ends):
-        pid = server.start([*command, str(found.out)])
-        limit = time.monotonic() + 60
-        while not found.reached(target):
-            assert time.monotonic() < limit, before
-            time.sleep(0.005)
-        time.sleep(rng.uniform(0, 0.1))
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-        status = server.status()
+        status = killed_when(
+            server,
+            [*command, str(found.out)],
+            lambda target=target: found.reached(target),
+            rng.uniform(0, 0.1),
+        )
         if status == 0:
             break  # complete before the signal came
-        assert status == -signal.SIGKILL
         killed += 1
         assert complete.items() <= found.complete().items()
         complete = found.complete()

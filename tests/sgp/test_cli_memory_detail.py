@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from acquisition import BandStore, write_png
+from acquisition import write_png
 from processing import ShapeFilter, write_normal_rows
 from processing._detail import rows
-from tests.sgp.test_cli_memory import bands, check_equal, stop  # noqa: F401 - a fixture
+from tests.sgp.in_bands import check_bands, check_continued
+from tests.sgp.test_cli_memory import bands, check_equal  # noqa: F401 - a fixture
 
 SIZE = (330, 60)
 
@@ -57,17 +56,8 @@ def test_separation_in_bands_is_that_of_the_whole(
     order,
     w,
 ) -> None:
-    options = ("--filter", kind, "--order", order, "--w", w, "--json")
-    answers = []
-    for name, memory in (("whole", "1G"), ("bands", least(kind, order, w))):
-        answer = sgp(
-            "detail", "separate", relief, "--out", tmp_path / name, *options, "--memory", memory
-        )
-        assert answer.code == 0, answer.err
-        answers.append(answer.out.replace(f"/{name}/", "/"))
-        assert (len(bands) > 5) == (name == "bands")
-    assert answers[0] == answers[1]
-    check_equal(tmp_path / "bands", tmp_path / "whole")
+    command = ["detail", "separate", relief, "--filter", kind, "--order", order, "--w", w]
+    check_bands(sgp, bands, tmp_path, command, least(kind, order, w))
 
 
 def test_maps_of_other_forms(sgp, relief, tmp_path) -> None:
@@ -82,31 +72,12 @@ def test_maps_of_other_forms(sgp, relief, tmp_path) -> None:
 
 
 def test_an_interrupted_separation_continues(sgp, relief, tmp_path, monkeypatch) -> None:
-    """After a full disk and Ctrl-C, also with more memory; what is complete is not done again."""
-    command = ["detail", "separate", relief, "--order", 1, "--w", 3, "--out"]
-    assert sgp(*command, tmp_path / "whole").code == 0
-    done: list[slice] = []
-    complete = BandStore.complete
-
-    def noted(store: BandStore, band: slice) -> None:
-        complete(store, band)
-        done.append(band)
-
-    monkeypatch.setattr(BandStore, "complete", noted)
-    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    for error, code in ((full, 3), (KeyboardInterrupt(), 130)):
-        with monkeypatch.context() as patched:
-            patched.setattr(BandStore, "complete", stop(error, 1))
-            assert sgp(*command, tmp_path / "out", "--memory", "400K").code == code
-        assert [path.name for path in (tmp_path / "out").iterdir()] == [".part-detail"]
-    assert len(done) == 2
-    other = ["detail", "separate", relief, "--order", 2, "--w", 3, "--out", tmp_path / "out"]
-    assert "differs in order: repeat that" in sgp(*other, "--memory", "400K").error_line(2)
-    assert sgp(*command, tmp_path / "out", "--memory", "1G").code == 0
-    named = [row for band in done for row in range(band.start, band.stop)]
-    assert sorted(named) == sorted(set(named))
-    assert len(named) == SIZE[0]
-    check_equal(tmp_path / "out", tmp_path / "whole")
+    command = ["detail", "separate", relief, "--order", 1, "--w", 3]
+    done = check_continued(
+        sgp, monkeypatch, tmp_path, command, "400K", ".part-detail",
+        other=("--green", "down"), reason="green",
+    )  # fmt: skip
+    assert sum(rows.stop - rows.start for rows in done) == SIZE[0]
 
 
 def test_a_memory_that_is_too_small_and_a_file_that_is_no_map(sgp, relief, tmp_path) -> None:

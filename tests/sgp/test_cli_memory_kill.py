@@ -13,6 +13,8 @@ from processing import (
     ShapeFilter,
     least_memory_of_separation,
     least_memory_of_super_resolution,
+    least_memory_of_synthesis,
+    least_memory_of_transfer,
     write_normals,
 )
 from tests.sgp.killed import Server, Unfinished, check_killed, server
@@ -31,8 +33,8 @@ from sgp import _surface_memory
 
 memory._FIXED = rows._FIXED = blocks._FIXED = _surface_memory._PROGRAM = 0
 """
-# Of normal maps that are enlarged, and separated.
-LOW, MAP = (1000, 16), (900, 120)
+# Of normal maps that are enlarged, separated, and transferred to; and of a sheet.
+LOW, MAP, CLOTH, SHEET = (1000, 16), (900, 120), (60, 50), (5000, 100)
 
 
 @pytest.fixture
@@ -95,3 +97,44 @@ def test_separation(server: Server, tmp_path: Path) -> None:
     command = ["detail", "separate", str(tmp_path / "map"), "--memory", memory, "--out"]
     found = Unfinished(tmp_path / "out", "detail", (*MAP, 3), "shape")
     check_killed(server, command, found, tmp_path / "whole", kills=6, seed=12)
+
+
+@pytest.mark.slow
+def test_transfer(server: Server, tmp_path: Path) -> None:
+    write_waves(tmp_path / "cloth", CLOTH)
+    write_waves(tmp_path / "map", MAP)
+    memory = f"{least_memory_of_transfer(CLOTH, MAP) // 1024 + 500}K"
+    maps = [str(tmp_path / "cloth"), str(tmp_path / "map")]
+    command = ["detail", "transfer", *maps, "--refine", "2", "--memory", memory, "--out"]
+    begin = CLOTH[0] + 1
+    found = Unfinished(
+        tmp_path / "out", "normals", (*MAP, 3), "shape", units=begin + 4 * MAP[0], begin=begin,
+    )  # fmt: skip
+    check_killed(server, command, found, tmp_path / "whole", kills=8, seed=13)
+
+
+# Sheets count as large: their least memory is more than such a small one needs in memory.
+LARGE_SHEETS = """
+from processing._synthesis import synthesis_memory
+
+synthesis_memory._SHEET = 10_000
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("server", [LARGE_SHEETS], indirect=True, ids=[""])
+@pytest.mark.parametrize("options", [[], ["--tileable"]], ids=["", "for tiling"])
+def test_synthesis(server: Server, tmp_path: Path, options: list[str]) -> None:
+    write_waves(tmp_path / "cloth", CLOTH)
+    memory = f"{least_memory_of_synthesis(CLOTH, SHEET) // 2**20 + 100}M"
+    size = f"{SHEET[1]}x{SHEET[0]}"
+    words = [str(tmp_path / "cloth"), "--size", size, "--patch", "16", *options]
+    command = ["detail", "synthesize", *words, "--memory", memory, "--out"]
+    strips, bands = -(-(SHEET[0] - 4) // 12), -(-SHEET[0] // 512)
+    strips = -(-strips // 16) + bool(options)
+    # Strips, then the share of the cuts, softened bands, the filter, and filtered bands.
+    found = Unfinished(
+        tmp_path / "out", "synthesize", (*SHEET, 3), "softened", units=strips + 2 + 2 * bands,
+        begin=strips + 1, rows=512,
+    )  # fmt: skip
+    check_killed(server, command, found, tmp_path / "whole", kills=8, seed=14)

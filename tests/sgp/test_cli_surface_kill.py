@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -14,7 +11,7 @@ import pytest
 
 from acquisition import read_image
 from processing import NormalMap, write_normals
-from tests.sgp.killed import Server, results, server
+from tests.sgp.killed import Server, killed_when, results, server
 
 __all__ = ["server"]
 
@@ -55,18 +52,14 @@ def test_killed_at_random_moments(server: Server, tmp_path: Path) -> None:
     before: dict[str, int] = {}
     killed, status = 0, -1
     for target in targets:
-        pid = server.start([*command, str(out)])
-        limit = time.monotonic() + 60
-        while len(steps_done(out)) < target and not (out / "surface.json").exists():
-            assert time.monotonic() < limit, before
-            time.sleep(0.002)
-        time.sleep(random.uniform(0, 0.05))
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-        status = server.status()
+        status = killed_when(
+            server,
+            [*command, str(out)],
+            lambda target=target: len(steps_done(out)) >= target or (out / "surface.json").exists(),
+            random.uniform(0, 0.05),
+        )
         if status == 0:
             break  # complete before the signal came
-        assert status == -signal.SIGKILL
         killed += 1
         done = steps_done(out)
         assert before.items() <= done.items()
