@@ -34,7 +34,7 @@ _AROUND, _AROUND_REACH = 1.2, 0.25
 _NEAR = 2.0
 # Without a plane, only the edges show that there is a ball. False outlines have up to .48, all of
 # those below .6 get a notice.
-_LEAST_SUPPORT = 0.45
+LEAST_SUPPORT = 0.45
 # Noise supports up to a quarter: an outline with less on its bright side is not seen there.
 _NOT_SEEN = 0.25
 # Contact shadows and what is mirrored at the limb move the edges of all images by up to 0.2 px.
@@ -73,7 +73,7 @@ def confirmed(values: Images, mirroring: Sequence[SphereImage]) -> list[SphereIm
     for sphere in mirroring:
         if edges_agree(values, sphere.outline):
             return list(mirroring)
-        joint = best_of(_found(values, sphere.outline))
+        joint = best_of(found_near(values, sphere.outline))
         if joint is None:
             by_edges.append(None)
             continue
@@ -115,24 +115,24 @@ def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
     if less than 45 % of the best one is supported. Outlines that are not seen where their
     surroundings are bright do not count.
     """
-    found = [one for one in _found(values, sphere.outline) if not _is_border(one)]
+    found = [one for one in found_near(values, sphere.outline) if not is_border(one)]
     if max((one.support for one in found), default=0.0) < _DECIDED:
         size = sphere.outline.radius_px
         around = Ellipse(sphere.outline.centre_px, (_AROUND * size, _AROUND * size))
         larger = joint_near(values, around, _AROUND_REACH * size)
-        found += [] if larger is None or _is_border(larger) else [larger]
+        found += [] if larger is None or is_border(larger) else [larger]
     joint = best_of(found)
-    if joint is None or joint.support < _LEAST_SUPPORT:
+    if joint is None or joint.support < LEAST_SUPPORT:
         return None
     return _with_outline(values, sphere, joint, np.zeros((3, 3)))
 
 
-def _is_border(one: JointNear) -> bool:
+def is_border(one: JointNear) -> bool:
     """Return whether an outline is the border of what a ball mirrors: black surroundings."""
     return one.bright_support < _NOT_SEEN
 
 
-def _found(values: Images, outline: Ellipse) -> list[JointNear]:
+def found_near(values: Images, outline: Ellipse) -> list[JointNear]:
     """Return outlines near another one that the edges of all images support, one or two."""
     radius = outline.radius_px
     near = OutlinesNear(values, outline)

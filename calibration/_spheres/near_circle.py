@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration._errors import EstimateError
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
+from calibration._spheres.confirmed import LEAST_SUPPORT, found_near, is_border
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.joint_search import joint_near
+from calibration._spheres.joint_search import JointNear, best_of, joint_near
 from calibration._spheres.mirrored_border import is_mirrored_border
 from calibration._spheres.outline import (
     SHARP_PX,
@@ -25,7 +26,7 @@ from calibration._spheres.robust import Array
 # A sharp outline that is visible over this share of its length is beyond doubt.
 _SAFE_COVERAGE = 0.6
 # Edges of print agree with some circle over up to a quarter of its length.
-_LEAST_SUPPORT = 0.3
+_LEAST_IN_PICTURE = 0.3
 # Outlines that are farther away than stated reach are compared as well.
 _WIDER = 2.0
 # Edge points along this length of an outline count as one observation.
@@ -85,7 +86,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     are refined. One that has n observations less than the best one (8 px of circumference each) is
     exp(-n) times as plausible; the covariance of this mixture adds to that of the best outline, so
     that it contains the others if the edges do not decide. At last, the edges of all images decide
-    together, see `joint_near`.
+    together, see `joint_near`: also if one picture is too noisy to show a sharp outline.
 
     Parameters
     ----------
@@ -110,7 +111,8 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     else:
         if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
             _check_inside(pictures, first[0], first[2])
-            return _in_all_images(pictures, NearOutline(*first, None, is_sharp=True), 3.0)
+            sharp = NearOutline(*first, None, is_sharp=True)
+            return _decided(sharp, joint_near(pictures.values, sharp.outline, 3.0))
         found.append((0.0, *first))
     trials = [one[1] for one in found]
     found = []
@@ -132,23 +134,40 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     best = _mixture(_outermost(even or found), circle, reach_px)
     scatter = scatter_px(best.outline, best.points_px)
     support = _support(best.outline, best.points_px, best.coverage)
-    doubtful = not scatter < SHARP_PX or support < _LEAST_SUPPORT
+    doubtful = not scatter < SHARP_PX or support < _LEAST_IN_PICTURE
+    joint = joint_near(pictures.values, best.outline, reach_px)
     if doubtful or best.sigma_px > _LARGEST_SIGMA * best.outline.radius_px:
-        (x, y), radius = circle.centre_px, circle.radius_px
-        raise EstimateError(
-            f"the edges near the circle ({x:.0f}, {y:.0f}, {radius:.0f}) px do not determine the "
-            f"outline of a sphere: the best one is visible over {100 * best.coverage:.0f} % of its "
-            f"length, scatters by {scatter:.1f} px and is known to {best.sigma_px:.1f} px: give "
-            "a better circle or a mask, or light the background evenly"
-        )
-    best = _in_all_images(pictures, best, reach_px)
+        # The outline in one picture may be farther away than the circle.
+        found_joint = [*found_near(pictures.values, circle), *([joint] if joint else [])]
+        joint = best_of(found_joint)
+        if joint is None or not _is_clear(joint, circle, reach_px):
+            (x, y), radius = circle.centre_px, circle.radius_px
+            raise EstimateError(
+                f"the edges near the circle ({x:.0f}, {y:.0f}, {radius:.0f}) px do not determine "
+                f"the outline of a sphere: the best one is visible over {100 * best.coverage:.0f} "
+                f"% of its length, scatters by {scatter:.1f} px and is known to "
+                f"{best.sigma_px:.1f} px: give a better circle or a mask, or light the background "
+                "evenly"
+            )
+        joint = replace(joint, covariance_px2=joint.covariance_px2 + np.eye(3) * joint.model_px**2)
+    best = _decided(best, joint)
     _check_inside(pictures, best.outline, best.coverage)
     return best
 
 
-def _in_all_images(pictures: OutlineImages, near: NearOutline, reach_px: float) -> NearOutline:
-    """Return the outline that the edges of most images support, see `joint_near`."""
-    joint = joint_near(pictures.values, near.outline, reach_px)
+def _is_clear(joint: JointNear, circle: Ellipse, reach_px: float) -> bool:
+    """Return whether the edges of all images determine an outline that one picture does not."""
+    sigma_px = np.sqrt(np.linalg.eigvalsh(joint.covariance_px2)[-1] + joint.model_px**2)
+    return bool(
+        joint.support >= LEAST_SUPPORT
+        and not is_border(joint)
+        and sigma_px <= _LARGEST_SIGMA * joint.outline.radius_px
+        and _change(circle, joint.outline).max() <= 1.2 * _WIDER * reach_px
+    )
+
+
+def _decided(near: NearOutline, joint: JointNear | None) -> NearOutline:
+    """Return the outline that the edges of most images support, if there is one."""
     if joint is None:
         return near
     return NearOutline(

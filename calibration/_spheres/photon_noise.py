@@ -10,8 +10,9 @@ from calibration._spheres.spot import PEAK_SIGMA_PX
 
 # What remains of the standard deviation of a peak with many photons.
 _FLOOR_PX = 0.003
-# The gain is searched for around the one that explains the stated deviation, in powers of e.
-_RANGE, _HALVINGS = 12.0, 30
+# The gain is searched for around the one that explains the stated deviation. Of a visible peak,
+# photons do not explain errors ten times as large: outlines or given values are wrong.
+_LEAST_GAIN, _LARGEST_GAIN, _HALVINGS = -12.0, 2 * np.log(10), 30
 
 
 def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Array:
@@ -51,7 +52,7 @@ def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Arr
         square = slopes.weighted(sigma).square_at_minimum()
         return square + as_stated - freedom - EXPECTED
 
-    low, high = -_RANGE, _RANGE
+    low, high = _LEAST_GAIN, _LARGEST_GAIN
     if surplus(law(low)) < 0 or surplus(law(high)) > 0:
         return sigma_px
     for _ in range(_HALVINGS):

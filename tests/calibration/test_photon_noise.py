@@ -49,6 +49,7 @@ def located(bench, placed, seen, photon_px2):
         pytest.param([0.003, 0.003, 0.008, 0.008], True, id="all are better than stated"),
         pytest.param([0.03, 0.03, 0.03, 0.03], False, id="all are equally wrong"),
         pytest.param([0.025, 0.025, 0.008, 0.008], False, id="the large ones are worse"),
+        pytest.param([0.3, 0.3, 0.9, 0.9], False, id="too large for photons"),
     ],
 )
 def test_residuals_choose_the_law_of_the_errors(bench, simulated, actual_px, by_photons):
@@ -60,7 +61,7 @@ def test_residuals_choose_the_law_of_the_errors(bench, simulated, actual_px, by_
         np.testing.assert_allclose(np.median(found.sigma_px, axis=0), actual_px, rtol=0.4)
         assert found.refined.chi_square == pytest.approx(1, abs=0.15)
     else:
-        assert np.all(found.sigma_px == STATED_PX)
+        assert np.all(found.sigma_px[found.used] == STATED_PX)
 
 
 def test_errors_agree_with_covariances_by_photons(bench, dome_mm, simulated):

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -63,6 +64,25 @@ def test_a_circle_that_is_no_outline_is_refused(stack, circle):
 def test_an_approximate_circle_gives_the_same_outline(stack, found):
     circled = calibrate_spheres(stack, circles=[(249.0, 151.0, 114.0)])
     assert angle_deg(circled.lights.directions, found.lights.directions).max() < 0.05
+
+
+@pytest.mark.parametrize(("scale", "limit_deg"), [(1.0, 0.3), (1.6, 0.2)])
+def test_a_circle_around_a_ball_with_jpeg_noise_is_not_refused(stack, found, scale, limit_deg):
+    """One picture shows no sharp outline; the edges of all images together determine it."""
+    values = []
+    for image in np.nan_to_num(stack.values, nan=1.0):
+        large = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_LANCZOS4)
+        samples = np.clip(np.rint(255 * large), 0, 255).astype(np.uint8)
+        coded = cv2.imencode(".jpg", samples, [cv2.IMWRITE_JPEG_QUALITY, 90])[1]
+        values.append(cv2.imdecode(coded, cv2.IMREAD_COLOR).astype(np.float32) / 255)
+    noisy = np.array(values)
+    noisy[noisy >= 0.99] = np.nan
+    circle = (254.0 * scale, 147.0 * scale, 119.0 * scale)
+    circled = calibrate_spheres(noisy, circles=[circle])
+    off = angle_deg(circled.lights.directions, found.lights.directions)
+    assert np.median(off) < limit_deg
+    variances = np.trace(circled.lights.errors.covariances, axis1=1, axis2=2)
+    assert np.all(off < 3 * np.degrees(np.sqrt(variances)))
 
 
 def test_the_distance_to_the_published_lights_is_as_expected(masked):
