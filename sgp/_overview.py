@@ -93,7 +93,7 @@ def sheet(title: str, panels: Sequence[Panel], columns: int | None = None) -> Fi
         text = figure.text(
             middle, (bottom + height + 0.07) / size[1], "", ha="center", va="bottom", fontsize=10.5
         )
-        _write(text, panel.title, width + _LEFT, lines=2)
+        _write(text, panel.title, width + 1.5 * _LEFT, lines=2)
         slots.append(axes)
     for axes, panel in shown("drawing", list(zip(slots, panels, strict=True))):
         panel.draw(axes)
