@@ -119,7 +119,8 @@ def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
     if max((one.support for one in found), default=0.0) < _DECIDED:
         size = sphere.outline.radius_px
         around = Ellipse(sphere.outline.centre_px, (_AROUND * size, _AROUND * size))
-        larger = joint_near(values, around, _AROUND_REACH * size)
+        seen_in = found[0].factor if found else 1
+        larger = joint_near(values, around, _AROUND_REACH * size, seen_in)
         found += [] if larger is None or is_border(larger) else [larger]
     joint = best_of(found)
     if joint is None or joint.support < LEAST_SUPPORT:

@@ -19,6 +19,8 @@ _RAYS = (90, 360)
 _FACING = 0.9
 _SIGNIFICANT = 4.0
 _OFFSET_STEP_PX = 0.5
+# So many samples show how steep an image is as well as all of them.
+_SOME = 5
 _TOLERANCE_PX = 1.0
 _OF_IMAGES = 0.5
 
@@ -84,7 +86,8 @@ class EdgesAround:
         )
         across = np.abs(along_x * toward[:, :1] + along_y * toward[:, 1:])
         steep = np.hypot(along_x, along_y)
-        strong = (across > _SIGNIFICANT * middle_of(steep) + 1e-4) & (across > _FACING * steep)
+        typical = middle_of(steep.ravel()[::_SOME])
+        strong = (across > _SIGNIFICANT * typical + 1e-4) & (across > _FACING * steep)
         ridge = np.zeros_like(strong)
         middle = across[:, 1:-1]
         ridge[:, 1:-1] = (middle >= across[:, :-2]) & (middle > across[:, 2:])

@@ -161,9 +161,10 @@ def _by_edges(
         if _rivals(circle, [*known, *sharp]):
             continue
         # What is quicker is checked first: most circles around a ball are mirrored in it.
-        if not _rivals(circle, spheres) and not _has_highlights(values, circle):
+        rivals = _rivals(circle, spheres)
+        if not rivals and not _has_highlights(values, circle):
             continue
-        edge = _refined(pictures, circle)
+        edge = _refined(pictures, circle, [sphere.outline for sphere in rivals])
         if edge is None or not _expected(edge[0], radii_px) or _rivals(edge[0], known):
             continue
         rivals = _rivals(edge[0], spheres)
@@ -201,14 +202,17 @@ def _has_highlights(values: Images, circle: Ellipse) -> bool:
     return bool(2 * np.count_nonzero(find_highlights(few, circle).found) >= len(few))
 
 
-def _refined(pictures: OutlineImages, circle: Ellipse) -> tuple[Ellipse, Array, float] | None:
+def _refined(
+    pictures: OutlineImages, circle: Ellipse, rivals: Sequence[Ellipse] = ()
+) -> tuple[Ellipse, Array, float] | None:
     """Refine a circle; return outline, its points and coverage, None if too little is visible.
 
-    The refinement moves the outline by up to 3 px or 3 % of the radius.
+    The refinement moves the outline by up to 3 px or 3 % of the radius. If it is not sharp, so that
+    it cannot replace its rivals, it may be inexact.
     """
     reach = max(_REACH_PX, _REACH_SHARE * circle.radius_px)
     try:
-        outline, points, coverage = refine_sharpest(pictures, circle, reach)
+        outline, points, coverage = refine_sharpest(pictures, circle, reach, rivals)
     except EstimateError:
         return None
     if coverage < _LEAST_COVERAGE or abs(outline.radius_px / circle.radius_px - 1) > 0.15:

@@ -53,10 +53,13 @@ class JointNear(JointOutline):
     bright_support
         Support where the surroundings are bright, see `bright_side.bright_support`; NaN if they are
         hardly bright, and of an outline without doubt.
+    factor
+        How many times smaller the images are in which its edges are seen.
     """
 
     covariance_px2: Array
     bright_support: float = float("nan")
+    factor: int = 1
 
     @property
     def model_px(self) -> float:
@@ -64,12 +67,14 @@ class JointNear(JointOutline):
         return (1 - self.support) * _ELSEWHERE_PX + _OF_BLUR * self.blur_px
 
 
-def joint_near(values: Images, guess: Ellipse, reach_px: float) -> JointNear | None:
+def joint_near(
+    values: Images, guess: Ellipse, reach_px: float, first_factor: int = 1
+) -> JointNear | None:
     """Return the outline near a guess that the edges of most images support, or None.
 
-    Parameters and result are those of `OutlinesNear`.
+    Parameters and result are those of `OutlinesNear` and `OutlinesNear.within`.
     """
-    return OutlinesNear(values, guess).within(reach_px)
+    return OutlinesNear(values, guess).within(reach_px, first_factor)
 
 
 class OutlinesNear:
@@ -84,11 +89,11 @@ class OutlinesNear:
     """
 
     def __init__(self, values: Images, guess: Ellipse) -> None:
-        self._guess = guess
+        self._values, self._guess = values, guess
         part = _cut(values, guess)
         self._sizes = {} if part is None else {1: _Sized(part[0], guess, 1, part[1])}
 
-    def within(self, reach_px: float) -> JointNear | None:
+    def within(self, reach_px: float, first_factor: int = 1) -> JointNear | None:
         """Return the outline that most edges support, or None.
 
         The guess is refined by `joint_outline`. If less than two thirds of its length are then
@@ -103,9 +108,13 @@ class OutlinesNear:
         ----------
         reach_px
             Largest error of the guess in its centre and in its radius.
+        first_factor
+            Images of the ``factor`` of an outline nearby are compared first, if its edges are too
+            blurred for larger ones. Sharp edges are seen in them too; then the larger images decide
+            near these.
         """
         best: tuple[_Sized, list[JointOutline]] | None = None
-        for factor in _FACTORS if self._sizes else ():
+        for factor in _FACTORS[_FACTORS.index(first_factor) :] if self._sizes else ():
             doubtful = best is None or best[1][0].support <= _WITHOUT_DOUBT
             if factor > 1 and not (doubtful and self._guess.radius_px >= factor * _SMALLEST_PX):
                 break
@@ -116,6 +125,8 @@ class OutlinesNear:
             if not found:
                 continue
             blurred = factor == 1 or found[0].blur_px * factor > LARGEST_BLUR_PX
+            if not blurred and factor == first_factor:
+                return joint_near(self._values, sized.outline(found[0]), _NEAR_PX * factor)
             if blurred and (best is None or found[0].support > best[1][0].support + _MORE_SUPPORT):
                 best = sized, found
         return None if best is None else best[0].with_covariance(best[1])
@@ -140,6 +151,10 @@ class _Sized:
         every = range(len(self.images))
         images = np.stack([reduced_image(self.images[k], size, factor) for k in every])
         return _Sized(images, guess, factor, self._low)
+
+    def outline(self, joint: JointOutline) -> Ellipse:
+        """Return an outline in these images in pixels of the large ones."""
+        return _shifted(_scaled(joint.outline, self.factor), self.start)
 
     @cached_property
     def _lifted(self) -> list[npt.NDArray[np.float32]]:
@@ -192,13 +207,14 @@ class _Sized:
         doubted = joint.support <= _WITHOUT_DOUBT
         bright = bright_support(self.images, joint.outline) if doubted else float("nan")
         return JointNear(
-            _shifted(_scaled(joint.outline, self.factor), self.start),
+            self.outline(joint),
             joint.points_px * self.factor + self.start,
             joint.coverage,
             joint.support,
             joint.blur_px * self.factor,
             covariance * self.factor**2,
             bright,
+            self.factor,
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import cv2
@@ -27,6 +28,9 @@ _WHITE_STEP = 7
 ALONG_PX = 4.0
 # Outlines of spheres scatter by 0.02 to 0.15 px, those of other round objects by 0.4 px or more.
 SHARP_PX = 0.25
+# The steepest points of a sharp outline scatter by up to 0.8 px, near a rough guess by 0.9 px.
+# An outline that ends within half a pixel of another one is the same.
+_ROUGH_PX, _NEAR_GUESS_PX, _SAME_PX = 1.0, 2.0, 0.5
 _NEARLY = 0.75
 _MOST_ANGLES = 720
 
@@ -144,7 +148,10 @@ def _white(values: Images) -> float:
 
 
 def refine_outline(
-    image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
+    image: npt.NDArray[np.float32],
+    guess: Ellipse,
+    reach_px: float,
+    rivals: Sequence[Ellipse] = (),
 ) -> tuple[Ellipse, Array, float]:
     """Fit the outline to image edges near a guess, in rounds with a decreasing search range.
 
@@ -156,6 +163,8 @@ def refine_outline(
         Start value.
     reach_px
         Largest distance of the true outline from the guess.
+    rivals
+        Outlines that only another, sharp one can replace: others are not fitted exactly.
 
     Returns
     -------
@@ -176,13 +185,25 @@ def refine_outline(
     start: Ellipse | None = None  # the error of the guess may exceed that of the outliers
     for reach in (reach_px, max(reach_px / 2, 3.0), REACH_PX):
         angles, offsets, seen = _steepest(image, ellipse, reach)
-        ellipse, _, _ = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
-        start = ellipse
+        found = _fit(ellipse, angles[seen], offsets[seen], len(angles), start)
+        ellipse = start = found[0]
+        if rivals and scatter_px(ellipse, found[1]) > _NEAR_GUESS_PX:
+            return found
+    if rivals:
+        same = any(_is_same(ellipse, rival) for rival in rivals)
+        if scatter_px(ellipse, found[1]) > (SHARP_PX if same else _ROUGH_PX):
+            return found
     return _refine_edges(image, ellipse)
 
 
+def _is_same(a: Ellipse, b: Ellipse) -> bool:
+    """Return whether two outlines differ by less than half a pixel."""
+    change = np.subtract((*a.centre_px, *a.semi_axes_px), (*b.centre_px, *b.semi_axes_px))
+    return bool(np.abs(change).max() < _SAME_PX)
+
+
 def refine_sharpest(
-    images: OutlineImages, guess: Ellipse, reach_px: float
+    images: OutlineImages, guess: Ellipse, reach_px: float, rivals: Sequence[Ellipse] = ()
 ) -> tuple[Ellipse, Array, float]:
     """Fit the outline to the upper mean, or to the median image if it is sharper there.
 
@@ -190,11 +211,11 @@ def refine_sharpest(
     outline may be wrong by many pixels. The fit with the smaller scatter wins if it covers nearly
     as much of the circumference. Parameters, results and errors are those of `refine_outline`.
     """
-    found = refine_outline(images.upper, guess, reach_px)
+    found = refine_outline(images.upper, guess, reach_px, rivals)
     if scatter_px(found[0], found[1]) < SHARP_PX:
         return found
     try:
-        other = refine_outline(images.median, guess, reach_px)
+        other = refine_outline(images.median, guess, reach_px, rivals)
     except EstimateError:
         return found
     sharper = scatter_px(other[0], other[1]) < 0.5 * scatter_px(found[0], found[1])

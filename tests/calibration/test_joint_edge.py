@@ -90,6 +90,31 @@ def test_no_edge_no_outline(values, place):
     assert joint_near(values, Ellipse((x, y), (radius, radius)), 3.0) is None
 
 
+def disc(blur_px):
+    """Return centre and radius of a dark disc, and three noisy images of it."""
+    true = np.array([150.3, 147.6, 128.0])
+    rows, columns = np.mgrid[:300, :301]
+    inside = np.clip(true[2] + 0.5 - np.hypot(columns - true[0], rows - true[1]), 0, 1)
+    image = cv2.GaussianBlur((0.3 - 0.25 * inside).astype(np.float32), (0, 0), blur_px)
+    noise = np.random.default_rng(0).normal(size=(3, *image.shape)) * 0.004
+    return true, (image + noise).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    ("blur_px", "seen_in"),
+    [
+        pytest.param(2.0, 2, id="blurred"),
+        pytest.param(0.8, 1, id="sharp: the large images decide"),
+    ],
+)
+def test_a_search_may_begin_in_smaller_images(blur_px, seen_in):
+    true, values = disc(blur_px)
+    found = joint_near(values, Ellipse((155.5, 144.8), (133, 133)), 8.0, 2)
+    change = np.array([*found.outline.centre_px, found.outline.radius_px]) - true
+    assert np.abs(change).max() < 0.1
+    assert found.factor == seen_in
+
+
 @pytest.mark.parametrize(
     "blur_px",
     [
@@ -99,12 +124,8 @@ def test_no_edge_no_outline(values, place):
 )
 def test_a_large_outline_that_is_blurred_is_found_in_smaller_images(blur_px):
     """The model of the limb has a blur of at most 1.4 px."""
-    true = np.array([150.3, 147.6, 128.0])
-    rows, columns = np.mgrid[:300, :301]
-    inside = np.clip(true[2] + 0.5 - np.hypot(columns - true[0], rows - true[1]), 0, 1)
-    image = cv2.GaussianBlur((0.3 - 0.25 * inside).astype(np.float32), (0, 0), blur_px)
-    noise = np.random.default_rng(0).normal(size=(3, *image.shape)) * 0.004
-    found = joint_near((image + noise).astype(np.float32), Ellipse((151.5, 146.8), (129, 129)), 4.0)
+    true, values = disc(blur_px)
+    found = joint_near(values, Ellipse((151.5, 146.8), (129, 129)), 4.0)
     change = np.array([*found.outline.centre_px, found.outline.radius_px]) - true
     assert np.abs(change).max() < 0.1
     assert found.support > 0.9

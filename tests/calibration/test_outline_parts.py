@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
+from calibration._spheres import outline
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.outline import (
     _fit,
@@ -209,6 +210,40 @@ def test_a_completely_visible_outline_is_an_ellipse():
     assert ellipse.centre_px == pytest.approx((70.2, 60.4), abs=0.1)
     assert coverage > 0.95
     assert np.abs(ellipse.distance_px(points)).max() < 1
+
+
+@pytest.mark.parametrize(
+    ("scatter_px", "rivals", "exact"),
+    [
+        pytest.param(0.0, [], True, id="without rivals"),
+        pytest.param(0.0, [at(70, 60, 48)], True, id="sharp"),
+        pytest.param(0.0, [at(70, 60, 45)], True, id="sharp, the same as a rival"),
+        pytest.param(0.6, [at(70, 60, 48)], True, id="may be sharp"),
+        pytest.param(0.6, [at(70, 60, 48), at(70, 60, 45)], False, id="the same as a rival"),
+        pytest.param(1.6, [at(70, 60, 48)], False, id="rough"),
+        pytest.param(1.6, [], True, id="rough, without rivals"),
+        pytest.param(6.0, [at(70, 60, 48)], False, id="rough from the start"),
+    ],
+)
+def test_an_outline_that_cannot_replace_its_rivals_is_not_fitted_exactly(
+    monkeypatch, scatter_px, rivals, exact
+):
+    """Its edges scatter more than those of a sharp one, or it ends where a rival is."""
+    count = 283
+    points = np.random.default_rng(0).normal(size=count) * scatter_px
+    angles = np.arange(count) * 2 * np.pi / count
+    monkeypatch.setattr(
+        outline,
+        "_steepest",
+        lambda _image, around, _reach: (
+            angles,
+            45 - around.radius_px + points,
+            np.ones(count, bool),
+        ),
+    )
+    monkeypatch.setattr(outline, "_refine_edges", lambda _image, _guess: "exact")
+    found = refine_outline(np.zeros((120, 140), np.float32), at(70, 60, 44), 5.0, rivals)
+    assert (found == "exact") == exact
 
 
 @pytest.mark.parametrize(

@@ -233,7 +233,7 @@ def confirm_all(monkeypatch, candidates):
     """Let each circle have an outline, if there is one, whose highlights are those of a mirror."""
     examined = []
 
-    def edge(_pictures, circle):
+    def edge(_pictures, circle, _rivals):
         found = candidates[circle]
         return None if found is None else (found.outline, found.points_px, found.coverage)
 
@@ -337,7 +337,8 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
         pixels[count - 1, 1] += options["moved"]
         return Highlights(pixels, np.zeros(len(values), bool), np.full(len(values), 0.05))
 
-    def refine(_image, guess, reach_px):
+    def refine(_image, guess, reach_px, rivals):
+        assert not rivals
         assert reach_px == pytest.approx(max(3.0, 0.03 * guess.radius_px))
         if not options["outline"]:
             raise EstimateError("no outline")
