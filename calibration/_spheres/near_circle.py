@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +25,10 @@ from calibration._spheres.robust import Array
 
 # A sharp outline that is visible over this share of its length is beyond doubt.
 _SAFE_COVERAGE = 0.6
+# Outlines with a smaller ratio of the axes are compared with circles.
+_ROUND = 0.99
+# An outline that fewer edges of all images support may be elsewhere, see `JointNear.model_px`.
+_UNDOUBTED = 0.65
 # Edges of print agree with some circle over up to a quarter of its length.
 _LEAST_IN_PICTURE = 0.3
 # Outlines that are farther away than stated reach are compared as well.
@@ -86,7 +90,8 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     are refined. One that has n observations less than the best one (8 px of circumference each) is
     exp(-n) times as plausible; the covariance of this mixture adds to that of the best outline, so
     that it contains the others if the edges do not decide. At last, the edges of all images decide
-    together, see `joint_near`: also if one picture is too noisy to show a sharp outline.
+    together, see `joint_near`: also if one picture is too noisy to show a sharp outline. If neither
+    is without doubt, the covariance contains what the edges without support may show.
 
     Parameters
     ----------
@@ -112,7 +117,11 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
         if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
             _check_inside(pictures, first[0], first[2])
             sharp = NearOutline(*first, None, is_sharp=True)
-            return _decided(sharp, joint_near(pictures.values, sharp.outline, 3.0))
+            joints = [joint_near(pictures.values, sharp.outline, 3.0)]
+            if min(sharp.outline.semi_axes_px) < _ROUND * max(sharp.outline.semi_axes_px):
+                # An ellipse agrees with more edges than a circle does, also where it is wrong.
+                joints += found_near(pictures.values, circle)
+            return _decided(sharp, best_of([joint for joint in joints if joint]))
         found.append((0.0, *first))
     trials = [one[1] for one in found]
     found = []
@@ -135,8 +144,9 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     scatter = scatter_px(best.outline, best.points_px)
     support = _support(best.outline, best.points_px, best.coverage)
     doubtful = not scatter < SHARP_PX or support < _LEAST_IN_PICTURE
+    doubtful |= best.sigma_px > _LARGEST_SIGMA * best.outline.radius_px
     joint = joint_near(pictures.values, best.outline, reach_px)
-    if doubtful or best.sigma_px > _LARGEST_SIGMA * best.outline.radius_px:
+    if doubtful:
         # The outline in one picture may be farther away than the circle.
         found_joint = [*found_near(pictures.values, circle), *([joint] if joint else [])]
         joint = best_of(found_joint)
@@ -149,8 +159,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
                 f"{best.sigma_px:.1f} px: give a better circle or a mask, or light the background "
                 "evenly"
             )
-        joint = replace(joint, covariance_px2=joint.covariance_px2 + np.eye(3) * joint.model_px**2)
-    best = _decided(best, joint)
+    best = _decided(best, joint, doubtful=doubtful)
     _check_inside(pictures, best.outline, best.coverage)
     return best
 
@@ -166,13 +175,14 @@ def _is_clear(joint: JointNear, circle: Ellipse, reach_px: float) -> bool:
     )
 
 
-def _decided(near: NearOutline, joint: JointNear | None) -> NearOutline:
+def _decided(near: NearOutline, joint: JointNear | None, *, doubtful: bool = False) -> NearOutline:
     """Return the outline that the edges of most images support, if there is one."""
     if joint is None:
         return near
-    return NearOutline(
-        joint.outline, joint.points_px, joint.coverage, joint.covariance_px2, near.is_sharp
-    )
+    covariance = joint.covariance_px2
+    if doubtful or (joint.support < _UNDOUBTED and not near.is_sharp):
+        covariance = covariance + np.eye(3) * joint.model_px**2
+    return NearOutline(joint.outline, joint.points_px, joint.coverage, covariance, near.is_sharp)
 
 
 def _is_sharp(outline: Ellipse, points_px: Array, coverage: float) -> bool:
