@@ -105,7 +105,7 @@ def test_a_large_outline_that_is_blurred_is_found_in_smaller_images(radius_px, b
     inside = np.clip(true[2] + 0.5 - np.hypot(columns - true[0], rows - true[1]), 0, 1)
     image = cv2.GaussianBlur((0.3 - 0.25 * inside).astype(np.float32), (0, 0), blur_px)
     noise = np.random.default_rng(0).normal(size=(3, *image.shape)) * 0.004
-    x, y, radius = true + (1.2, -0.8, 1.0)
+    x, y, radius = true + np.array([1.2, -0.8, 1.0])
     guess = Ellipse((x, y), (radius, radius))
     found = joint_near((image + noise).astype(np.float32), guess, 4.0)
     change = np.array([*found.outline.centre_px, found.outline.radius_px]) - true
