@@ -9,7 +9,7 @@ import numpy as np
 from acquisition import CameraModel
 from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._radiance.raw_stack import Images
-from calibration._spheres.find import inside, round_edges
+from calibration._spheres.find import inside, round_edges, spheres_by_edges
 from calibration._spheres.mirrors import LEAST_SHARE, accepted, best_mirror, outline_of
 from calibration._spheres.recording import gray_values
 from calibration._spheres.spots import reduce_stack, spot_clusters
@@ -82,11 +82,14 @@ def sphere_candidates(
     reduced = reduce_stack(values)
     plane = MirroredPlane(values, reduced, camera)
     edges = round_edges(values)
+    clusters = spot_clusters(reduced)
+    # Those that show highlights as a mirror does come first: the search refused their outlines.
+    likely = [one.outline for one in spheres_by_edges(values, clusters, (), ())]
     spheres: list[SphereCandidate] = []
-    for cluster in spot_clusters(reduced):
+    for cluster in clusters:
         best = best_mirror(plane, cluster)
         share = -1.0 if best is None else float(best[1].share[0])
-        around = [edge for edge in edges if inside(cluster, edge)]
+        around = [edge for edge in [*likely, *edges] if inside(cluster, edge)]
         if best is not None and (accepted(plane, *best) or not around):
             outline = outline_of(plane.camera, best[0])
         elif around:

@@ -110,7 +110,7 @@ def find_spheres(
         if one is not None and _expected(one.outline, radii_px)
     ]
     if undecided:
-        for sphere in _by_edges(values, undecided, radii_px, [*excluded, *mirroring]):
+        for sphere in spheres_by_edges(values, undecided, radii_px, [*excluded, *mirroring]):
             around = _ball_around(plane, sphere, undecided)
             if around is None:
                 one = in_all_images(values, sphere)
@@ -141,7 +141,7 @@ def _ball_around(
     return None
 
 
-def _by_edges(
+def spheres_by_edges(
     values: Images,
     clusters: Sequence[SpotCluster],
     radii_px: Sequence[float],

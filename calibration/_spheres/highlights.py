@@ -28,6 +28,10 @@ _LEAST_SHARED, _MORE_SHARED = 3, 2
 _LAMPS, _AS_BRIGHT = 3, 0.6
 # One percent of the radius is an error of a degree.
 _UNLIKE = 0.01
+# Of a smooth peak, a tenth of the pixels above .8 of it are above .98, fewer if it is noisy. Of a
+# saturated one that JPEG was applied to, a third, of which a fifth and 12 or more are equal.
+_EVEN, _NEARLY, _EVEN_SHARE = 0.98, 0.8, 1 / 3
+_EQUAL, _EQUAL_SHARE, _EQUAL_PX = 1 - 1e-4, 0.2, 12
 # Saturated pixels from which this little of white is subtracted are still even.
 _UNCUT = 0.95
 # Pixels from which the median brightness of a large sphere is taken.
@@ -158,7 +162,7 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     Parameters
     ----------
     values
-        ``(N, H, W)`` linear images, NaN where saturated.
+        ``(N, H, W)`` linear images, NaN where saturated; even tops of highlights count as well.
     outline
         The sphere's outline.
 
@@ -182,8 +186,12 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
         return _none(len(values))
     # Parts of raw frames are new arrays.
     filled = crop.copy() if isinstance(values, np.ndarray) else crop
-    white = float(np.fmax.reduce(crop, axis=None))
-    filled[saturated] = white
+    white = np.full(len(crop), np.fmax.reduce(crop, axis=None), np.float32)
+    filled[saturated] = white[0]
+    for k in np.flatnonzero(~np.any(saturated & within, axis=(1, 2))):
+        even = _even_top(filled[k], within)
+        if even is not None:
+            saturated[k], white[k] = even, filled[k][even].min()
     if len(filled) >= 3:
         _subtract_shared(filled)
         saturated &= 4 * saturated.sum(axis=0) <= 3 * len(filled)
@@ -218,7 +226,7 @@ class _Search:
     """Images ``(N, h, w)`` around a sphere, and the pixels on which highlights are searched for.
 
     What the images share is subtracted from them. Pixels that are saturated in most images count as
-    not saturated, because nothing is left of them.
+    not saturated, because nothing is left of them. Before, the others were ``white (N,)``.
     """
 
     images: npt.NDArray[np.float32]
@@ -227,7 +235,7 @@ class _Search:
     border: Region
     outline: Ellipse
     corner: tuple[int, int]
-    white: float
+    white: npt.NDArray[np.float32]
 
     def blobs(self, k: int) -> list[Blob]:
         image, clipped = self.images[k], self.saturated[k] & self.within
@@ -327,20 +335,37 @@ class _Search:
         """
         image, clipped = self.images[k], self.saturated[k]
         spot = blob.locate(image, clipped)
-        if not blob.saturated or self._uncut(image, clipped, blob.region):
+        white = self.white[k]
+        if not blob.saturated or _uncut(image, clipped, blob.region, white):
             return spot
-        whole = blob.locate(np.where(clipped, np.float32(self.white), image), clipped)
+        whole = blob.locate(np.where(clipped, white, image), clipped)
         best, other = sorted((spot, whole), key=lambda one: one.sigma_px)
         weight = best.sigma_px / (best.sigma_px + other.sigma_px)
         doubt = weight * float(np.sum((best.centre - other.centre) ** 2)) / 2
         return replace(best, sigma_px=float(np.sqrt(best.sigma_px**2 + doubt)))
 
-    def _uncut(self, image: npt.NDArray[np.float32], clipped: Region, region: Region) -> bool:
-        """Return whether hardly anything was subtracted from saturated pixels around a region."""
-        rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
-        wide = max(len(rows), len(columns))
-        box = tuple(slice(max(of[0] - wide, 0), of[-1] + wide + 1) for of in (rows, columns))
-        return bool(np.all(image[box][clipped[box]] > _UNCUT * self.white))
+
+def _even_top(image: npt.NDArray[np.float32], within: Region) -> Region | None:
+    """Return the pixels of a sphere that are saturated below white, or None.
+
+    Images that were made darker, divided by the strength of a light, or converted with headroom
+    have no sample at white, but the tops of their highlights are even.
+    """
+    largest = float(np.max(image, where=within, initial=0.0))
+    bright = image[within & (image > _NEARLY * largest)]
+    even, equal = (np.count_nonzero(bright >= at * largest) for at in (_EVEN, _EQUAL))
+    if even < _EVEN_SHARE * len(bright) or equal < max(_EQUAL_SHARE * even, _EQUAL_PX):
+        return None
+    top: Region = within & (image >= _EVEN * largest)
+    return top
+
+
+def _uncut(image: npt.NDArray[np.float32], clipped: Region, region: Region, white: float) -> bool:
+    """Return whether hardly anything was subtracted from saturated pixels around a region."""
+    rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
+    wide = max(len(rows), len(columns))
+    box = tuple(slice(max(of[0] - wide, 0), of[-1] + wide + 1) for of in (rows, columns))
+    return bool(np.all(image[box][clipped[box]] > _UNCUT * white))
 
 
 def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array] | None:

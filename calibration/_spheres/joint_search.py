@@ -31,7 +31,7 @@ _LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
 # Edges that are more blurred than the model of the limb are seen in smaller images. The same
 # distances from an outline are fewer pixels there, so more edges must agree, by this share.
-_FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4), 25.0, 0.2
+_FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4, 6, 8, 12, 16), 25.0, 0.2
 # Edges along this length of an outline count as one observation.
 _INDEPENDENT_PX = 16.0
 # A ball mirrors circles inside itself, but none around itself: an outline that is larger by
@@ -101,7 +101,7 @@ class OutlinesNear:
         support is the outline. The others add to its covariance as far as they are plausible: one
         that has n observations less (16 px of circumference each) has the weight exp(-n). If less
         than two thirds of a large outline are supported, its edges may be more blurred than the
-        model of the limb; then images of a half to a quarter of the size are tried. What they show
+        model of the limb; then smaller images are tried, down to a radius of 25 px. What they show
         counts only if it is that blurred.
 
         Parameters

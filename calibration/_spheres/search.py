@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from acquisition import CameraModel
@@ -13,7 +15,7 @@ from calibration._spheres.outline import SHARP_PX
 from calibration._spheres.placed import radius_on_plane_mm
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
-from calibration._spheres.spots import ReducedStack, reduce_stack
+from calibration._spheres.spots import ReducedStack, reduce_stack, spot_clusters
 from rig import Notice
 
 _SHARP_OUTLINE_RATIO = 3.0
@@ -53,9 +55,7 @@ def searched_spheres(
         images, blurred = _parted(find_spheres(values, camera=camera, reduced=reduced))
         if not images:
             raise EstimateError(
-                f"no mirror sphere found: {round_outlines(values)} round outlines in the mean "
-                "image, none with a compact highlight that moves with the light: give masks or "
-                "circles"
+                f"no mirror sphere found: {_shown(reduced, values)} give masks or circles"
             )
         return images, _left_out(reduced, images, blurred)
     distances = np.maximum(camera.centre_mm[2] - radii_mm, radii_mm)
@@ -74,12 +74,9 @@ def searched_spheres(
             "give the radius of each sphere"
         )
     if not images:
-        sizes_px = ", ".join(f"{radius:.0f}" for radius in sorted(set(radii_px)))
+        shown = _shown(reduced, values, radii_px)
         raise EstimateError(
-            f"no mirror sphere found: {round_outlines(values)} round outlines in the mean image, "
-            f"{round_outlines(values, radii_px)} of them with a radius near {sizes_px} px, none "
-            "with a compact highlight that moves with the light: check the radius, or give masks "
-            "or circles"
+            f"no mirror sphere found: {shown} check the radius, or give masks or circles"
         )
     left_out = []
     if others:
@@ -93,6 +90,23 @@ def searched_spheres(
         left_out.append(Notice("sphere-of-another-size", text))
     unnamed = [b for b in blurred if not any(overlap(b.outline, o.outline) for o in others)]
     return images, left_out + _left_out(reduced, [*images, *others], unnamed)
+
+
+def _shown(reduced: ReducedStack, values: Images, radii_px: Sequence[float] = ()) -> str:
+    """Return what images without a sphere show, and what may help."""
+    sizes = ", ".join(f"{radius:.0f}" for radius in sorted(set(radii_px)))
+    clusters = spot_clusters(reduced)
+    if clusters:
+        x, y = clusters[0].centre_px
+        size = f" with a radius near {sizes} px" if sizes else ""
+        return (
+            f"bright spots move with the light near ({x:.0f}, {y:.0f}) px, but most images show no "
+            f"outline of a mirror sphere{size} around them: light the background evenly, or"
+        )
+    count = f"{round_outlines(values)} round outlines in the mean image, "
+    if sizes:
+        count += f"{round_outlines(values, radii_px)} of them with a radius near {sizes} px, "
+    return f"{count}none with a compact highlight that moves with the light:"
 
 
 def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereImage]]:

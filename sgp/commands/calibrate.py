@@ -246,7 +246,8 @@ def _draw_candidates(
     draw_candidates(picture, recording.source, recording.brightest, candidates)
     count = rigs.pluralize(len(candidates), "candidate")
     note = f"{picture} shows {count} and why they are not used"
-    if candidates[0].lights:
+    # A person who gave a circle has decided where the sphere is.
+    if candidates[0].lights and not recording.circles:
         x, y, radius = candidates[0].circle_px
         note += f"; if number 1 is a mirror sphere, add --sphere {x:.0f},{y:.0f},{radius:.0f}"
     error.add_note(note)

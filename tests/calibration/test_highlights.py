@@ -50,6 +50,55 @@ def test_a_saturated_blob_is_located_at_its_centre():
     assert np.abs(result.pixels - PLACES).max() < 0.15
 
 
+def clipped_with_rays():
+    """Return images that are clipped at 1, with a ray of the star on one side of each core."""
+    y, x = np.mgrid[:100, :120]
+    images = []
+    for at_x, at_y in PLACES:
+        ray = 1.5 * np.exp(-np.abs(x - at_x - 6) / 5 - ((y - at_y) / 0.7) ** 2) * (x > at_x)
+        images.append(np.minimum(spot(at_x, at_y, 50.0, sigma=1.5) + ray, 1))
+    return np.array(images, np.float32)
+
+
+def jpeg_like(values):
+    rng = np.random.default_rng(0)
+    return values - (0.01 * (rng.random(values.shape) < 0.5) * values).astype(np.float32)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param(lambda values: 0.3 * values, id="darker"),
+        pytest.param(lambda values: values / np.arange(1, 6)[:, None, None], id="by strength"),
+        pytest.param(lambda values: 0.3 * jpeg_like(values), id="ringing"),
+    ],
+)
+def test_an_even_top_below_white_is_saturated(change):
+    """Before, the ray moved these spots by .5 px and more, and .1 px was stated."""
+    values = clipped_with_rays()
+    marked = find_highlights(np.where(values >= 1, np.float32(np.nan), values), OUTLINE)
+    result = find_highlights(change(values).astype(np.float32), OUTLINE)
+    assert result.saturated.all()
+    assert np.abs(result.pixels - marked.pixels).max() < 0.1
+    assert np.abs(result.pixels - PLACES).max() < 0.25
+
+
+@pytest.mark.parametrize(
+    ("peak_dn", "sigma"),
+    [
+        pytest.param(12.0, 4.0, id="dark"),
+        pytest.param(60.0, 3.0, id="half as bright"),
+        pytest.param(250.0, 1.5, id="bright and small"),
+        pytest.param(250.0, 3.0, id="bright and large"),
+    ],
+)
+def test_a_peak_in_whole_numbers_is_not_saturated(peak_dn, sigma):
+    values = np.stack([np.rint(spot(x, y, peak_dn, sigma=sigma)) for x, y in PLACES])
+    result = find_highlights(values.astype(np.float32), OUTLINE)
+    assert not result.saturated.any()
+    assert np.abs(result.pixels - PLACES).max() < 0.1
+
+
 def test_a_saturated_blob_on_a_reflection_next_to_a_brighter_area():
     """A brighter area outside the outline does not affect the position of the blob."""
     values = np.stack([spot(x, y, 10.0, sigma=2.0) for x, y in PLACES]).astype(np.float32)
@@ -134,7 +183,9 @@ def dots(*places, shape=(100, 120)):
 )
 def test_a_disc_wider_than_0_35_of_the_radius_is_not_a_highlight(radius, found):
     y, x = np.mgrid[:100, :120]
-    values = (np.hypot(x - 65, y - 45) < radius).astype(np.float32)[None]
+    # An even disc would be saturated.
+    matte = np.random.default_rng(0).uniform(0.9, 1, (100, 120))
+    values = (matte * (np.hypot(x - 65, y - 45) < radius)).astype(np.float32)[None]
     assert find_highlights(values, OUTLINE).found.tolist() == [found]
 
 

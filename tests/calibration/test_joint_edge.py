@@ -90,10 +90,10 @@ def test_no_edge_no_outline(values, place):
     assert joint_near(values, Ellipse((x, y), (radius, radius)), 3.0) is None
 
 
-def disc(blur_px):
+def disc(blur_px, radius_px=128.0):
     """Return centre and radius of a dark disc, and three noisy images of it."""
-    true = np.array([150.3, 147.6, 128.0])
-    rows, columns = np.mgrid[:300, :301]
+    true = np.array([radius_px + 22.3, radius_px + 19.6, radius_px])
+    rows, columns = np.mgrid[: int(2 * radius_px + 44), : int(2 * radius_px + 45)]
     inside = np.clip(true[2] + 0.5 - np.hypot(columns - true[0], rows - true[1]), 0, 1)
     image = cv2.GaussianBlur((0.3 - 0.25 * inside).astype(np.float32), (0, 0), blur_px)
     noise = np.random.default_rng(0).normal(size=(3, *image.shape)) * 0.004
@@ -116,16 +116,18 @@ def test_a_search_may_begin_in_smaller_images(blur_px, seen_in):
 
 
 @pytest.mark.parametrize(
-    "blur_px",
+    ("radius_px", "blur_px"),
     [
-        pytest.param(2.0, id="before, no outline was found"),
-        pytest.param(3.0, id="before, 2 px too small with .1 px stated"),
+        pytest.param(128.0, 2.0, id="before, no outline was found"),
+        pytest.param(128.0, 3.0, id="before, 2 px too small with .1 px stated"),
+        pytest.param(420.0, 8.0, id="a sixth of the size, before no outline was found"),
     ],
 )
-def test_a_large_outline_that_is_blurred_is_found_in_smaller_images(blur_px):
+def test_a_large_outline_that_is_blurred_is_found_in_smaller_images(radius_px, blur_px):
     """The model of the limb has a blur of at most 1.4 px."""
-    true, values = disc(blur_px)
-    found = joint_near(values, Ellipse((151.5, 146.8), (129, 129)), 4.0)
+    true, values = disc(blur_px, radius_px)
+    x, y, radius = true + np.array([1.2, -0.8, 1.0])
+    found = joint_near(values, Ellipse((x, y), (radius, radius)), 4.0)
     change = np.array([*found.outline.centre_px, found.outline.radius_px]) - true
     assert np.abs(change).max() < 0.1
     assert found.support > 0.9

@@ -8,7 +8,6 @@ from calibration import EstimateError
 from calibration._spheres import find, search
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.find import (
-    _by_edges,
     _centres,
     _circles,
     _edges,
@@ -19,6 +18,7 @@ from calibration._spheres.find import (
     _refined,
     overlap,
     round_outlines,
+    spheres_by_edges,
 )
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.spots import reduce_stack, spot_clusters
@@ -267,9 +267,9 @@ def test_the_first_of_overlapping_candidates_is_the_sphere(monkeypatch):
     values = np.zeros((1, 20, 20), np.float32)
     monkeypatch.setattr(find, "inside", lambda *_: True)
     known = [image_of(610.0, 50.0), image_of(-50.0, 50.0)]
-    found = _by_edges(values, [None], [30.0], known)
+    found = spheres_by_edges(values, [None], [30.0], known)
     assert sorted(sphere.outline.centre_px[0] for sphere in found) == [20, 90, 305, 400]
-    found = _by_edges(values, [None], (), ())
+    found = spheres_by_edges(values, [None], (), ())
     assert sorted(s.outline.centre_px[0] for s in found) == [10, 20, 100, 305, 400, 600]
 
 
@@ -285,7 +285,7 @@ def test_a_sharp_outline_replaces_a_blurred_one(monkeypatch):
     examined = confirm_all(monkeypatch, candidates)
     monkeypatch.setattr(find, "_circles", lambda _: list(candidates))
     monkeypatch.setattr(find, "inside", lambda *_: True)
-    found = _by_edges(np.zeros((1, 20, 20), np.float32), [None], (), ())
+    found = spheres_by_edges(np.zeros((1, 20, 20), np.float32), [None], (), ())
     assert found == [candidates[sharp]]
     assert examined == [first]
 
@@ -427,6 +427,35 @@ def test_spheres_of_another_size_are_reported_with_their_size(monkeypatch):
         searched(monkeypatch, [], SMALL.camera, [20.0])
     with pytest.raises(EstimateError, match="no mirror sphere found: 0 round outlines"):
         searched(monkeypatch, [])
+
+
+@pytest.mark.parametrize(
+    ("radius_mm", "text"),
+    [
+        pytest.param(
+            None,
+            "show no outline of a mirror sphere around them: light the background evenly, or give "
+            "masks or circles",
+            id="any size",
+        ),
+        pytest.param(
+            20.0,
+            "a mirror sphere with a radius near 41 px around them: light the background evenly, or "
+            "check the radius, or give masks or circles",
+            id="one size",
+        ),
+    ],
+)
+def test_lights_without_an_outline_are_named(monkeypatch, radius_mm, text):
+    """The outline is what is missing, not the highlights."""
+    monkeypatch.setattr(search, "find_spheres", lambda values, *args, **kwargs: [])
+    values = np.full((5, 120, 160), 0.1, np.float32)
+    for k in range(5):
+        cv2.circle(values[k], (60 + 6 * k, 50 + 7 * (k % 3)), 3, (1.0,), -1)
+    radii, camera = (None, None) if radius_mm is None else (np.array([radius_mm]), SMALL.camera)
+    with pytest.raises(EstimateError, match="bright spots move with the light near") as refusal:
+        search.searched_spheres(values, camera, radii)
+    assert text in str(refusal.value)
 
 
 def test_images_of_noise_have_no_more_clusters_than_a_search_can_try():

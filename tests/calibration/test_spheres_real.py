@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_source
-from calibration import EstimateError, calibrate_spheres, linear_stack
+from calibration import EstimateError, calibrate_spheres, linear_stack, sphere_candidates
 
 DATA = os.environ.get("SGP_DATA")
 pytestmark = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
@@ -64,6 +64,16 @@ def test_a_circle_that_is_no_outline_is_refused(stack, circle):
 def test_an_approximate_circle_gives_the_same_outline(stack, found):
     circled = calibrate_spheres(stack, circles=[(249.0, 151.0, 114.0)])
     assert angle_deg(circled.lights.directions, found.lights.directions).max() < 0.05
+
+
+def test_the_first_candidate_is_the_ball_whose_outline_too_few_edges_support(stack, found):
+    """Before, a circle of 190 px radius, because more edges of the room are on it."""
+    few = np.array(stack.values[[0, 1, 10, 11, 2, 3]])
+    with pytest.raises(EstimateError, match=r"move with the light near .* no outline of a mirror"):
+        calibrate_spheres(few)
+    first = sphere_candidates(few)[0]
+    outline = found.spheres[0].outline
+    assert first.circle_px == pytest.approx((*outline.centre_px, outline.radius_px), abs=3)
 
 
 @pytest.mark.parametrize(("scale", "limit_deg"), [(1.0, 0.3), (1.6, 0.2)])

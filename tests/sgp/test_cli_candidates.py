@@ -2,6 +2,9 @@
 
 import cv2
 import numpy as np
+import pytest
+
+import calibration
 
 
 def test_candidates_are_drawn_and_named(sgp, tmp_path):
@@ -18,3 +21,29 @@ def test_candidates_are_drawn_and_named(sgp, tmp_path):
     drawn = cv2.imread(str(picture))
     assert drawn is not None
     assert not (tmp_path / "l.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("marks", "proposed"),
+    [
+        pytest.param((), True, id="searched"),
+        pytest.param(("--sphere", "70,60,45"), False, id="a circle was given"),
+    ],
+)
+def test_a_circle_is_proposed_unless_one_was_given(sgp, tmp_path, monkeypatch, marks, proposed):
+    """Before, a circle that was refused was proposed again."""
+
+    def refuse(*args, **kwargs):
+        raise calibration.EstimateError("refused")
+
+    found = [calibration.SphereCandidate((70.0, 60.0, 45.0), 3, 0.1)]
+    monkeypatch.setattr(calibration, "calibrate_spheres", refuse)
+    monkeypatch.setattr(calibration, "sphere_candidates", lambda *args, **kwargs: found)
+    images = tmp_path / "images"
+    images.mkdir()
+    for k in range(3):
+        cv2.imwrite(str(images / f"{k}.png"), np.full((120, 160), 30 + k, np.uint8))
+    out = "--out", tmp_path / "l.json"
+    line = sgp("calibrate", "spheres", images, *marks, *out).error_line(5)
+    assert "shows 1 candidate and why" in line
+    assert ("add --sphere 70,60,45" in line) == proposed
