@@ -11,6 +11,7 @@ from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_search import (
+    FACTORS,
     JointNear,
     OutlinesNear,
     best_of,
@@ -30,6 +31,8 @@ _REACH_PX, _REACH_SHARE = 3.0, 0.03
 _WIDER_SHARE, _DECIDED = 0.1, 0.5
 # It may show the border of what a larger ball mirrors: sizes of balls around it, in its radii.
 _AROUND, _AROUND_REACH = 1.2, 0.25
+# Images are compared down to this part of the size, and to that in which edges are seen.
+_USUAL_FACTOR = 4
 # Circles that are given may be so many times their reach away.
 _NEAR = 2.0
 # Without a plane, only the edges show that there is a ball. False outlines have up to .48, all of
@@ -119,8 +122,8 @@ def in_all_images(values: Images, sphere: SphereImage) -> SphereImage | None:
     if max((one.support for one in found), default=0.0) < _DECIDED:
         size = sphere.outline.radius_px
         around = Ellipse(sphere.outline.centre_px, (_AROUND * size, _AROUND * size))
-        seen_in = found[0].factor if found else 1
-        larger = joint_near(values, around, _AROUND_REACH * size, seen_in)
+        least = found[0].factor if found else 1
+        larger = joint_near(values, around, _AROUND_REACH * size, _factors(found[:1], least))
         found += [] if larger is None or is_border(larger) else [larger]
     joint = best_of(found)
     if joint is None or joint.support < LEAST_SUPPORT:
@@ -140,9 +143,15 @@ def found_near(values: Images, outline: Ellipse) -> list[JointNear]:
     joint = near.within(max(_REACH_PX, _REACH_SHARE * radius))
     found = [] if joint is None else [joint]
     if joint is None or joint.support < _DECIDED:
-        wider = near.within(max(_REACH_PX, _WIDER_SHARE * radius))
+        wider = near.within(max(_REACH_PX, _WIDER_SHARE * radius), _factors(found))
         found += [] if wider is None else [wider]
     return found
+
+
+def _factors(found: Sequence[JointNear], least: int = 1) -> list[int]:
+    """Return how many times smaller images may be that show edges near those that were found."""
+    most = max([_USUAL_FACTOR, *(one.factor for one in found)]) if found else FACTORS[-1]
+    return [factor for factor in FACTORS if least <= factor <= most]
 
 
 def _contradicts(joint: JointNear, sphere: SphereImage, change: Array) -> bool:

@@ -36,6 +36,7 @@ _COMPARED = 240
 # Edges farther than this from the circle do not count, in rounds.
 _WINDOWS_PX = (1.0, 0.8, 0.4, 0.4, 0.4, 0.4)
 _FEWEST, _MOST_ANGLES = 12, 2000
+_SAME_EDGES_PX = 0.5
 _PARTS = 4
 
 
@@ -94,11 +95,13 @@ def joint_outline(
     EstimateError
         If fewer than 12 edge points agree with an outline near the guess.
     """
-    outline = guess
+    outline, blur_px = guess, None
     for _ in range(rounds):
-        edges = _Edges(values, outline, most_angles)
+        edges = _Edges(values, outline, most_angles, blur_px)
         fit = edges.fit(edges.every_image, edges.every_angle)
         outline = outline.moved(fit.change)
+        # Nearly the same edges have the same blur.
+        blur_px = edges.blur_px if np.abs(fit.change).max() < _SAME_EDGES_PX else None
     near = fit.weights > 0
     angles, offsets = edges.angles[near], fit.offsets[near]
     points = edges.around.point(angles, 1 + offsets / edges.around.radius_px)
@@ -180,7 +183,13 @@ class _Fit:
 class _Edges:
     """How well each image agrees with an edge at each angle and place near an outline."""
 
-    def __init__(self, values: Images, around: Ellipse, most_angles: int = _MOST_ANGLES) -> None:
+    def __init__(
+        self,
+        values: Images,
+        around: Ellipse,
+        most_angles: int = _MOST_ANGLES,
+        blur_px: float | None = None,
+    ) -> None:
         self.around = around
         self.angles = edge_angles(around, most_angles)
         self.every_image = np.ones(len(values), bool)
@@ -191,8 +200,10 @@ class _Edges:
         samples, shape = len(profiles), profiles.shape[1:]
         flat = profiles.reshape(samples, -1)
         power = flat.var(axis=0)
-        strong = np.flatnonzero(power >= np.percentile(power, _STRONG_PERCENT))
-        self.blur_px = estimate_blur(flat[:, strong[::_MOST_OF_STRONG]])
+        if blur_px is None:
+            strong = np.flatnonzero(power >= np.percentile(power, _STRONG_PERCENT))
+            blur_px = estimate_blur(flat[:, strong[::_MOST_OF_STRONG]])
+        self.blur_px = blur_px
         misfit = edge_costs(flat, self.blur_px).reshape(-1, *shape)
         least = misfit.min(axis=0)
         free = samples - 5

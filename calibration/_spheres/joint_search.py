@@ -31,7 +31,7 @@ _LEADERS, _QUICK_ANGLES = 6, 360
 _SAME_PX, _NEAR_PX = 0.25, 1.0
 # Edges that are more blurred than the model of the limb are seen in smaller images. The same
 # distances from an outline are fewer pixels there, so more edges must agree, by this share.
-_FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4, 6, 8, 12, 16), 25.0, 0.2
+FACTORS, _SMALLEST_PX, _MORE_SUPPORT = (1, 2, 3, 4, 6, 8, 12, 16), 25.0, 0.2
 # Edges along this length of an outline count as one observation.
 _INDEPENDENT_PX = 16.0
 # A ball mirrors circles inside itself, but none around itself: an outline that is larger by
@@ -68,13 +68,13 @@ class JointNear(JointOutline):
 
 
 def joint_near(
-    values: Images, guess: Ellipse, reach_px: float, first_factor: int = 1
+    values: Images, guess: Ellipse, reach_px: float, factors: Sequence[int] = FACTORS
 ) -> JointNear | None:
     """Return the outline near a guess that the edges of most images support, or None.
 
     Parameters and result are those of `OutlinesNear` and `OutlinesNear.within`.
     """
-    return OutlinesNear(values, guess).within(reach_px, first_factor)
+    return OutlinesNear(values, guess).within(reach_px, factors)
 
 
 class OutlinesNear:
@@ -93,7 +93,7 @@ class OutlinesNear:
         part = _cut(values, guess)
         self._sizes = {} if part is None else {1: _Sized(part[0], guess, 1, part[1])}
 
-    def within(self, reach_px: float, first_factor: int = 1) -> JointNear | None:
+    def within(self, reach_px: float, factors: Sequence[int] = FACTORS) -> JointNear | None:
         """Return the outline that most edges support, or None.
 
         The guess is refined by `joint_outline`. If less than two thirds of its length are then
@@ -108,13 +108,12 @@ class OutlinesNear:
         ----------
         reach_px
             Largest error of the guess in its centre and in its radius.
-        first_factor
-            Images of the ``factor`` of an outline nearby are compared first, if its edges are too
-            blurred for larger ones. Sharp edges are seen in them too; then the larger images decide
-            near these.
+        factors
+            How many times smaller the images are that are compared, one after the other. If the
+            first ones are smaller and show sharp edges, the large images decide near these.
         """
         best: tuple[_Sized, list[JointOutline]] | None = None
-        for factor in _FACTORS[_FACTORS.index(first_factor) :] if self._sizes else ():
+        for factor in factors if self._sizes else ():
             doubtful = best is None or best[1][0].support <= _WITHOUT_DOUBT
             if factor > 1 and not (doubtful and self._guess.radius_px >= factor * _SMALLEST_PX):
                 break
@@ -125,7 +124,7 @@ class OutlinesNear:
             if not found:
                 continue
             blurred = factor == 1 or found[0].blur_px * factor > LARGEST_BLUR_PX
-            if not blurred and factor == first_factor:
+            if not blurred and factor == factors[0]:
                 return joint_near(self._values, sized.outline(found[0]), _NEAR_PX * factor)
             if blurred and (best is None or found[0].support > best[1][0].support + _MORE_SUPPORT):
                 best = sized, found

@@ -109,7 +109,7 @@ def disc(blur_px, radius_px=128.0):
 )
 def test_a_search_may_begin_in_smaller_images(blur_px, seen_in):
     true, values = disc(blur_px)
-    found = joint_near(values, Ellipse((155.5, 144.8), (133, 133)), 8.0, 2)
+    found = joint_near(values, Ellipse((155.5, 144.8), (133, 133)), 8.0, (2, 3))
     change = np.array([*found.outline.centre_px, found.outline.radius_px]) - true
     assert np.abs(change).max() < 0.1
     assert found.factor == seen_in
