@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.image_noise import image_noise
 from calibration._spheres.profiles import gaussian
 from calibration._spheres.robust import Array
 
@@ -20,9 +21,14 @@ _LEAST_VARIATION = 0.25
 _LEAST_SLOPE = 0.5
 # Circles around an edge: their radii and shifts in its radii, and shifts in the gap between.
 _AROUND, _ASIDE, _ASIDE_OF_GAP, _COARSE = (1.1, 1.5, 0.02), 0.12, 0.6, 120
-# Around the borders of 40 drawn balls, 0.76 to 1 of a circle is darker inside by 5 %; around their
-# outlines up to 0.81, mostly 0.
+# Around the borders of 40 drawn balls, 0.76 to 1 of a circle is darker inside by 5 %, and 0.79 to 1
+# of its bright part; around their outlines up to 0.81, mostly 0.
 _LEAST_STEP, _ALL_AROUND = 0.05, 0.72
+# A circle decides where it is brighter than its image's offset, 20 times the noise or 1 % of the
+# mean, by this factor, if it is so over this share. Less than half of the circles may be hidden:
+# those of which more than half is in the image, and black.
+_BRIGHT, _OFFSET_SIGMAS, _OFFSET_SHARE = 5.0, 20.0, 0.01
+_LEAST_BRIGHT, _MOST_SEEN, _MOST_HIDDEN = 0.05, 0.5, 0.5
 _ROUNDS, _MOST = 6, 0.75
 
 
@@ -33,9 +39,11 @@ def is_mirrored_border(
 
     A mirror ball shows at its limb what is behind it, at any distance, because the reflection is
     grazing there, and darker by its reflectance. So, around an outline, the logarithm of the
-    brightness inside follows that outside, and is lower all around. An edge that it does not
-    follow is not the outline if it is mostly hidden, or inside another circle at which the
-    brightness is lower all around.
+    brightness inside follows that outside if that is large and bright, and is lower all around. An
+    edge that it does not follow is not the outline if it is inside another circle at which the
+    brightness is lower all around. If the edge is mostly hidden, that circle may be hidden, too, so
+    that the edge counts only if the images exclude such circles: where their surroundings are
+    bright, the brightness is the same on both sides.
 
     Parameters
     ----------
@@ -46,7 +54,10 @@ def is_mirrored_border(
     mostly_seen
         Whether it is visible over most of its length.
     """
-    return not _follows(image, edge) and (not mostly_seen or _darker_inside(image, edge))
+    if _follows(image, edge):
+        return False
+    around = _Around(image, edge)
+    return around.is_ball if mostly_seen else not around.excludes_balls
 
 
 def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
@@ -64,30 +75,59 @@ def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
     return _slope(outside, inside) >= _LEAST_SLOPE
 
 
-def _darker_inside(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
-    """Return whether a circle around an edge is darker inside than outside nearly all around."""
-    radius = edge.radius_px
-    shifts = np.linspace(-_ASIDE, _ASIDE, 9) * radius
-    sizes = radius * np.arange(*_AROUND)
-    trials = np.stack(np.meshgrid(shifts, shifts, sizes), axis=-1).reshape(-1, 3)
-    trials = trials[np.hypot(*trials[:, :2].T) < _ASIDE_OF_GAP * (trials[:, 2] - radius)]
-    centres = trials[:, None, :2] + edge.centre_px
-    angles = np.arange(_COARSE) * (2 * np.pi / _COARSE)
-    toward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    smooth = cv2.GaussianBlur(np.log(image), (0, 0), 1.0)
-    size = np.array(image.shape[::-1]) - 1
-    rings, seen = [], np.ones((len(trials), _COARSE), bool)
-    for sign in (-1, 1):
-        at = (centres + (trials[:, 2:, None] + sign * _MARGIN_PX) * toward).astype(np.float32)
-        seen &= np.all((at >= 0) & (at <= size), axis=-1)
-        rings.append(
-            cv2.remap(
-                smooth, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+class _Around:
+    """Circles around an edge, each of which may be the outline of the ball that mirrors it.
+
+    ``darker`` is where they are darker inside, ``seen`` where they are within the image, and
+    ``bright`` where, apart from the edge, their surroundings are bright; ``(circles, angles)`` each.
+    """
+
+    def __init__(self, image: npt.NDArray[np.float32], edge: Ellipse) -> None:
+        radius = edge.radius_px
+        shifts = np.linspace(-_ASIDE, _ASIDE, 9) * radius
+        sizes = radius * np.arange(*_AROUND)
+        trials = np.stack(np.meshgrid(shifts, shifts, sizes), axis=-1).reshape(-1, 3)
+        trials = trials[np.hypot(*trials[:, :2].T) < _ASIDE_OF_GAP * (trials[:, 2] - radius)]
+        centres = trials[:, None, :2] + edge.centre_px
+        angles = np.arange(_COARSE) * (2 * np.pi / _COARSE)
+        toward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        smooth = cv2.GaussianBlur(np.log(image), (0, 0), 1.0)
+        size = np.array(image.shape[::-1]) - 1
+        rings, seen = [], np.ones((len(trials), _COARSE), bool)
+        for sign in (-1, 1):
+            at = (centres + (trials[:, 2:, None] + sign * _MARGIN_PX) * toward).astype(np.float32)
+            seen &= np.all((at >= 0) & (at <= size), axis=-1)
+            x, y = at[..., 0], at[..., 1]
+            rings.append(
+                cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             )
-        )
-    step = rings[1] - rings[0]
-    lower = np.mean((step > _LEAST_STEP) & seen, axis=1) > _ALL_AROUND
-    return bool(np.any(lower & (np.median(step, axis=1) > 2 * _LEAST_STEP)))
+        offset = max(_OFFSET_SIGMAS * image_noise(image), _OFFSET_SHARE * float(image.mean()))
+        # A circle that is next to the edge shows the step of the edge.
+        inner = centres - edge.centre_px + (trials[:, 2:, None] - _MARGIN_PX) * toward
+        apart = np.hypot(inner[..., 0], inner[..., 1]) > radius + 2 * _MARGIN_PX
+        self._step = rings[1] - rings[0]
+        self.darker = self._step > _LEAST_STEP
+        self.seen = seen
+        self.bright = seen & apart & (rings[1] > np.log(_BRIGHT * offset))
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether one of the circles is darker inside nearly all around."""
+        lower = np.mean(self.darker & self.seen, axis=1) > _ALL_AROUND
+        return bool(np.any(lower & (np.median(self._step, axis=1) > 2 * _LEAST_STEP)))
+
+    @property
+    def excludes_balls(self) -> bool:
+        """Whether no circle is darker inside where its surroundings are bright, nearly all around.
+
+        They must not be hidden by black surroundings. A ball that is mostly beyond the image is not
+        what a person marks.
+        """
+        bright = self.bright.mean(axis=1)
+        decided = bright > _LEAST_BRIGHT
+        hidden = ~decided & (self.seen.mean(axis=1) > _MOST_SEEN)
+        ball = (self.darker & self.bright).mean(axis=1) > _ALL_AROUND * bright
+        return bool(hidden.mean() < _MOST_HIDDEN and not ball[decided].any())
 
 
 def _slope(x: Array, y: Array) -> float:

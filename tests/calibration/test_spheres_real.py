@@ -85,6 +85,33 @@ def test_a_circle_around_a_ball_with_jpeg_noise_is_not_refused(stack, found, sca
     assert np.all(off < 3 * np.degrees(np.sqrt(variances)))
 
 
+# Parts of the images, x, y, width and height. Less than half of the outline is seen in most.
+PARTS = [(134, 27, 240, 240), (170, 0, 342, 340), (0, 0, 340, 340), (0, 60, 512, 280)]
+
+
+def part_of(values, x, y, width, height):
+    return values[..., y : y + height, x : x + width]
+
+
+@pytest.mark.parametrize("part", PARTS, ids=str)
+def test_a_circle_in_a_part_of_the_images_is_not_a_border(stack, found, part):
+    x, y = part[:2]
+    circle = (254.0 - x, 147.0 - y, 119.0)
+    circled = calibrate_spheres(part_of(stack.values, *part), circles=[circle])
+    off = angle_deg(circled.lights.directions, found.lights.directions)
+    variances = np.trace(circled.lights.errors.covariances, axis1=1, axis2=2) / 2
+    assert np.all(off < 0.2)
+    assert np.all(off < 3 * np.degrees(np.sqrt(variances)))
+    assert "outline-partly-seen" in {notice.code for notice in circled.warnings}
+
+
+@pytest.mark.parametrize("part", PARTS, ids=str)
+def test_a_circle_of_what_the_ball_mirrors_is_refused_in_a_part(stack, part):
+    x, y = part[:2]
+    with pytest.raises(EstimateError):
+        calibrate_spheres(part_of(stack.values, *part), circles=[(254.0 - x, 147.0 - y, 89.0)])
+
+
 def test_the_distance_to_the_published_lights_is_as_expected(masked):
     # Not a ground truth: the published file is known to be about 3.1 degrees off its images.
     shipped = np.loadtxt(Path(DATA) / "uw" / "lights_shipped_unreliable.txt", skiprows=1)
