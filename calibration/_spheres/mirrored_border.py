@@ -25,10 +25,10 @@ _AROUND, _ASIDE, _ASIDE_OF_GAP, _COARSE = (1.1, 1.5, 0.02), 0.12, 0.6, 120
 # of its bright part; around their outlines up to 0.81, mostly 0.
 _LEAST_STEP, _ALL_AROUND = 0.05, 0.72
 # A circle decides where it is brighter than its image's offset, 20 times the noise or 1 % of the
-# mean, by this factor, if it is so over this share. Less than half of the circles may be hidden:
-# those of which more than half is in the image, and black.
+# mean, by this factor, if it is so over this share. One of which half is in the image is hidden if
+# it is not.
 _BRIGHT, _OFFSET_SIGMAS, _OFFSET_SHARE = 5.0, 20.0, 0.01
-_LEAST_BRIGHT, _MOST_SEEN, _MOST_HIDDEN = 0.05, 0.5, 0.5
+_LEAST_BRIGHT, _MOST_SEEN, _MOST_HIDDEN = 0.1, 0.5, 0.5
 _ROUNDS, _MOST = 6, 0.75
 
 
@@ -40,10 +40,10 @@ def is_mirrored_border(
     A mirror ball shows at its limb what is behind it, at any distance, because the reflection is
     grazing there, and darker by its reflectance. So, around an outline, the logarithm of the
     brightness inside follows that outside if that is large and bright, and is lower all around. An
-    edge that it does not follow is not the outline if it is inside another circle at which the
-    brightness is lower all around. If the edge is mostly hidden, that circle may be hidden, too, so
-    that the edge counts only if the images exclude such circles: where their surroundings are
-    bright, the brightness is the same on both sides.
+    edge that it does not follow is not the outline if another circle around it is: one at which the
+    brightness is lower nearly all around, where its surroundings are bright. If the edge is mostly
+    hidden, the other circle may be, too, so that the edge does not count if the surroundings of
+    most circles are black.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def is_mirrored_border(
     if _follows(image, edge):
         return False
     around = _Around(image, edge)
-    return around.is_ball if mostly_seen else not around.excludes_balls
+    return around.show_ball or (not mostly_seen and around.are_hidden)
 
 
 def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
@@ -105,29 +105,25 @@ class _Around:
         # A circle that is next to the edge shows the step of the edge.
         inner = centres - edge.centre_px + (trials[:, 2:, None] - _MARGIN_PX) * toward
         apart = np.hypot(inner[..., 0], inner[..., 1]) > radius + 2 * _MARGIN_PX
-        self._step = rings[1] - rings[0]
-        self.darker = self._step > _LEAST_STEP
+        self.darker = rings[1] - rings[0] > _LEAST_STEP
         self.seen = seen
         self.bright = seen & apart & (rings[1] > np.log(_BRIGHT * offset))
 
     @property
-    def is_ball(self) -> bool:
-        """Whether one of the circles is darker inside nearly all around."""
-        lower = np.mean(self.darker & self.seen, axis=1) > _ALL_AROUND
-        return bool(np.any(lower & (np.median(self._step, axis=1) > 2 * _LEAST_STEP)))
+    def show_ball(self) -> bool:
+        """Whether one is darker inside nearly all around, where its surroundings are bright."""
+        bright = self.bright.mean(axis=1)
+        darker = (self.darker & self.bright).mean(axis=1)
+        return bool(np.any((bright > _LEAST_BRIGHT) & (darker > _ALL_AROUND * bright)))
 
     @property
-    def excludes_balls(self) -> bool:
-        """Whether no circle is darker inside where its surroundings are bright, nearly all around.
+    def are_hidden(self) -> bool:
+        """Whether most of them may be outlines, because their surroundings are black.
 
-        They must not be hidden by black surroundings. A ball that is mostly beyond the image is not
-        what a person marks.
+        A ball that is mostly beyond the image is not what a person marks.
         """
-        bright = self.bright.mean(axis=1)
-        decided = bright > _LEAST_BRIGHT
-        hidden = ~decided & (self.seen.mean(axis=1) > _MOST_SEEN)
-        ball = (self.darker & self.bright).mean(axis=1) > _ALL_AROUND * bright
-        return bool(hidden.mean() < _MOST_HIDDEN and not ball[decided].any())
+        black = (self.bright.mean(axis=1) <= _LEAST_BRIGHT) & (self.seen.mean(axis=1) > _MOST_SEEN)
+        return bool(black.mean() > _MOST_HIDDEN)
 
 
 def _slope(x: Array, y: Array) -> float:
