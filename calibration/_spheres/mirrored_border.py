@@ -78,8 +78,9 @@ def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
 class _Around:
     """Circles around an edge, each of which may be the outline of the ball that mirrors it.
 
-    ``darker`` is where they are darker inside, ``seen`` where they are within the image, and
-    ``bright`` where, apart from the edge, their surroundings are bright; ``(circles, angles)`` each.
+    ``darker`` is where they are darker inside, ``much_darker`` where they are so by twice the least
+    step, ``seen`` where they are within the image, and ``bright`` where their surroundings are
+    bright, apart from the edge; ``(circles, angles)`` each.
     """
 
     def __init__(self, image: npt.NDArray[np.float32], edge: Ellipse) -> None:
@@ -98,14 +99,14 @@ class _Around:
             at = (centres + (trials[:, 2:, None] + sign * _MARGIN_PX) * toward).astype(np.float32)
             seen &= np.all((at >= 0) & (at <= size), axis=-1)
             x, y = at[..., 0], at[..., 1]
-            rings.append(
-                cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            )
+            rings.append(cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
         offset = max(_OFFSET_SIGMAS * image_noise(image), _OFFSET_SHARE * float(image.mean()))
         # A circle that is next to the edge shows the step of the edge.
         inner = centres - edge.centre_px + (trials[:, 2:, None] - _MARGIN_PX) * toward
         apart = np.hypot(inner[..., 0], inner[..., 1]) > radius + 2 * _MARGIN_PX
-        self.darker = rings[1] - rings[0] > _LEAST_STEP
+        step = rings[1] - rings[0]
+        self.darker = step > _LEAST_STEP
+        self.much_darker = step > 2 * _LEAST_STEP
         self.seen = seen
         self.bright = seen & apart & (rings[1] > np.log(_BRIGHT * offset))
 
@@ -114,7 +115,9 @@ class _Around:
         """Whether one is darker inside nearly all around, where its surroundings are bright."""
         bright = self.bright.mean(axis=1)
         darker = (self.darker & self.bright).mean(axis=1)
-        return bool(np.any((bright > _LEAST_BRIGHT) & (darker > _ALL_AROUND * bright)))
+        much = (self.much_darker & self.bright).mean(axis=1)
+        balls = (darker > _ALL_AROUND * bright) & (much > 0.5 * bright)
+        return bool(np.any(balls & (bright > _LEAST_BRIGHT)))
 
     @property
     def are_hidden(self) -> bool:
