@@ -22,7 +22,7 @@ from calibration._spheres.sphere_image import SphereImage
 # Largest errors of masks that are painted by hand, at least 3 px, and how many standard deviations
 # they are. A person who paints a small ball sees smaller errors: the limit in radii.
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
-_REACH_SIGMAS, _PAINTED_SHARE = 2.5, 0.05
+_REACH_SIGMAS, _PAINTED_SHARE = 3.0, 0.05
 # The images confirm a mask if they reduce its standard deviation by this factor.
 _CONFIRMED = 0.5
 _FINEST_PX = 0.15
@@ -96,7 +96,7 @@ def painted_covariance(points_px: Array, outline: Ellipse) -> Array:
 
     Of centre x, centre y and radius. A hand that is off along a part of the outline is off as a
     whole, too: the scatter about a circle counts as an error of each. It does not show that a mask
-    is shifted or too large; 3 px or 3 % of the radius, the largest errors, are 2.5 standard
+    is shifted or too large; 3 px or 3 % of the radius, the largest errors, are three standard
     deviations.
 
     Parameters

@@ -17,6 +17,8 @@ _MARGIN_PX = 2.5
 _INSIDE, _OUTSIDE = (0.0, -0.01, -0.02), (0.0, 0.02, 0.04, 0.06)
 # Surroundings that vary by less, as the standard deviation of the logarithm, decide nothing.
 _LEAST_VARIATION = 0.25
+# An edge of which less is in the image cannot be compared.
+_LEAST_COMPARED = 0.25
 # Of 50 drawn balls (seeds 750 to 799), 3 true outlines are below, and 29 borders.
 _LEAST_SLOPE = 0.5
 # Circles around an edge: their radii and shifts in its radii, and shifts in the gap between.
@@ -67,7 +69,7 @@ def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
         for sign, shares in ((-1, _INSIDE), (1, _OUTSIDE))
     )
     use = np.isfinite(inside) & np.isfinite(outside)
-    if np.count_nonzero(use) < _COUNT / 2:
+    if np.count_nonzero(use) < _LEAST_COMPARED * _COUNT:
         return True
     inside, outside = inside[use], outside[use]
     if outside.std() < _LEAST_VARIATION:
