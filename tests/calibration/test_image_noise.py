@@ -51,13 +51,12 @@ def test_other_images_show_no_blocks(image):
     assert not shows_blocks(image[None].astype(np.float32))
 
 
-def test_what_is_found_in_compressed_images_has_a_notice():
-    values, circle = balls(60)
-    codes = {notice.code for notice in calibrate_spheres(values, circles=[circle]).warnings}
-    assert "images-compressed" in codes
-    values, circle = balls(None)
-    codes = {notice.code for notice in calibrate_spheres(values, circles=[circle]).warnings}
-    assert "images-compressed" not in codes
+@pytest.mark.parametrize(("quality", "named"), [(60, True), (None, False)])
+def test_what_is_found_in_compressed_images_has_a_notice(quality, named):
+    values, (x, y, radius) = balls(quality)
+    rows, columns = np.mgrid[: values.shape[1], : values.shape[2]]
+    calibration = calibrate_spheres(values, masks=[np.hypot(columns - x, rows - y) < radius])
+    assert ("images-compressed" in {one.code for one in calibration.warnings}) == named
 
 
 def test_a_refusal_names_the_compression():
