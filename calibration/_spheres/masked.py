@@ -22,10 +22,12 @@ from calibration._spheres.sphere_image import SphereImage
 # Largest errors of masks that are painted by hand, at least 3 px, and how many standard deviations
 # they are. A person who paints a small ball sees smaller errors: the limit in radii.
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
-_REACH_SIGMAS, _PAINTED_SHARE = 3.0, 0.05
+_REACH_SIGMAS, _PAINTED_SHARE = 3.0, 0.03
 # The images confirm a mask if they reduce its standard deviation by this factor.
 _CONFIRMED = 0.5
 _FINEST_PX = 0.15
+# Noise supports parts of smaller outlines.
+_SMALL_PX = 25.0
 # The pixels of a mask are accurate to half a pixel: a smaller difference does not contradict it.
 _SAME_PX = 0.5
 # The 99.9 % and 95 % quantiles of chi-square with 3 degrees of freedom: larger differences are not
@@ -160,6 +162,8 @@ def _seen_near(
         except EstimateError:
             return None, False, False
         is_sure = near.is_sharp
+        if not is_sure and radius < _SMALL_PX:
+            return None, False, False
         highlights = find_highlights(values, near.outline)
         seen = SphereImage(
             near.outline, near.points_px, near.coverage, highlights, near.covariance_px2

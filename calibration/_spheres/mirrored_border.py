@@ -31,6 +31,7 @@ _LEAST_STEP, _ALL_AROUND = 0.05, 0.72
 # it is not.
 _BRIGHT, _OFFSET_SIGMAS, _OFFSET_SHARE = 5.0, 20.0, 0.01
 _LEAST_BRIGHT, _MOST_SEEN, _MOST_HIDDEN = 0.1, 0.5, 0.5
+_SMALL_PX = 20.0
 _ROUNDS, _MOST = 6, 0.75
 
 
@@ -103,9 +104,10 @@ class _Around:
             x, y = at[..., 0], at[..., 1]
             rings.append(cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
         offset = max(_OFFSET_SIGMAS * image_noise(image), _OFFSET_SHARE * float(image.mean()))
-        # A circle that is next to the edge shows the step of the edge.
+        # A circle that is next to the edge shows the step of the edge. All are next to a small one.
         inner = centres - edge.centre_px + (trials[:, 2:, None] - _MARGIN_PX) * toward
         apart = np.hypot(inner[..., 0], inner[..., 1]) > radius + 2 * _MARGIN_PX
+        apart |= radius < _SMALL_PX
         step = rings[1] - rings[0]
         self.darker = step > _LEAST_STEP
         self.much_darker = step > 2 * _LEAST_STEP

@@ -132,3 +132,13 @@ def test_only_a_larger_ball_makes_a_half_hidden_edge_a_border(
     part = (image[rows, columns] + 1e-4).astype(np.float32)
     edge = Ellipse((80.0 - columns.start, 78.0 - rows.start), (radius, radius))
     assert is_mirrored_border(part, edge, mostly_seen=False) == border
+
+
+def test_a_small_edge_inside_a_small_ball_is_a_border():
+    """The wall is brighter on one side; a ball of 12 px mirrors it around a dark room of 9 px."""
+    rows, columns = np.mgrid[:60, :60]
+    wall = np.where(columns > 30, 0.5, 0.2)
+    distance = np.hypot(columns - 30, rows - 30)
+    image = np.where(distance < 12, 0.6 * wall, wall)
+    image[distance < 9] = 0.05
+    assert is_mirrored_border(image.astype(np.float32), Ellipse((30.0, 30.0), (9.0, 9.0)))
