@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._spheres.ellipse import Ellipse
+from calibration._spheres.image_noise import image_noise
 from calibration._spheres.profiles import gaussian
 from calibration._spheres.robust import Array
 
@@ -16,13 +17,21 @@ _MARGIN_PX = 2.5
 _INSIDE, _OUTSIDE = (0.0, -0.01, -0.02), (0.0, 0.02, 0.04, 0.06)
 # Surroundings that vary by less, as the standard deviation of the logarithm, decide nothing.
 _LEAST_VARIATION = 0.25
+# An edge of which less is in the image cannot be compared.
+_LEAST_COMPARED = 0.25
 # Of 50 drawn balls (seeds 750 to 799), 3 true outlines are below, and 29 borders.
 _LEAST_SLOPE = 0.5
 # Circles around an edge: their radii and shifts in its radii, and shifts in the gap between.
 _AROUND, _ASIDE, _ASIDE_OF_GAP, _COARSE = (1.1, 1.5, 0.02), 0.12, 0.6, 120
-# Around the borders of 40 drawn balls, 0.76 to 1 of a circle is darker inside by 5 %; around their
-# outlines up to 0.81, mostly 0.
+# Around the borders of 40 drawn balls, 0.76 to 1 of a circle is darker inside by 5 %, and 0.79 to 1
+# of its bright part; around their outlines up to 0.81, mostly 0.
 _LEAST_STEP, _ALL_AROUND = 0.05, 0.72
+# A circle decides where it is brighter than its image's offset, 20 times the noise or 1 % of the
+# mean, by this factor, if it is so over this share. One of which half is in the image is hidden if
+# it is not.
+_BRIGHT, _OFFSET_SIGMAS, _OFFSET_SHARE = 5.0, 20.0, 0.01
+_LEAST_BRIGHT, _MOST_SEEN, _MOST_HIDDEN = 0.1, 0.5, 0.5
+_SMALL_PX = 20.0
 _ROUNDS, _MOST = 6, 0.75
 
 
@@ -33,9 +42,11 @@ def is_mirrored_border(
 
     A mirror ball shows at its limb what is behind it, at any distance, because the reflection is
     grazing there, and darker by its reflectance. So, around an outline, the logarithm of the
-    brightness inside follows that outside, and is lower all around. An edge that it does not
-    follow is not the outline if it is mostly hidden, or inside another circle at which the
-    brightness is lower all around.
+    brightness inside follows that outside if that is large and bright, and is lower all around. An
+    edge that it does not follow is not the outline if another circle around it is: one at which the
+    brightness is lower nearly all around, where its surroundings are bright. If the edge is mostly
+    hidden, the other circle may be, too, so that the edge does not count if the surroundings of
+    most circles are black.
 
     Parameters
     ----------
@@ -46,7 +57,10 @@ def is_mirrored_border(
     mostly_seen
         Whether it is visible over most of its length.
     """
-    return not _follows(image, edge) and (not mostly_seen or _darker_inside(image, edge))
+    if _follows(image, edge):
+        return False
+    around = _Around(image, edge)
+    return around.show_ball or (not mostly_seen and around.are_hidden)
 
 
 def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
@@ -56,7 +70,7 @@ def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
         for sign, shares in ((-1, _INSIDE), (1, _OUTSIDE))
     )
     use = np.isfinite(inside) & np.isfinite(outside)
-    if np.count_nonzero(use) < _COUNT / 2:
+    if np.count_nonzero(use) < _LEAST_COMPARED * _COUNT:
         return True
     inside, outside = inside[use], outside[use]
     if outside.std() < _LEAST_VARIATION:
@@ -64,30 +78,59 @@ def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
     return _slope(outside, inside) >= _LEAST_SLOPE
 
 
-def _darker_inside(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
-    """Return whether a circle around an edge is darker inside than outside nearly all around."""
-    radius = edge.radius_px
-    shifts = np.linspace(-_ASIDE, _ASIDE, 9) * radius
-    sizes = radius * np.arange(*_AROUND)
-    trials = np.stack(np.meshgrid(shifts, shifts, sizes), axis=-1).reshape(-1, 3)
-    trials = trials[np.hypot(*trials[:, :2].T) < _ASIDE_OF_GAP * (trials[:, 2] - radius)]
-    centres = trials[:, None, :2] + edge.centre_px
-    angles = np.arange(_COARSE) * (2 * np.pi / _COARSE)
-    toward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    smooth = cv2.GaussianBlur(np.log(image), (0, 0), 1.0)
-    size = np.array(image.shape[::-1]) - 1
-    rings, seen = [], np.ones((len(trials), _COARSE), bool)
-    for sign in (-1, 1):
-        at = (centres + (trials[:, 2:, None] + sign * _MARGIN_PX) * toward).astype(np.float32)
-        seen &= np.all((at >= 0) & (at <= size), axis=-1)
-        rings.append(
-            cv2.remap(
-                smooth, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-            )
-        )
-    step = rings[1] - rings[0]
-    lower = np.mean((step > _LEAST_STEP) & seen, axis=1) > _ALL_AROUND
-    return bool(np.any(lower & (np.median(step, axis=1) > 2 * _LEAST_STEP)))
+class _Around:
+    """Circles around an edge, each of which may be the outline of the ball that mirrors it.
+
+    ``darker`` is where they are darker inside, ``much_darker`` where they are so by twice the least
+    step, ``seen`` where they are within the image, and ``bright`` where their surroundings are
+    bright, apart from the edge; ``(circles, angles)`` each.
+    """
+
+    def __init__(self, image: npt.NDArray[np.float32], edge: Ellipse) -> None:
+        radius = edge.radius_px
+        shifts = np.linspace(-_ASIDE, _ASIDE, 9) * radius
+        sizes = radius * np.arange(*_AROUND)
+        trials = np.stack(np.meshgrid(shifts, shifts, sizes), axis=-1).reshape(-1, 3)
+        trials = trials[np.hypot(*trials[:, :2].T) < _ASIDE_OF_GAP * (trials[:, 2] - radius)]
+        centres = trials[:, None, :2] + edge.centre_px
+        angles = np.arange(_COARSE) * (2 * np.pi / _COARSE)
+        toward = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        smooth = cv2.GaussianBlur(np.log(image), (0, 0), 1.0)
+        size = np.array(image.shape[::-1]) - 1
+        rings, seen = [], np.ones((len(trials), _COARSE), bool)
+        for sign in (-1, 1):
+            at = (centres + (trials[:, 2:, None] + sign * _MARGIN_PX) * toward).astype(np.float32)
+            seen &= np.all((at >= 0) & (at <= size), axis=-1)
+            x, y = at[..., 0], at[..., 1]
+            rings.append(cv2.remap(smooth, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        offset = max(_OFFSET_SIGMAS * image_noise(image), _OFFSET_SHARE * float(image.mean()))
+        # A circle that is next to the edge shows the step of the edge. All are next to a small one.
+        inner = centres - edge.centre_px + (trials[:, 2:, None] - _MARGIN_PX) * toward
+        apart = np.hypot(inner[..., 0], inner[..., 1]) > radius + 2 * _MARGIN_PX
+        apart |= radius < _SMALL_PX
+        step = rings[1] - rings[0]
+        self.darker = step > _LEAST_STEP
+        self.much_darker = step > 2 * _LEAST_STEP
+        self.seen = seen
+        self.bright = seen & apart & (rings[1] > np.log(_BRIGHT * offset))
+
+    @property
+    def show_ball(self) -> bool:
+        """Whether one is darker inside nearly all around, where its surroundings are bright."""
+        bright = self.bright.mean(axis=1)
+        darker = (self.darker & self.bright).mean(axis=1)
+        much = (self.much_darker & self.bright).mean(axis=1)
+        balls = (darker > _ALL_AROUND * bright) & (much > 0.5 * bright)
+        return bool(np.any(balls & (bright > _LEAST_BRIGHT)))
+
+    @property
+    def are_hidden(self) -> bool:
+        """Whether most of them may be outlines, because their surroundings are black.
+
+        A ball that is mostly beyond the image is not what a person marks.
+        """
+        black = (self.bright.mean(axis=1) <= _LEAST_BRIGHT) & (self.seen.mean(axis=1) > _MOST_SEEN)
+        return bool(black.mean() > _MOST_HIDDEN)
 
 
 def _slope(x: Array, y: Array) -> float:

@@ -10,8 +10,10 @@ from itertools import combinations
 import numpy as np
 
 from acquisition import CameraModel, DataError, led_id
+from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._radiance.raw_stack import Images, RawStack
+from calibration._spheres.image_noise import shows_blocks
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.placed import one_radius_each
 from calibration._spheres.robust import Array
@@ -31,6 +33,10 @@ Circle = tuple[float, float, float]
 _LISTED = 4
 # Rows and columns of a sphere that are compared between images: noise makes each of them differ.
 _COMPARED = 400
+_BLOCKS = (
+    "the images show the 8 px blocks of JPEG compression, which displace and hide outlines: use "
+    "images without compression, or of a quality of 95"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +60,7 @@ class SeenSpheres:
     uneven
         Notices about outlines that count, but are not sharp.
     copies
-        A notice about images that are equal.
+        Notices about images that are equal, or compressed.
     """
 
     names: tuple[str, ...]
@@ -120,12 +126,17 @@ def seen_in(
         raise DataError("both masks and circles mark the spheres: give one of the two")
     found = not masks and not circles
     left_out: list[Notice] = []
-    if masks:
-        images = masked_spheres(values, masks, camera)
-    elif circles:
-        images = circled_spheres(values, circles, camera)
-    else:
-        images, left_out = searched_spheres(values, camera, radii_mm)
+    try:
+        if masks:
+            images = masked_spheres(values, masks, camera)
+        elif circles:
+            images = circled_spheres(values, circles, camera)
+        else:
+            images, left_out = searched_spheres(values, camera, radii_mm)
+    except EstimateError as error:
+        if not shows_blocks(values):
+            raise
+        raise EstimateError(f"{error}; {_BLOCKS}, or give a mask") from error
     if not found:
         _check_apart(images)
     uneven = [] if masks else uneven_outline_warning(images)
@@ -134,6 +145,8 @@ def seen_in(
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
     copies = _copies(values, names, images)
+    if shows_blocks(values):
+        copies.append(Notice("images-compressed", _BLOCKS))
     return SeenSpheres(names, size, images, radii_mm, found, left_out, uneven, copies)
 
 

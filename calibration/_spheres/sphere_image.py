@@ -157,10 +157,19 @@ def mask_warnings(images: list[SphereImage]) -> list[Notice]:
     alone = [image for image in images if image.unconfirmed]
     if alone:
         # A highlight that is a share of the radius off turns the light by twice that angle.
-        degrees = max(np.degrees(2 / image.outline.radius_px) for image in alone)
+        sigmas = [
+            float(np.sqrt(np.trace(image.covariance_px2) / 3))
+            for image in alone
+            if image.covariance_px2 is not None
+        ]
+        off = [
+            (np.degrees(2 * sigma / image.outline.radius_px), sigma)
+            for sigma, image in zip(sigmas, alone, strict=True)
+        ]
+        degrees, sigma = max(off)
         text = (
-            f"the images show no outline near that of the mask of {places(alone)}, so its stated "
-            f"error is that of its edge alone: if it is off by 1 px, the lights are off by "
+            f"the images do not confirm the outline of the mask of {places(alone)}, so its stated "
+            f"error is that of painted masks, {sigma:.1f} px, by which the lights are off by "
             f"{degrees:.1f} degrees; compare it with the images in lights.png"
         )
         notices.append(Notice("mask-unconfirmed", text))

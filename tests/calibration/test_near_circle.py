@@ -99,7 +99,47 @@ def test_the_border_of_what_a_ball_mirrors_is_no_outline(reflectance, inside, bo
     image = image.astype(np.float32)
     assert is_mirrored_border(image, Ellipse((80.0, 78.0), (38.0, 38.0))) == border
     hidden = is_mirrored_border(image, Ellipse((80.0, 78.0), (38.0, 38.0)), mostly_seen=False)
-    assert hidden == (inside is not None)
+    assert hidden == border
     for seen in (True, False):
         outline = Ellipse((80.0, 78.0), (50.0, 50.0))
         assert not is_mirrored_border(image, outline, mostly_seen=seen)
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns"),
+    [
+        pytest.param(slice(0, 160), slice(0, 160), id="whole"),
+        pytest.param(slice(0, 160), slice(60, 160), id="left part cut off"),
+        pytest.param(slice(45, 160), slice(0, 160), id="upper part cut off"),
+        pytest.param(slice(26, 130), slice(28, 132), id="a frame close to the ball"),
+    ],
+)
+@pytest.mark.parametrize(
+    ("radius", "inside", "border"),
+    [
+        pytest.param(50.0, 0.0, False, id="a ball mirrors a black room in front of a wall"),
+        pytest.param(38.0, 0.6, True, id="a ball mirrors the wall around a black room"),
+    ],
+)
+def test_only_a_larger_ball_makes_a_half_hidden_edge_a_border(
+    radius, inside, border, rows, columns
+):
+    """The wall is bright above and black below, where no edge is visible."""
+    at = np.mgrid[:160, :160]
+    wall = np.where(at[0] > 85 + 0.1 * at[1], 0.0, 0.4)
+    distance = np.hypot(at[1] - 80, at[0] - 78)
+    image = np.where(distance < 50, inside * wall, wall)
+    image[distance < 38] = 0.0
+    part = (image[rows, columns] + 1e-4).astype(np.float32)
+    edge = Ellipse((80.0 - columns.start, 78.0 - rows.start), (radius, radius))
+    assert is_mirrored_border(part, edge, mostly_seen=False) == border
+
+
+def test_a_small_edge_inside_a_small_ball_is_a_border():
+    """The wall is brighter on one side; a ball of 12 px mirrors it around a dark room of 9 px."""
+    rows, columns = np.mgrid[:60, :60]
+    wall = np.where(columns > 30, 0.5, 0.2)
+    distance = np.hypot(columns - 30, rows - 30)
+    image = np.where(distance < 12, 0.6 * wall, wall)
+    image[distance < 9] = 0.05
+    assert is_mirrored_border(image.astype(np.float32), Ellipse((30.0, 30.0), (9.0, 9.0)))
