@@ -7,4 +7,12 @@ __all__ = ["DataError", "EstimateError"]
 
 
 class EstimateError(SgpError, ValueError):
-    """Valid input does not determine the estimate; the message says why (exit code 5)."""
+    """Valid input does not determine the estimate; the message says why (exit code 5).
+
+    Attributes
+    ----------
+    lights
+        Names of the lights whose images cause it, if the others may be enough; else empty.
+    """
+
+    lights: tuple[str, ...] = ()

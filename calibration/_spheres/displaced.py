@@ -29,6 +29,7 @@ _GAIN, _SIGMAS = 0.012, 2.0
 _LARGE_GAIN, _OF_LARGE_GAIN = 0.08, 1.5
 _LEAST_SHIFT_PX = 0.7
 _FEWEST = 3
+_WAYS = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
 
 
 def displaced(values: Images, outline: Ellipse) -> dict[int, float]:
@@ -51,7 +52,9 @@ def displaced(values: Images, outline: Ellipse) -> dict[int, float]:
     outline
         The outline that most images show.
     """
-    if len(values) < _FEWEST:
+    height, width = values.shape[1:]
+    x, y = outline.centre_px
+    if len(values) < _FEWEST or not (0 <= x < width and 0 <= y < height):
         return {}
     slopes, step_px = _slopes(values, outline)
     shifts = _Shifts(slopes.shape[2] // 2)
@@ -88,9 +91,8 @@ def _slopes(values: Images, outline: Ellipse) -> tuple[Profiles, float]:
     small = Ellipse(centre, (axes[0] / factor, axes[1] / factor), outline.angle_deg)
     step = max(_STEP * small.radius_px, _LEAST_STEP_PX)
     blur, count = max(step, _LEAST_BLUR_PX), round(reach_px / factor / step)
-    offsets: Array = np.arange(-count, count + 1) * step
-    angles: Array = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
-    images = []
+    offsets: Array = np.arange(-count, count + 1, dtype=np.float64) * step
+    images: list[npt.NDArray[np.float32]] = []
     for k in range(len(values)):
         part = values[k, low[1] : high[1], low[0] : high[0]]
         image = np.where(np.isnan(part), np.float32(1), part)
@@ -98,8 +100,8 @@ def _slopes(values: Images, outline: Ellipse) -> tuple[Profiles, float]:
             size = max(image.shape[1] // factor, 1), max(image.shape[0] // factor, 1)
             rows, columns = size[1] * factor, size[0] * factor
             image = cv2.resize(image[:rows, :columns], size, interpolation=cv2.INTER_AREA)
-        images.append(cv2.GaussianBlur(image, (0, 0), blur))
-    profiles = np.moveaxis(stack_profiles(images, small, angles, offsets), 0, -1)
+        images.append(np.asarray(cv2.GaussianBlur(image, (0, 0), blur), np.float32))
+    profiles = np.moveaxis(stack_profiles(images, small, _angles(), offsets), 0, -1)
     rough = np.median(np.abs(np.diff(profiles, 3, axis=-1)), axis=(1, 2)) + 1e-6
     slopes = np.sqrt(np.abs(profiles[..., 2:] - profiles[..., :-2]))
     slopes -= slopes.mean(axis=-1, keepdims=True)
@@ -131,15 +133,13 @@ class _Shifts:
         circular = np.fft.irfft(product, size)
         agreement = np.concatenate([circular[:, -most:], circular[:, : most + 1]], axis=1)
         # Slopes of one pixel: their correlation is too narrow for the steps of the search.
-        agreement[:, 1:-1] = (
-            agreement[:, :-2] + 2 * agreement[:, 1:-1] + agreement[:, 2:]
-        ) / 4
+        agreement[:, 1:-1] = (agreement[:, :-2] + 2 * agreement[:, 1:-1] + agreement[:, 2:]) / 4
         x, y = self._grid
         coarse = np.take(agreement.ravel(), self._places).mean(axis=1)
         at = int(np.argmax(coarse))
         starts = [np.array([x[at], y[at]]), np.zeros(2)]
         ends = [self._climb(agreement, start) for start in starts]
-        best, shift = max(ends, key=lambda end: end[0])
+        shift = max(ends, key=lambda end: end[0])[1]
         gains = self._at(agreement, shift) - self._at(agreement, np.zeros(2))
         of_sectors = gains.reshape(_SECTORS, -1).mean(axis=1)
         gain = float(of_sectors.mean())
@@ -173,8 +173,7 @@ class _Shifts:
 
     @cached_property
     def _directions(self) -> tuple[Array, Array]:
-        angles = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
-        return np.cos(angles), np.sin(angles)
+        return np.cos(_angles()), np.sin(_angles())
 
     @cached_property
     def _grid(self) -> tuple[Array, Array]:
@@ -188,7 +187,10 @@ class _Shifts:
         """Where the agreement of each shift of the grid is at each angle, rounded."""
         (x, y), (cosine, sine) = self._grid, self._directions
         shifts = np.rint(np.multiply.outer(x, cosine) + np.multiply.outer(y, sine)).astype(np.intp)
-        return shifts + self.farthest + np.arange(_ANGLES) * (2 * self.farthest + 1)
+        rows = np.arange(_ANGLES) * (2 * self.farthest + 1)
+        return np.asarray(shifts + self.farthest + rows, np.intp)
 
 
-_WAYS = [(x, y) for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
+def _angles() -> Array:
+    angles: Array = np.arange(_ANGLES, dtype=np.float64) * (2 * np.pi / _ANGLES)
+    return angles

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -12,6 +12,13 @@ import numpy as np
 from acquisition import CameraModel, DataError, led_id
 from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._radiance.raw_stack import Images, RawStack
+from calibration._spheres.displaced import displaced
+from calibration._spheres.lost_images import (
+    LostImages,
+    blank_images,
+    moved_alone,
+    moved_images,
+)
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.placed import one_radius_each
 from calibration._spheres.robust import Array
@@ -55,6 +62,10 @@ class SeenSpheres:
         Notices about outlines that count, but are not sharp.
     copies
         A notice about images that are equal.
+    lost
+        Images that do not count; the spheres have no highlights under their lights.
+    displaced
+        Notices about single spheres that are elsewhere in some images.
     """
 
     names: tuple[str, ...]
@@ -65,6 +76,8 @@ class SeenSpheres:
     left_out: list[Notice]
     uneven: list[Notice]
     copies: list[Notice] = field(default_factory=list)
+    lost: LostImages = field(default_factory=LostImages)
+    displaced: list[Notice] = field(default_factory=list)
 
     __repr__ = short_repr
 
@@ -79,6 +92,7 @@ class SeenSpheres:
             *partial_outline_warning(self.images, self.size),
             *mask_warnings(self.images),
             *self.copies,
+            *self.displaced,
         ]
 
 
@@ -119,13 +133,15 @@ def seen_in(
     if masks and circles:
         raise DataError("both masks and circles mark the spheres: give one of the two")
     found = not masks and not circles
-    left_out: list[Notice] = []
-    if masks:
-        images = masked_spheres(values, masks, camera)
-    elif circles:
-        images = circled_spheres(values, circles, camera)
-    else:
-        images, left_out = searched_spheres(values, camera, radii_mm)
+
+    def spheres_in(some: Images) -> tuple[list[SphereImage], list[Notice]]:
+        if masks:
+            return masked_spheres(some, masks, camera), []
+        if circles:
+            return circled_spheres(some, circles, camera), []
+        return searched_spheres(some, camera, radii_mm)
+
+    images, left_out, lost, elsewhere = _steady_spheres(values, names, spheres_in)
     if not found:
         _check_apart(images)
     uneven = [] if masks else uneven_outline_warning(images)
@@ -134,7 +150,55 @@ def seen_in(
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
     copies = _copies(values, names, images)
-    return SeenSpheres(names, size, images, radii_mm, found, left_out, uneven, copies)
+    return SeenSpheres(
+        names, size, images, radii_mm, found, left_out, uneven, copies, lost, elsewhere
+    )
+
+
+def _steady_spheres(
+    values: Images,
+    names: Sequence[str],
+    spheres_in: Callable[[Images], tuple[list[SphereImage], list[Notice]]],
+) -> tuple[list[SphereImage], list[Notice], LostImages, list[Notice]]:
+    """Return the spheres of the images that agree about their places.
+
+    Their highlights are those of all lights. The other results are notices about outlines that do
+    not count, the images that do not count, and notices about spheres that are elsewhere in some
+    images.
+    """
+    lost = blank_images(values)
+    lost.check(names)
+    rows = _without(range(len(names)), lost.lights)
+    some = _taken(values, rows)
+    spheres, left_out = spheres_in(some)
+    moved = [displaced(some, sphere.outline) for sphere in spheres]
+    texts = moved_images(moved, spheres)
+    if texts:
+        lost = replace(lost, moved={rows[k]: text for k, text in texts.items()})
+        lost.check(names)
+        # The outlines are those of the other images, as if these had been left out by the user.
+        rows = _without(rows, lost.lights)
+        some = _taken(values, rows)
+        spheres, left_out = spheres_in(some)
+        moved = [displaced(some, sphere.outline) for sphere in spheres]
+    of_light = [rows.index(k) if k in rows else -1 for k in range(len(names))]
+    notices, images = [], []
+    for sphere, of_sphere in zip(spheres, moved, strict=True):
+        elsewhere = {rows[k]: far_px for k, far_px in of_sphere.items()}
+        notices += moved_alone(names, elsewhere, sphere)
+        shown = [-1 if k in elsewhere else row for k, row in enumerate(of_light)]
+        steady = min(shown, default=0) >= 0
+        highlights = sphere.highlights if steady else sphere.highlights.take(shown)
+        images.append(replace(sphere, highlights=highlights))
+    return images, left_out, lost, notices
+
+
+def _without(rows: Iterable[int], lost: Sequence[int]) -> list[int]:
+    return [k for k in rows if k not in lost]
+
+
+def _taken(values: Images, rows: list[int]) -> Images:
+    return values if len(rows) == len(values) else values[rows]
 
 
 def _copies(values: Images, names: Sequence[str], images: Sequence[SphereImage]) -> list[Notice]:
