@@ -13,6 +13,9 @@ class EstimateError(SgpError, ValueError):
     ----------
     lights
         Names of the lights whose images cause it, if the others may be enough; else empty.
+    spheres
+        Circles (x, y, radius) in pixels of mirror spheres that were found nevertheless.
     """
 
     lights: tuple[str, ...] = ()
+    spheres: tuple[tuple[float, float, float], ...] = ()

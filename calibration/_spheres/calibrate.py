@@ -23,6 +23,7 @@ from calibration._spheres.recordings_agree import light_difference
 from calibration._spheres.robust import Array
 from calibration._spheres.seen_together import SeenTogether
 from calibration._spheres.sphere_calibration import SphereCalibration
+from calibration._spheres.sphere_image import SphereImage, circles_of
 from rig import Notice, pluralize
 
 
@@ -222,8 +223,22 @@ def _calibrate(
     camera: CameraModel | None,
     led_positions_mm: Mapping[str, Sequence[float]] | None,
 ) -> SphereCalibration:
-    """Calibrate from the spheres of all recordings together."""
+    """Calibrate from the spheres of all recordings together; errors carry the spheres."""
     images = [image for one in seen for image in one.images]
+    try:
+        return _lights(seen, images, recordings, camera, led_positions_mm)
+    except EstimateError as error:
+        error.spheres = circles_of(images)
+        raise
+
+
+def _lights(
+    seen: list[SeenSpheres],
+    images: list[SphereImage],
+    recordings: tuple[str, ...],
+    camera: CameraModel | None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None,
+) -> SphereCalibration:
     missing, notices = lost_lights(seen[0].names, [one.lost for one in seen], images, recordings)
     lit = [k for k in range(len(seen[0].names)) if k not in missing]
     names = tuple(seen[0].names[k] for k in lit)

@@ -68,7 +68,8 @@ def blank_images(values: Images) -> LostImages:
     white = np.isnan(peaks)
     if white.all():
         return LostImages()
-    black = peaks < _BLACK * np.median(peaks[~white])
+    # Merged brackets contain highlights far above 1; matte surfaces next to them are not black.
+    black = peaks < _BLACK * min(float(np.median(peaks[~white])), 1.0)
     return LostImages(tuple(np.flatnonzero(black)), tuple(np.flatnonzero(white)))
 
 
@@ -164,8 +165,8 @@ def lost_lights(
             notices.append(Notice(code, f"{text}; {unused}: {again}", where))
     if unknown:
         text = (
-            f"left out {named(names, unknown)}: no highlight on {on}; their images cannot be used "
-            "with this calibration: check that the light was on"
+            f"left out {named(names, unknown)}: no highlight on {on}: check that the light was on, "
+            "and that the spheres show its reflection"
         )
         notices.append(Notice("lights-left-out", text))
     return missing, notices

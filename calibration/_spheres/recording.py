@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from acquisition import CameraModel, DataError, led_id
+from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._radiance.raw_stack import Images, RawStack
 from calibration._spheres.displaced import displaced
@@ -25,6 +26,7 @@ from calibration._spheres.robust import Array
 from calibration._spheres.search import searched_spheres
 from calibration._spheres.sphere_image import (
     SphereImage,
+    circles_of,
     mask_warnings,
     missing_highlights_warning,
     partial_outline_warning,
@@ -175,7 +177,11 @@ def _steady_spheres(
     texts = moved_images(moved, spheres)
     if texts:
         lost = replace(lost, moved={rows[k]: text for k, text in texts.items()})
-        lost.check(names)
+        try:
+            lost.check(names)
+        except EstimateError as error:
+            error.spheres = circles_of(spheres)
+            raise
         # The outlines are those of the other images, as if these had been left out by the user.
         rows = _without(rows, lost.lights)
         some = _taken(values, rows)

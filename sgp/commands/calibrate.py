@@ -30,6 +30,7 @@ from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._sphere_marks import Marks, marks_of
 from sgp._spheres import (
     ShownSpheres,
+    advise_to_exclude,
     describe_spheres,
     draw_candidates,
     draw_spheres,
@@ -251,6 +252,7 @@ def _estimate(
             led_positions_mm=places_mm,
         )
     except calibration.EstimateError as error:
+        advise_to_exclude(error)
         for one in recordings:
             _explain_masks(error, one.source, one.masks)
         if stack is not None and not recordings[0].masks:
@@ -264,8 +266,15 @@ def _draw_candidates(
     stack: calibration.RawStack,
     picture: Path,
 ) -> None:
-    """Write a picture of what may be a sphere, and add a note about it to an error."""
-    candidates = calibration.sphere_candidates(stack, camera=recording.source.camera)
+    """Write a picture of what may be a sphere, and add a note about it to an error.
+
+    Spheres that were found are not among them: another mark would change nothing.
+    """
+    candidates = [
+        candidate
+        for candidate in calibration.sphere_candidates(stack, camera=recording.source.camera)
+        if not any(_within(candidate.circle_px, sphere) for sphere in error.spheres)
+    ]
     if not candidates:
         return
     draw_candidates(picture, recording.source, recording.brightest, candidates)
@@ -275,6 +284,12 @@ def _draw_candidates(
         x, y, radius = candidates[0].circle_px
         note += f"; if number 1 is a mirror sphere, add --sphere {x:.0f},{y:.0f},{radius:.0f}"
     error.add_note(note)
+
+
+def _within(circle: tuple[float, float, float], sphere: tuple[float, float, float]) -> bool:
+    """Return whether the centre of one of two circles (x, y, radius) is inside the other."""
+    apart = np.hypot(circle[0] - sphere[0], circle[1] - sphere[1])
+    return bool(apart < max(circle[2], sphere[2]))
 
 
 def _explain_masks(
