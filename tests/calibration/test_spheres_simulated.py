@@ -281,7 +281,7 @@ def test_names_come_from_the_stack(one):
 @pytest.mark.parametrize(
     ("off", "says"),
     [
-        ({7: 0.01}, "left out light L07: no highlight on the spheres at"),
+        ({7: 0.03}, "left out light L07: no highlight on the spheres at"),
         ({7: 0.0}, "light L07: the image is black; the light is left out"),
     ],
     ids=["in a lit room", "in the dark"],
@@ -300,7 +300,7 @@ def test_a_light_that_was_off_is_left_out_and_named(few, off, says):
 def test_two_lights_of_twelve_that_were_off_are_refused(few):
     values, truth = few
     values = values.copy()
-    values[[2, 7]] = 0.01
+    values[[2, 7]] = 0.03
     with pytest.raises(EstimateError, match=r"light L02, L07 \(2 of 12 lights\)") as caught:
         calibrate_spheres(values, masks=list(truth.sphere_masks))
     assert caught.value.lights == ("L02", "L07")
