@@ -275,7 +275,7 @@ def _draw_candidates(
         for candidate in calibration.sphere_candidates(stack, camera=recording.source.camera)
         if not any(_within(candidate.circle_px, sphere) for sphere in error.spheres)
     ]
-    if not candidates:
+    if not candidates or (error.spheres and not candidates[0].lights):
         return
     draw_candidates(picture, recording.source, recording.brightest, candidates)
     count = rigs.pluralize(len(candidates), "candidate")

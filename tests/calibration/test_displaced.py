@@ -161,7 +161,7 @@ def test_two_of_eight_bumped_images_are_refused_with_their_names():
     values, circle, _ = uneven_ball(CIRCLED)
     for k in (1, 6):
         values[k] = moved(values[k], 6, 9)
-    with pytest.raises(EstimateError, match="light L01: .* away .*; light L06: .* away") as caught:
+    with pytest.raises(EstimateError, match=r"light L01: .* away .*; light L06: .* away") as caught:
         calibrated(values, circle)
     assert caught.value.lights == ("L01", "L06")
     assert caught.value.spheres[0] == pytest.approx(circle, abs=3)
