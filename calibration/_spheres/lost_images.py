@@ -18,6 +18,7 @@ _BLACK = 0.01
 # If a sphere moved on this share of all, camera or table moved.
 _ALL_MOVED = 0.5
 _AGAIN = "record {} again"
+_CODES: dict[str, str] = {"blank": "image-blank", "moved": "image-displaced"}
 
 
 @dataclass(frozen=True)
@@ -41,14 +42,14 @@ class LostImages:
         return sorted({*self.black, *self.white, *self.moved})
 
     def reasons(self, names: Sequence[str]) -> list[tuple[str, Sequence[int], str]]:
-        """Return codes of notices, lights, and texts."""
+        """Return kinds of reasons (see `_CODES`), lights, and texts."""
         reasons: list[tuple[str, Sequence[int], str]] = []
         for which, what in ((self.black, "black"), (self.white, "completely saturated")):
             if which:
                 images = "the image is" if len(which) == 1 else "the images are"
-                reasons.append(("image-blank", which, f"{named(names, which)}: {images} {what}"))
+                reasons.append(("blank", which, f"{named(names, which)}: {images} {what}"))
         for k, text in self.moved.items():
-            reasons.append(("image-displaced", [k], f"{named(names, [k])}: {text}"))
+            reasons.append(("moved", [k], f"{named(names, [k])}: {text}"))
         return reasons
 
     def check(self, names: Sequence[str]) -> None:
@@ -157,12 +158,12 @@ def lost_lights(
         )
     notices = []
     for one, where in zip(lost, recordings, strict=True):
-        for code, lights, text in one.reasons(names):
+        for kind, lights, text in one.reasons(names):
             unused = f"the light{'s are' if len(lights) > 1 else ' is'} left out"
             if not set(lights) <= set(missing):
                 unused = "the image does not count"  # another recording shows the light
             again = _AGAIN.format("them" if len(lights) > 1 else "it")
-            notices.append(Notice(code, f"{text}; {unused}: {again}", where))
+            notices.append(Notice(_CODES[kind], f"{text}; {unused}: {again}", where))
     if unknown:
         text = (
             f"left out {named(names, unknown)}: no highlight on {on}: check that the light was on, "

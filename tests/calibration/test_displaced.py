@@ -1,7 +1,6 @@
 """Images in which a sphere is not where the other images show it, and images that show nothing."""
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -14,7 +13,6 @@ from acquisition import angle_deg, read_source, write_png
 from calibration import EstimateError, calibrate_moved_spheres, calibrate_spheres, raw_stack
 from calibration._spheres.displaced import displaced
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import find_highlights
 from calibration._spheres.lost_images import blank_images
 from tests.calibration.spheres_and_object import CIRCLES, write_recording
 from tests.calibration.uneven_balls import uneven_ball
@@ -239,19 +237,6 @@ def test_another_recording_shows_the_light_of_a_bumped_image(tmp_path):
     assert notice.where == "recording 1"
     assert "the image does not count: record it again" in notice.text
     assert result.used[4].tolist() == [False, False, True, True]
-
-
-def test_rows_of_highlights():
-    values, circle, _ = uneven_ball(CIRCLED)
-    whole = replace(find_highlights(values, ellipse(circle)), unlike=(2, 5))
-    some = whole.take([5, -1, 0])
-    np.testing.assert_array_equal(some.pixels[[0, 2]], whole.pixels[[5, 0]])
-    np.testing.assert_array_equal(some.sigma_px[[0, 2]], whole.sigma_px[[5, 0]])
-    np.testing.assert_array_equal(some.candidates.share[0], whole.candidates.share[5])
-    assert some.found.tolist() == [True, False, True]
-    assert some.candidates.seen.tolist() == [True, False, True]
-    assert some.saturated.tolist() == [whole.saturated[5], False, whole.saturated[0]]
-    assert some.unlike == (0,)
 
 
 @pytest.fixture(scope="module")
