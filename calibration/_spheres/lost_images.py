@@ -17,6 +17,7 @@ from rig import Notice, pluralize
 _BLACK = 0.01
 # If a sphere moved on this share of all, camera or table moved.
 _ALL_MOVED = 0.5
+_LISTED = 3
 _AGAIN = "record {} again"
 _CODES: dict[str, str] = {"blank": "image-blank", "moved": "image-displaced"}
 
@@ -56,8 +57,10 @@ class LostImages:
         """Raise `EstimateError` if less than 85 % of the lights are left."""
         lost = self.lights
         if len(names) - len(lost) < LEAST_SHARE * len(names):
-            reasons = "; ".join(text for _, _, text in self.reasons(names))
-            raise _lost(f"{reasons}: {_AGAIN.format('them')}, or leave them out", names, lost)
+            reasons = [text for _, _, text in self.reasons(names)]
+            more = f"; and {len(reasons) - _LISTED} more" if len(reasons) > _LISTED else ""
+            text = f"{'; '.join(reasons[:_LISTED])}{more}"
+            raise _lost(f"{text}: {_AGAIN.format('them')}, or leave them out", names, lost)
 
 
 def blank_images(values: Images) -> LostImages:

@@ -166,6 +166,14 @@ def test_two_of_eight_bumped_images_are_refused_with_their_names():
     assert len(str(caught.value).splitlines()) == 1
 
 
+def test_a_camera_that_was_bumped_in_between_gives_one_short_line():
+    values, circle, _ = uneven_ball(CIRCLED, lights=12)
+    values[7:] = [moved(image, 6, 9) for image in values[7:]]
+    with pytest.raises(EstimateError, match=r"light L09: .*; and 2 more: record them") as caught:
+        calibrated(values, circle)
+    assert caught.value.lights == ("L07", "L08", "L09", "L10", "L11")
+
+
 BLANK = {
     "black": (0.0, "light L03: the image is black; the light is left out: record it again"),
     "black, with noise": (0.002, "light L03: the image is black; the light is left out"),
