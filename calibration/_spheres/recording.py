@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
@@ -14,6 +14,7 @@ from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._radiance.raw_stack import Images, RawStack
 from calibration._spheres.displaced import displaced
+from calibration._spheres.highlights import find_highlights
 from calibration._spheres.lost_images import (
     LostImages,
     blank_images,
@@ -182,24 +183,33 @@ def _steady_spheres(
         except EstimateError as error:
             error.spheres = circles_of(spheres)
             raise
+    unsteady = {rows[k] for one in moved for k in one}
+    if unsteady:
         # The outlines are those of the other images, as if these had been left out by the user.
         rows = _without(rows, lost.lights)
+        steady = _without(rows, unsteady)
         some = _taken(values, rows)
-        spheres, left_out = spheres_in(some)
+        spheres, left_out = spheres_in(_taken(values, steady))
         moved = [displaced(some, sphere.outline) for sphere in spheres]
+        if len(steady) < len(rows):  # single spheres moved: the others show the highlights
+            seen = [find_highlights(some, sphere.outline) for sphere in spheres]
+            spheres = [
+                replace(sphere, highlights=of_all)
+                for sphere, of_all in zip(spheres, seen, strict=True)
+            ]
     of_light = [rows.index(k) if k in rows else -1 for k in range(len(names))]
     notices, images = [], []
     for sphere, of_sphere in zip(spheres, moved, strict=True):
         elsewhere = {rows[k]: far_px for k, far_px in of_sphere.items()}
         notices += moved_alone(names, elsewhere, sphere)
         shown = [-1 if k in elsewhere else row for k, row in enumerate(of_light)]
-        steady = min(shown, default=0) >= 0
-        highlights = sphere.highlights if steady else sphere.highlights.take(shown)
+        complete = min(shown, default=0) >= 0
+        highlights = sphere.highlights if complete else sphere.highlights.take(shown)
         images.append(replace(sphere, highlights=highlights))
     return images, left_out, lost, notices
 
 
-def _without(rows: Iterable[int], lost: Sequence[int]) -> list[int]:
+def _without(rows: Iterable[int], lost: Container[int]) -> list[int]:
     return [k for k in rows if k not in lost]
 
 

@@ -228,6 +228,9 @@ def test_one_of_three_balls_that_moved_loses_its_highlight_only(tmp_path):
     (notice,) = [one for one in result.warnings if one.code == "sphere-displaced"]
     assert notice.text.startswith("light L04: the sphere at (50, 160) px is 4 px away from where")
     assert np.argwhere(~np.isfinite(result.highlights_px[..., 0])).tolist() == [[4, 2]]
+    # The outlines are those of the other images.
+    without = calibrate_spheres(np.delete(values, 4, axis=0), circles=circles)
+    assert [s.outline for s in result.spheres] == [s.outline for s in without.spheres]
 
 
 def test_half_of_the_balls_are_enough_to_doubt_an_image(tmp_path):
