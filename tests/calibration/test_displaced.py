@@ -122,6 +122,18 @@ def test_three_images_show_which_one_moved_and_two_do_not():
     assert displaced(values[:2], ellipse(circle)) == {}
 
 
+def test_small_shifts_need_many_images_and_tiny_balls_show_none():
+    values, circle, _ = uneven_ball(9207)
+    values[1] = moved(values[1], 1.0, 0)
+    assert list(displaced(values, ellipse(circle))) == [1]
+    assert displaced(values[:7], ellipse(circle)) == {}
+    scale = 11 / circle[2]
+    tiny = np.array([cv2.resize(moved(v, 0, 0), None, fx=scale, fy=scale) for v in values])
+    tiny[1] = np.roll(tiny[1], 4, axis=1)
+    x, y = ((at + 0.5) * scale - 0.5 for at in circle[:2])
+    assert displaced(np.nan_to_num(tiny, nan=1.0), Ellipse((x, y), (11.0, 11.0))) == {}
+
+
 @pytest.mark.parametrize("centre", [(-5.0, 60.0), (100.0, 900.0)])
 def test_an_outline_beyond_the_frame_shows_nothing(centre):
     values, _, _ = uneven_ball(9208)
