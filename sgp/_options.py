@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Annotated, get_type_hints
@@ -146,6 +146,11 @@ Degrees = Annotated[float, Parameter(converter=_real, validator=Number(gte=-3600
 Factor = Annotated[float, Parameter(converter=_real, validator=Number(gte=-1000, lte=1000))]
 
 
+def named(exclude: Iterable[str]) -> tuple[str, ...]:
+    """Return the entries of --exclude that name images; ``auto`` names none."""
+    return tuple(name for name in exclude if name.lower() != "auto")
+
+
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
 class RecordingOptions:
@@ -210,7 +215,7 @@ class RecordingOptions:
     @property
     def excluded_by_name(self) -> tuple[str, ...]:
         """Return the images that the user names."""
-        return tuple(name for name in self.exclude if name.lower() != "auto")
+        return named(self.exclude)
 
     @property
     def exclude_disagreeing(self) -> bool:

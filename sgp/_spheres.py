@@ -66,12 +66,16 @@ def light_by_spheres(
         As `calibration.calibrate_spheres`.
     """
     stack = undivided_images(source)
-    estimate = calibration.calibrate_spheres(
-        stack,
-        camera=source.camera,
-        radius_mm=given_radii(radius_mm),
-        led_positions_mm=places_mm,
-    )
+    try:
+        estimate = calibration.calibrate_spheres(
+            stack,
+            camera=source.camera,
+            radius_mm=given_radii(radius_mm),
+            led_positions_mm=places_mm,
+        )
+    except calibration.EstimateError as error:
+        advise_to_exclude(error)
+        raise
     estimate = calibration.record_setup(estimate, source)
     lit = calibration.apply_spheres(source, estimate)
     lights = estimate.lights if lit.lights is None else lit.lights
@@ -99,6 +103,13 @@ def add_sphere_lights(
     result.outputs |= outputs
     result.warnings = [*described.warnings, *result.warnings]
     result.summary = [*described.summary, *result.summary]
+
+
+def advise_to_exclude(error: calibration.EstimateError) -> None:
+    """Add a note to an error that some images cause: how to leave them out."""
+    if error.lights:
+        names = ",".join(error.lights)
+        error.add_note(f"to calibrate the other lights, add --exclude {names}")
 
 
 def given_radii(radius_mm: Sequence[float]) -> float | Sequence[float] | None:

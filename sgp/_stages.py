@@ -126,28 +126,23 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
         gamma=options.gamma,
         others=[] if options.sensor is None else [options.sensor],
         flat=options.flat,
-        without=() if options.spheres else options.excluded_by_name,
+        without=options.excluded_by_name,
         max_pixels=options.max_pixels,
     )
     if options.sensor is not None:
         source = acquisition.with_sensor(source, acquisition.read_sensor(options.sensor))
-    lit_by = None
-    if options.spheres:
-        places_mm = led_positions(options.rig, source.setup.rig)
-        kept = acquisition.exclude(source, options.excluded_by_name)
-        # The lights come from all images.
-        lit, lit_by = light_by_spheres(source, options.radius_mm, places_mm)
-        left_out = [name for name in lit.light_ids if name not in kept.light_ids]
-        noted = (*lit.warnings, *kept.warnings[len(source.warnings) :])
-        source = replace(acquisition.exclude(lit, left_out), warnings=noted)
-        compared = rig_notices(lit_by.estimate.lights, options.rig, source.setup.rig)
-        lit_by = replace(lit_by, warnings=(*lit_by.warnings, *compared))
     left = len(source.light_ids)
     if options.excluded_by_name and left < _FEWEST_IMAGES:
         raise UsageError(
             f"--exclude leaves {rig.pluralize(left, 'image')}: normals need at least "
             f"{_FEWEST_IMAGES}"
         )
+    lit_by = None
+    if options.spheres:
+        places_mm = led_positions(options.rig, source.setup.rig)
+        source, lit_by = light_by_spheres(source, options.radius_mm, places_mm)
+        compared = rig_notices(lit_by.estimate.lights, options.rig, source.setup.rig)
+        lit_by = replace(lit_by, warnings=(*lit_by.warnings, *compared))
     if options.crop is not None:
         source = acquisition.crop(source, *options.crop)
     return Recording(acquisition.downscale(source, options.downscale), files, lit_by)

@@ -65,6 +65,8 @@ class RawStack:
         The camera model; None if unknown.
     warnings
         As in `Stack`.
+    peaks
+        The brightest unsaturated sample of each image; NaN if all are saturated.
     """
 
     images: tuple[FloatImage | _RawImage, ...]
@@ -73,6 +75,7 @@ class RawStack:
     brightest: FloatImage
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
+    peaks: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         return f"RawStack({list(self.shape)}{', camera' if self.camera is not None else ''})"
@@ -108,6 +111,7 @@ class RawStack:
             images=tuple(self.images[i] for i in lights),
             ids=tuple(self.ids[i] for i in lights),
             shape=(len(lights), *self.shape[1:]),
+            peaks=tuple(self.peaks[i] for i in lights),
         )
 
 
@@ -182,4 +186,5 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
     check_usable(samples, ids, source, develop.reference_level)
     np.nan_to_num(brightest, copy=False, nan=1.0)
     shape = (len(ids), *size)
-    return RawStack(tuple(images), shape, ids, brightest, source.camera, develop.notices)
+    peaks = tuple(map(float, samples))
+    return RawStack(tuple(images), shape, ids, brightest, source.camera, develop.notices, peaks)

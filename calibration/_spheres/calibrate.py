@@ -13,6 +13,7 @@ from calibration._radiance.linear_stack import Stack
 from calibration._radiance.raw_stack import Images, RawStack
 from calibration._spheres.average_directions import orthographic_lights, perspective_lights
 from calibration._spheres.known_places import known_places
+from calibration._spheres.lost_images import lost_lights
 from calibration._spheres.marked import Mask
 from calibration._spheres.outline_noise import cone_of
 from calibration._spheres.placed import off_the_plane, one_off_the_plane, place
@@ -22,7 +23,7 @@ from calibration._spheres.recordings_agree import light_difference
 from calibration._spheres.robust import Array
 from calibration._spheres.seen_together import SeenTogether
 from calibration._spheres.sphere_calibration import SphereCalibration
-from calibration._spheres.sphere_image import SphereImage, places
+from calibration._spheres.sphere_image import SphereImage, circles_of
 from rig import Notice, pluralize
 
 
@@ -72,8 +73,10 @@ def calibrate_spheres(
     Returns
     -------
     SphereCalibration
-        Lights and quality of the fit. Where the lights have directions, a light that no highlight
-        determines to 10 degrees is left out, with a notice that names it, if 85 % of all are left.
+        Lights and quality of the fit. A light is left out, with a notice that names it, if its
+        image is black or saturated, shows the spheres elsewhere than the other images, or shows no
+        highlight; also, where the lights have directions, one that no highlight determines to 10
+        degrees. This is done if 85 % of all are left.
 
     Raises
     ------
@@ -81,9 +84,9 @@ def calibrate_spheres(
         If shapes or radii are inconsistent, the camera does not fit the images, both masks and
         circles are given, or a radius is given without a camera.
     EstimateError
-        If no sphere is found, the edges near a circle do not determine an outline, a light has no
-        highlight, or a light is visible on fewer than two spheres although positions are requested.
-        The message names the light or the spheres.
+        If no sphere is found, the edges near a circle do not determine an outline, less than 85 %
+        of the lights are left, or a light is visible on fewer than two spheres although positions
+        are requested. The message names the lights or the spheres.
 
     Examples
     --------
@@ -220,14 +223,31 @@ def _calibrate(
     camera: CameraModel | None,
     led_positions_mm: Mapping[str, Sequence[float]] | None,
 ) -> SphereCalibration:
-    """Calibrate from the spheres of all recordings together."""
-    names = seen[0].names
-    places_mm = known_places(led_positions_mm, names)
+    """Calibrate from the spheres of all recordings together; errors carry the spheres."""
     images = [image for one in seen for image in one.images]
+    try:
+        return _lights(seen, images, recordings, camera, led_positions_mm)
+    except EstimateError as error:
+        error.spheres = circles_of(images)
+        raise
+
+
+def _lights(
+    seen: list[SeenSpheres],
+    images: list[SphereImage],
+    recordings: tuple[str, ...],
+    camera: CameraModel | None,
+    led_positions_mm: Mapping[str, Sequence[float]] | None,
+) -> SphereCalibration:
+    missing, notices = lost_lights(seen[0].names, [one.lost for one in seen], images, recordings)
+    lit = [k for k in range(len(seen[0].names)) if k not in missing]
+    names = tuple(seen[0].names[k] for k in lit)
+    places_mm = known_places(led_positions_mm, names)
+    if missing:
+        images = [replace(one, highlights=one.highlights.take(lit)) for one in images]
     of_recording = [k for k, one in enumerate(seen) for _ in one.images]
     radii = [one.radii_mm for one in seen]
-    _check_seen(names, images, len(seen))
-    warnings = [
+    warnings = notices + [
         replace(notice, where=notice.where or recordings[k])
         for k, one in enumerate(seen)
         for notice in one.warnings()
@@ -271,16 +291,3 @@ def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Ar
             "radius to get directions"
         )
     return radii
-
-
-def _check_seen(names: tuple[str, ...], images: list[SphereImage], recordings: int) -> None:
-    """Raise `EstimateError` if a light has no highlight on any sphere."""
-    seen = np.stack([image.highlights.candidates.seen for image in images], axis=1)
-    missing = [name for name, on in zip(names, seen, strict=True) if not on.any()]
-    if missing:
-        on = places(images) if recordings == 1 else f"the spheres of {recordings} recordings"
-        raise EstimateError(
-            f"no highlight under light {', '.join(missing[:4])} ({len(missing)} of {len(names)} "
-            f"lights) on {on}: check that the light was on and that the outline is "
-            "correct"
-        )

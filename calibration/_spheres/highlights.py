@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -132,6 +133,31 @@ class Highlights:
             saturated=of.saturated[rows, picks] & ~none,
             sigma_px=np.where(none, np.nan, of.sigma_px[rows, picks]),
             photon_px2=None if of.photon_px2 is None else of.photon_px2[rows, picks],
+        )
+
+    def take(self, rows: Sequence[int]) -> Highlights:
+        """Return the highlights of some lights; a light ``-1`` has none."""
+        index = np.asarray(rows, np.intp)
+        none = index < 0
+        of = self.candidates
+
+        def taken(values: Array) -> Array:
+            return np.where(none.reshape(-1, *[1] * (values.ndim - 1)), np.nan, values[index])
+
+        several = Candidates(
+            taken(of.pixels),
+            of.saturated[index] & ~none[:, None],
+            taken(of.sigma_px),
+            taken(of.share),
+            None if of.photon_px2 is None else taken(of.photon_px2),
+        )
+        return Highlights(
+            taken(self.pixels),
+            self.saturated[index] & ~none,
+            taken(self.sigma_px),
+            several,
+            tuple(k for k, light in enumerate(rows) if light in self.unlike),
+            None if self.photon_px2 is None else taken(self.photon_px2),
         )
 
 

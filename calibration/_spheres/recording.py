@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Container, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -13,13 +13,22 @@ from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Stack, check_linear
 from calibration._radiance.raw_stack import Images, RawStack
+from calibration._spheres.displaced import displaced
+from calibration._spheres.highlights import find_highlights
 from calibration._spheres.image_noise import shows_blocks
+from calibration._spheres.lost_images import (
+    LostImages,
+    blank_images,
+    moved_alone,
+    moved_images,
+)
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.placed import one_radius_each
 from calibration._spheres.robust import Array
 from calibration._spheres.search import searched_spheres
 from calibration._spheres.sphere_image import (
     SphereImage,
+    circles_of,
     mask_warnings,
     missing_highlights_warning,
     partial_outline_warning,
@@ -61,6 +70,10 @@ class SeenSpheres:
         Notices about outlines that count, but are not sharp.
     copies
         Notices about images that are equal, or compressed.
+    lost
+        Images that do not count; the spheres have no highlights under their lights.
+    displaced
+        Notices about single spheres that are elsewhere in some images.
     """
 
     names: tuple[str, ...]
@@ -71,6 +84,8 @@ class SeenSpheres:
     left_out: list[Notice]
     uneven: list[Notice]
     copies: list[Notice] = field(default_factory=list)
+    lost: LostImages = field(default_factory=LostImages)
+    displaced: list[Notice] = field(default_factory=list)
 
     __repr__ = short_repr
 
@@ -85,6 +100,7 @@ class SeenSpheres:
             *partial_outline_warning(self.images, self.size),
             *mask_warnings(self.images),
             *self.copies,
+            *self.displaced,
         ]
 
 
@@ -125,18 +141,20 @@ def seen_in(
     if masks and circles:
         raise DataError("both masks and circles mark the spheres: give one of the two")
     found = not masks and not circles
-    left_out: list[Notice] = []
-    try:
+
+    def spheres_in(some: Images) -> tuple[list[SphereImage], list[Notice]]:
         if masks:
-            images = masked_spheres(values, masks, camera)
-        elif circles:
-            images = circled_spheres(values, circles, camera)
-        else:
-            images, left_out = searched_spheres(values, camera, radii_mm)
+            return masked_spheres(some, masks, camera), []
+        if circles:
+            return circled_spheres(some, circles, camera), []
+        return searched_spheres(some, camera, radii_mm)
+
+    try:
+        images, left_out, lost, elsewhere = _steady_spheres(values, names, spheres_in)
     except EstimateError as error:
-        if not shows_blocks(values):
-            raise
-        raise EstimateError(f"{error}; {_BLOCKS}, or give a mask") from error
+        if shows_blocks(values):
+            error.args = (f"{error}; {_BLOCKS}, or give a mask",)
+        raise
     if not found:
         _check_apart(images)
     uneven = [] if masks else uneven_outline_warning(images)
@@ -147,7 +165,68 @@ def seen_in(
     copies = _copies(values, names, images)
     if shows_blocks(values):
         copies.append(Notice("images-compressed", _BLOCKS))
-    return SeenSpheres(names, size, images, radii_mm, found, left_out, uneven, copies)
+    return SeenSpheres(
+        names, size, images, radii_mm, found, left_out, uneven, copies, lost, elsewhere
+    )
+
+
+def _steady_spheres(
+    values: Images,
+    names: Sequence[str],
+    spheres_in: Callable[[Images], tuple[list[SphereImage], list[Notice]]],
+) -> tuple[list[SphereImage], list[Notice], LostImages, list[Notice]]:
+    """Return the spheres of the images that agree about their places.
+
+    Their highlights are those of all lights. The other results are notices about outlines that do
+    not count, the images that do not count, and notices about spheres that are elsewhere in some
+    images.
+    """
+    lost = blank_images(values)
+    lost.check(names)
+    rows = _without(range(len(names)), lost.lights)
+    some = _taken(values, rows)
+    spheres, left_out = spheres_in(some)
+    moved = [displaced(some, sphere.outline) for sphere in spheres]
+    texts = moved_images(moved, spheres)
+    if texts:
+        lost = replace(lost, moved={rows[k]: text for k, text in texts.items()})
+        try:
+            lost.check(names)
+        except EstimateError as error:
+            error.spheres = circles_of(spheres)
+            raise
+    unsteady = {rows[k] for one in moved for k in one}
+    if unsteady:
+        # The outlines are those of the other images, as if these had been left out by the user.
+        rows = _without(rows, lost.lights)
+        steady = _without(rows, unsteady)
+        some = _taken(values, rows)
+        spheres, left_out = spheres_in(_taken(values, steady))
+        moved = [displaced(some, sphere.outline) for sphere in spheres]
+        if len(steady) < len(rows):  # single spheres moved: the others show the highlights
+            seen = [find_highlights(some, sphere.outline) for sphere in spheres]
+            spheres = [
+                replace(sphere, highlights=of_all)
+                for sphere, of_all in zip(spheres, seen, strict=True)
+            ]
+    of_light = [rows.index(k) if k in rows else -1 for k in range(len(names))]
+    notices, images = [], []
+    for sphere, of_sphere in zip(spheres, moved, strict=True):
+        elsewhere = {rows[k]: far_px for k, far_px in of_sphere.items()}
+        notices += moved_alone(names, elsewhere, sphere)
+        shown = [-1 if k in elsewhere else row for k, row in enumerate(of_light)]
+        complete = min(shown, default=0) >= 0
+        highlights = sphere.highlights if complete else sphere.highlights.take(shown)
+        images.append(replace(sphere, highlights=highlights))
+    return images, left_out, lost, notices
+
+
+def _without(rows: Iterable[int], lost: Container[int]) -> list[int]:
+    return [k for k in rows if k not in lost]
+
+
+def _taken(values: Images, rows: list[int]) -> Images:
+    return values if len(rows) == len(values) else values[rows]
 
 
 def _copies(values: Images, names: Sequence[str], images: Sequence[SphereImage]) -> list[Notice]:

@@ -14,7 +14,7 @@ from calibration._spheres.frame_cut import cut_spheres
 from calibration._spheres.outline import SHARP_PX
 from calibration._spheres.placed import radius_on_plane_mm
 from calibration._spheres.robust import Array
-from calibration._spheres.sphere_image import SphereImage, places
+from calibration._spheres.sphere_image import SphereImage, circles_of, places
 from calibration._spheres.spots import ReducedStack, reduce_stack, spot_clusters
 from rig import Notice
 
@@ -69,10 +69,12 @@ def searched_spheres(
     wanted = " or ".join(dict.fromkeys(f"{radius:g}" for radius in radii_mm))
     sizes = ", ".join(f"{radius_on_plane_mm(camera, other):.1f}" for other in others)
     if not images and others:
-        raise EstimateError(
+        error = EstimateError(
             f"no sphere of {wanted} mm found, but {places(others)} of about {sizes} mm: "
             "give the radius of each sphere"
         )
+        error.spheres = circles_of(others)
+        raise error
     if not images:
         shown = _shown(reduced, values, radii_px)
         raise EstimateError(

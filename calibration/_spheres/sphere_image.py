@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -187,3 +188,8 @@ def places(images: list[SphereImage]) -> str:
     """Return a text that names spheres by their positions in the image."""
     where = [f"({i.outline.centre_px[0]:.0f}, {i.outline.centre_px[1]:.0f})" for i in images]
     return ("the sphere at " if len(where) == 1 else "the spheres at ") + ", ".join(where) + " px"
+
+
+def circles_of(images: Sequence[SphereImage]) -> tuple[tuple[float, float, float], ...]:
+    """Return the circles (x, y, radius) of spheres in pixels."""
+    return tuple((*image.outline.centre_px, image.outline.radius_px) for image in images)

@@ -18,7 +18,7 @@ Lights = npt.NDArray[np.intp]
 # Directions with larger standard deviations are no calibration.
 _LARGEST_SIGMA_DEG = 10.0
 # If more lights are not known, reflections hide so much that other highlights may be wrong, too.
-_LEAST_SHARE = 0.85
+LEAST_SHARE = 0.85
 _NAMED = 4
 _REMEDY = "cover what shines, or add a short exposure"
 
@@ -72,17 +72,17 @@ def left_out(
     reasons = []
     if len(several):
         reasons.append(
-            f"{_named(names, several)}: several bright spots on {places(list(images))} may be the "
+            f"{named(names, several)}: several bright spots on {places(list(images))} may be the "
             f"highlight{_where(several, images)}"
         )
     if len(poor):
         reasons.append(
-            f"{_named(names, poor)}: the highlight on {places(list(images))} determines the "
+            f"{named(names, poor)}: the highlight on {places(list(images))} determines the "
             f"direction only to {_LARGEST_SIGMA_DEG:.0f} degrees or worse, because a reflection "
             "may hide it"
         )
     left = len(names) - len(several) - len(poor)
-    if reasons and left < _LEAST_SHARE * len(names):
+    if reasons and left < LEAST_SHARE * len(names):
         raise EstimateError(f"{'; '.join(reasons)}: {_REMEDY}, or leave out their images")
     unused = "their images cannot be used with this calibration"
     return [
@@ -95,7 +95,8 @@ def _sigma_deg(covariances: Array) -> Array:
     return sigma
 
 
-def _named(names: Sequence[str], which: Lights) -> str:
+def named(names: Sequence[str], which: Sequence[int] | Lights) -> str:
+    """Return a text that names lights."""
     more = f" and {len(which) - _NAMED} more" if len(which) > _NAMED else ""
     some = ", ".join(names[k] for k in which[:_NAMED])
     return f"light{'s' if len(which) > 1 else ''} {some}{more}"

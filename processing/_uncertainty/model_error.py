@@ -12,7 +12,8 @@ Double = npt.NDArray[np.float64]
 # Sums over this many pixels across, drawn toward 1 by a few degrees of freedom.
 _ACROSS = 5
 _PRIOR = 50.0
-# Residuals are not noise beyond this many standard deviations of their mean square.
+# Residuals are not noise beyond this many standard deviations of their mean square; they count
+# completely from twice as many on, so that the error has no step at the limit.
 _SIGMAS = 4.0
 # Variance of the normal relative to N times that of independent residuals, and share of the mean
 # deviation of the object that every pixel has besides its own: from simulated materials.
@@ -71,7 +72,8 @@ def model_errors(
     # Errors of the lights are the same in all pixels.
     spread = 1 / np.sqrt(np.maximum(pairs, 1)) + share * np.sqrt(2 / np.maximum(free, 1))
     alike = np.divide(_around(products), pairs, out=np.zeros_like(total), where=pairs > 0)
-    excess = np.where(alike - share > _SIGMAS * spread, alike - share, np.float32(0))
+    excess = alike - share
+    excess *= np.clip(excess / (_SIGMAS * spread) - 1, np.float32(0), np.float32(1))
     explained = np.minimum(agreement(left, free) / agreement(chi2, free), 1)
     kept = np.where(excess > 0, explained, np.float32(1)) ** _LEFT
     own = np.sqrt(_COHERENT * kept * excess * total * (free + 3))

@@ -13,13 +13,24 @@ import acquisition
 import calibration
 import rig as rigs
 from sgp._exit import UsageError
-from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, RigOption, distinct
+from sgp._options import (
+    Gamma,
+    Inputs,
+    Names,
+    OptionalInput,
+    Pixels,
+    Positive,
+    RigOption,
+    distinct,
+    named,
+)
 from sgp._output import check_file
 from sgp._result import Result
 from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._sphere_marks import Marks, marks_of
 from sgp._spheres import (
     ShownSpheres,
+    advise_to_exclude,
     describe_spheres,
     draw_candidates,
     draw_spheres,
@@ -40,6 +51,7 @@ def spheres(
     sphere: tuple[str, ...] = (),
     gamma: Gamma = "auto",
     flat: OptionalInput = None,
+    exclude: Names = (),
     rig: RigOption = None,
     max_pixels: Pixels = rigs.MAX_PIXELS,
     force: bool = False,
@@ -55,6 +67,7 @@ def spheres(
         sgp calibrate spheres chrome/ --out lights.json
         sgp calibrate spheres session/ --radius-mm 20 --out lights.json
         sgp calibrate spheres first/ moved/ --radius-mm 20 --out lights.json
+        sgp calibrate spheres chrome/ --exclude 7,12-14 --out lights.json
 
     Parameters
     ----------
@@ -84,6 +97,10 @@ def spheres(
         table; see `sgp normals --help`.
     flat
         Flat field of the camera and its lens, from `sgp calibrate flat`: flat.json or its folder.
+    exclude
+        Images to leave out, by name or number: L07,L12 or 0-5,8. The number is the one in the name.
+        Their lights are not in lights.json. Of several recordings, the images of these lights are
+        left out of all. Images that the others contradict (auto) are always left out.
     rig
         Rig file (.toml) whose led_positions_mm the lights are compared with, and which decide
         between a wrong radius and a wrong working distance; default: the configured rig if the
@@ -101,7 +118,13 @@ def spheres(
         rig_with_positions(rig)  # a mistake is reported before the images are read
     marks = marks_of([str(path) for path in mask], sphere, len(source))
     recordings, files = _open(
-        source, marks, camera=camera, gamma=gamma, flat=flat, max_pixels=max_pixels
+        source,
+        marks,
+        camera=camera,
+        gamma=gamma,
+        flat=flat,
+        exclude=named(exclude),
+        max_pixels=max_pixels,
     )
     calibration.check_recordings([one.source for one in recordings])
     first = recordings[0].source
@@ -128,6 +151,7 @@ def spheres(
         "sphere": sphere,
         "gamma": gamma,
         "flat": flat,
+        "exclude": exclude,
         "rig": rig,
         "transfer": first.transfer.record(),
     }
@@ -174,6 +198,7 @@ def _open(
     camera: Path | None,
     gamma: str,
     flat: Path | None,
+    exclude: Sequence[str],
     max_pixels: int,
 ) -> tuple[list[_Recording], list[Path]]:
     """Open all recordings; return them and their files, for hashing."""
@@ -188,6 +213,7 @@ def _open(
             gamma=gamma,
             flat=flat,
             others=others,
+            without=exclude,
             max_pixels=max_pixels,
         )
         recordings.append(_Recording(opened, mark))
@@ -226,6 +252,7 @@ def _estimate(
             led_positions_mm=places_mm,
         )
     except calibration.EstimateError as error:
+        advise_to_exclude(error)
         for one in recordings:
             _explain_masks(error, one.source, one.masks)
         if stack is not None and not recordings[0].masks:
@@ -239,9 +266,16 @@ def _draw_candidates(
     stack: calibration.RawStack,
     picture: Path,
 ) -> None:
-    """Write a picture of what may be a sphere, and add a note about it to an error."""
-    candidates = calibration.sphere_candidates(stack, camera=recording.source.camera)
-    if not candidates:
+    """Write a picture of what may be a sphere, and add a note about it to an error.
+
+    Spheres that were found are not among them: another mark would change nothing.
+    """
+    candidates = [
+        candidate
+        for candidate in calibration.sphere_candidates(stack, camera=recording.source.camera)
+        if not any(_within(candidate.circle_px, sphere) for sphere in error.spheres)
+    ]
+    if not candidates or (error.spheres and not candidates[0].lights):
         return
     draw_candidates(picture, recording.source, recording.brightest, candidates)
     count = rigs.pluralize(len(candidates), "candidate")
@@ -251,6 +285,12 @@ def _draw_candidates(
         x, y, radius = candidates[0].circle_px
         note += f"; if number 1 is a mirror sphere, add --sphere {x:.0f},{y:.0f},{radius:.0f}"
     error.add_note(note)
+
+
+def _within(circle: tuple[float, float, float], sphere: tuple[float, float, float]) -> bool:
+    """Return whether the centre of one of two circles (x, y, radius) is inside the other."""
+    apart = np.hypot(circle[0] - sphere[0], circle[1] - sphere[1])
+    return bool(apart < max(circle[2], sphere[2]))
 
 
 def _explain_masks(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import find_highlights
+from calibration._spheres.highlights import Candidates, Highlights, find_highlights
 from calibration._spheres.spot import weighted_centroid
 
 OUTLINE = Ellipse((60.0, 50.0), (40.0, 40.0))
@@ -337,3 +337,37 @@ def test_no_highlight(kind):
         "wide": np.stack([spot(x, y, 1.0, sigma=15.0) for x, y in PLACES[:4]]),
     }[kind]
     assert not find_highlights(values.astype(np.float32), OUTLINE).found.any()
+
+
+def test_highlights_of_some_lights_in_another_order():
+    light = np.arange(6.0)
+    spots = light[:, None] + 10 * np.arange(3)
+    of_all = Highlights(
+        np.column_stack([light, light + 0.5]),
+        light % 2 == 0,
+        light / 10,
+        Candidates(np.stack([spots, spots + 1], -1), spots > 21, spots / 7, spots / 5, spots / 3),
+        unlike=(2, 5),
+        photon_px2=light / 9,
+    )
+    some = of_all.take([5, -1, 0])
+    for part, of in (
+        (some.pixels, of_all.pixels),
+        (some.sigma_px, of_all.sigma_px),
+        (some.photon_px2, of_all.photon_px2),
+        (some.candidates.pixels, of_all.candidates.pixels),
+        (some.candidates.sigma_px, of_all.candidates.sigma_px),
+        (some.candidates.share, of_all.candidates.share),
+        (some.candidates.photon_px2, of_all.candidates.photon_px2),
+    ):
+        np.testing.assert_array_equal(part[[0, 2]], of[[5, 0]])
+        assert np.isnan(part[1]).all()
+    assert some.found.tolist() == some.candidates.seen.tolist() == [True, False, True]
+    assert some.saturated.tolist() == [False, False, True]
+    assert some.candidates.saturated.tolist() == [[False, False, True], [False] * 3, [False] * 3]
+    assert some.unlike == (0,)
+    assert not some.ambiguous.any()
+    without = Highlights(of_all.pixels, of_all.saturated, of_all.sigma_px).take([3])
+    assert without.photon_px2 is None
+    assert without.candidates.photon_px2 is None
+    np.testing.assert_array_equal(without.pixels, of_all.pixels[3:4])

@@ -278,12 +278,32 @@ def test_names_come_from_the_stack(one):
         calibrate_spheres(Stack(values, ("a", "b"), None))
 
 
-def test_a_light_that_was_off_is_named(few):
+@pytest.mark.parametrize(
+    ("off", "says"),
+    [
+        ({7: 0.03}, "left out light L07: no highlight on the spheres at"),
+        ({7: 0.0}, "light L07: the image is black; the light is left out"),
+    ],
+    ids=["in a lit room", "in the dark"],
+)
+def test_a_light_that_was_off_is_left_out_and_named(few, off, says):
     values, truth = few
     values = values.copy()
-    values[7] = 0.01
-    with pytest.raises(EstimateError, match="no highlight under light L07"):
+    for k, value in off.items():
+        values[k] = value
+    result = calibrate_spheres(values, masks=list(truth.sphere_masks))
+    assert says in " ".join(map(str, result.warnings))
+    assert "L07" not in result.lights.ids
+    assert len(result.lights) == len(values) - 1
+
+
+def test_two_lights_of_twelve_that_were_off_are_refused(few):
+    values, truth = few
+    values = values.copy()
+    values[[2, 7]] = 0.03
+    with pytest.raises(EstimateError, match=r"light L02, L07 \(2 of 12 lights\)") as caught:
         calibrate_spheres(values, masks=list(truth.sphere_masks))
+    assert caught.value.lights == ("L02", "L07")
 
 
 def test_a_light_hidden_on_three_spheres_is_named(few):

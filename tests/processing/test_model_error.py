@@ -16,17 +16,26 @@ def found(alike, left=1.0):
 
 
 # Sums over 5 x 5 pixels; the lights explain half, and 4 standard deviations more are noise.
-LIMIT = 0.5 + 4 * (1 / np.sqrt(25 * PAIRED) + 0.5 * np.sqrt(2 / FREE))
+NOISE = 4 * (1 / np.sqrt(25 * PAIRED) + 0.5 * np.sqrt(2 / FREE))
+LIMIT = 0.5 + NOISE
 
 
 @pytest.mark.parametrize("left", [2.0, 1.0, 0.0])
 def test_residuals_that_are_alike_beyond_their_noise_are_errors_of_the_model(left):
     assert found(LIMIT - 0.02, left) == (0, 1)
-    alike, prior, free = LIMIT + 0.02, 50, 25 * FREE
+    alike, prior, free = LIMIT + NOISE + 0.02, 50, 25 * FREE
     share = ((left * free + prior) / (2 * free + prior)) ** 3
     model, kept = found(alike, left)
     assert kept == pytest.approx(share, rel=1e-5)
     assert model == pytest.approx(1.6 * share * (alike - 0.5) * TOTAL * (FREE + 3), rel=1e-4)
+
+
+def test_the_error_has_no_step_where_residuals_begin_to_be_alike():
+    """Patches of pixels next to the limit had 3.3 degrees, the others around them 1.0."""
+    models = [found(LIMIT + part * NOISE, 2.0)[0] for part in (1e-3, 0.25, 0.5, 1.001)]
+    full = [1.6 * (NOISE * (1 + part)) * TOTAL * (FREE + 3) for part in (1e-3, 0.25, 0.5, 1.001)]
+    shares = np.divide(models, full)
+    np.testing.assert_allclose(shares, [1e-3, 0.25, 0.5, 1], atol=2e-3)
 
 
 def test_the_mean_deviation_counts_pixels_with_a_solution():

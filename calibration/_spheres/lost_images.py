@@ -1,0 +1,184 @@
+"""Images of a recording that do not show the light of their LED on the spheres."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from calibration._errors import EstimateError
+from calibration._radiance.raw_stack import Images, RawStack
+from calibration._spheres.sphere_image import SphereImage, places
+from calibration._spheres.undetermined import LEAST_SHARE, named
+from rig import Notice, pluralize
+
+# The brightest pixel of a black image, relative to that of the others: rounding leaves a little.
+_BLACK = 0.01
+# If a sphere moved on this share of all, camera or table moved.
+_ALL_MOVED = 0.5
+_LISTED = 3
+_AGAIN = "record {} again"
+_CODES: dict[str, str] = {"blank": "image-blank", "moved": "image-displaced"}
+
+
+@dataclass(frozen=True)
+class LostImages:
+    """Images of one recording that do not count, by the indices of their lights.
+
+    Parameters
+    ----------
+    black, white
+        Images without any light, and those of which every sample is saturated.
+    moved
+        For images in which the spheres are elsewhere than in the others: the text about it.
+    """
+
+    black: tuple[int, ...] = ()
+    white: tuple[int, ...] = ()
+    moved: Mapping[int, str] = field(default_factory=dict)
+
+    @property
+    def lights(self) -> list[int]:
+        return sorted({*self.black, *self.white, *self.moved})
+
+    def reasons(self, names: Sequence[str]) -> list[tuple[str, Sequence[int], str]]:
+        """Return kinds of reasons (see `_CODES`), lights, and texts."""
+        reasons: list[tuple[str, Sequence[int], str]] = []
+        for which, what in ((self.black, "black"), (self.white, "completely saturated")):
+            if which:
+                images = "the image is" if len(which) == 1 else "the images are"
+                reasons.append(("blank", which, f"{named(names, which)}: {images} {what}"))
+        for k, text in self.moved.items():
+            reasons.append(("moved", [k], f"{named(names, [k])}: {text}"))
+        return reasons
+
+    def check(self, names: Sequence[str]) -> None:
+        """Raise `EstimateError` if less than 85 % of the lights are left."""
+        lost = self.lights
+        if len(names) - len(lost) < LEAST_SHARE * len(names):
+            reasons = [text for _, _, text in self.reasons(names)]
+            more = f"; and {len(reasons) - _LISTED} more" if len(reasons) > _LISTED else ""
+            text = f"{'; '.join(reasons[:_LISTED])}{more}"
+            raise _lost(f"{text}: {_AGAIN.format('them')}, or leave them out", names, lost)
+
+
+def blank_images(values: Images) -> LostImages:
+    """Return images that are black or completely saturated, unless all are."""
+    if isinstance(values, RawStack):
+        peaks = np.array(values.peaks, np.float64)
+    else:
+        peaks = np.array([np.fmax.reduce(image, axis=None) for image in values], np.float64)
+    white = np.isnan(peaks)
+    if white.all():
+        return LostImages()
+    # Merged brackets contain highlights far above 1; matte surfaces next to them are not black.
+    black = peaks < _BLACK * min(float(np.median(peaks[~white])), 1.0)
+    return LostImages(tuple(np.flatnonzero(black)), tuple(np.flatnonzero(white)))
+
+
+def moved_images(
+    moved: Sequence[Mapping[int, float]], spheres: Sequence[SphereImage]
+) -> dict[int, str]:
+    """Return the images in which at least half of the spheres are elsewhere, and what to say.
+
+    Parameters
+    ----------
+    moved
+        For each sphere the results of `displaced`.
+    spheres
+        The spheres.
+    """
+    texts = {}
+    for k in sorted({light for one in moved for light in one}):
+        which = [i for i, one in enumerate(moved) if k in one]
+        if len(which) >= _ALL_MOVED * len(spheres):
+            texts[k] = _moved_text([spheres[i] for i in which], [moved[i][k] for i in which])
+    return texts
+
+
+def moved_alone(
+    names: Sequence[str], moved: Mapping[int, float], sphere: SphereImage
+) -> list[Notice]:
+    """Return notices about images in which one sphere of several is elsewhere."""
+    return [
+        Notice(
+            "sphere-displaced",
+            f"{named(names, [k])}: {_moved_text([sphere], [far])}; its highlight there was left "
+            f"out: {_AGAIN.format('the image')}",
+        )
+        for k, far in moved.items()
+    ]
+
+
+def _moved_text(spheres: list[SphereImage], far_px: list[float]) -> str:
+    verb = "is" if len(spheres) == 1 else "are"
+    far = ", ".join(f"{far:.2g}" for far in far_px)
+    return f"{places(spheres)} {verb} {far} px away from where the other images show it" + (
+        "" if len(spheres) == 1 else " each"
+    )
+
+
+def lost_lights(
+    names: Sequence[str],
+    lost: Sequence[LostImages],
+    spheres: Sequence[SphereImage],
+    recordings: Sequence[str],
+) -> tuple[list[int], list[Notice]]:
+    """Return the lights that no sphere shows in any recording, and notices about all lost images.
+
+    Parameters
+    ----------
+    names
+        Of all lights.
+    lost
+        What each recording lost.
+    spheres
+        The spheres of all recordings, with the highlights of all lights.
+    recordings
+        A name of each recording, empty if there is only one.
+
+    Raises
+    ------
+    EstimateError
+        If less than 85 % of the lights are left.
+    """
+    seen = np.any([sphere.highlights.candidates.seen for sphere in spheres], axis=0)
+    missing = [int(k) for k in np.flatnonzero(~seen)]
+    known = {k for one in lost for k in one.lights}
+    unknown = [k for k in missing if k not in known]
+    on = places(list(spheres))
+    if len(recordings) > 1:
+        on = f"the spheres of {len(recordings)} recordings"
+    if len(names) - len(missing) < LEAST_SHARE * len(names):
+        shown = ", ".join(names[k] for k in missing[:4])
+        raise _lost(
+            f"no highlight under light {shown} ({len(missing)} of "
+            f"{pluralize(len(names), 'light')}) on {on}: check that the light was on and that the "
+            "outline is correct",
+            names,
+            missing,
+        )
+    notices = []
+    for one, where in zip(lost, recordings, strict=True):
+        for kind, lights, text in one.reasons(names):
+            unused = f"the light{'s are' if len(lights) > 1 else ' is'} left out"
+            if not set(lights) <= set(missing):
+                unused = "the image does not count"  # another recording shows the light
+            again = _AGAIN.format("them" if len(lights) > 1 else "it")
+            notices.append(Notice(_CODES[kind], f"{text}; {unused}: {again}", where))
+    if unknown:
+        text = (
+            f"left out {named(names, unknown)}: no highlight on {on}: check that the light was on, "
+            "and that the spheres show its reflection"
+        )
+        notices.append(Notice("lights-left-out", text))
+    return missing, notices
+
+
+def _lost(text: str, names: Sequence[str], lights: Sequence[int]) -> EstimateError:
+    """Return an error that names the lights that could be left out, if they are the fewer ones."""
+    error = EstimateError(text)
+    if 2 * len(lights) < len(names):
+        error.lights = tuple(names[k] for k in lights)
+    return error
