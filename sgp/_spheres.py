@@ -17,6 +17,7 @@ from sgp._calibration_metrics import SpheresMetrics
 from sgp._console import Stages
 from sgp._output import provenance
 from sgp._result import Result, plain
+from sgp._threads import opencv_threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +68,13 @@ def light_by_spheres(
     """
     stack = undivided_images(source)
     try:
-        estimate = calibration.calibrate_spheres(
-            stack,
-            camera=source.camera,
-            radius_mm=given_radii(radius_mm),
-            led_positions_mm=places_mm,
-        )
+        with opencv_threads(1):
+            estimate = calibration.calibrate_spheres(
+                stack,
+                camera=source.camera,
+                radius_mm=given_radii(radius_mm),
+                led_positions_mm=places_mm,
+            )
     except calibration.EstimateError as error:
         advise_to_exclude(error)
         raise

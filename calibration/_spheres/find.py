@@ -160,12 +160,12 @@ def spheres_by_edges(
         sharp = [sphere for sphere in spheres if sphere.rms_px < SHARP_PX]
         if _rivals(circle, [*known, *sharp]):
             continue
-        # What is quicker is checked first: most circles around a ball are mirrored in it.
         rivals = _rivals(circle, spheres)
-        if not rivals and not _has_highlights(values, circle):
-            continue
         edge = _refined(pictures, circle, [sphere.outline for sphere in rivals])
         if edge is None or not _expected(edge[0], radii_px) or _rivals(edge[0], known):
+            continue
+        # What is slower is checked last: most circles around a ball are mirrored in it.
+        if not rivals and not _has_highlights(values, circle):
             continue
         rivals = _rivals(edge[0], spheres)
         if not all(scatter_px(*edge[:2]) < SHARP_PX < rival.rms_px for rival in rivals):

@@ -21,6 +21,7 @@ from sgp._help import usage_complaint
 from sgp._options import require_inputs, transfer_files
 from sgp._output import flat_parameters, paths_of, sha256
 from sgp._result import Result
+from sgp._threads import opencv_threads
 
 # Exit code of errors that may pass: a full disk, a network drive that does not answer.
 _MAY_PASS = 3
@@ -127,17 +128,15 @@ def _logged(path: Path) -> Iterator[None]:
 
 @contextmanager
 def _threads(count: int) -> Iterator[None]:
-    import cv2
     import numba
 
-    before = numba.get_num_threads(), cv2.getNumThreads()
-    numba.set_num_threads(min(count, before[0]))
-    cv2.setNumThreads(count)
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(count, before))
     try:
-        yield
+        with opencv_threads(count):
+            yield
     finally:
-        numba.set_num_threads(before[0])
-        cv2.setNumThreads(before[1])
+        numba.set_num_threads(before)
 
 
 def _write_thumbnail(outputs: Mapping[str, Path], path: Path) -> None:

@@ -39,6 +39,7 @@ from sgp._spheres import (
     write_calibration,
 )
 from sgp._stages import open_source
+from sgp._threads import opencv_threads
 
 
 def spheres(
@@ -232,25 +233,26 @@ def _estimate(
     camera, radii = (cameras[0] if cameras else None), given_radii(radius_mm)
     stack: calibration.RawStack | None = None
     try:
-        if len(recordings) > 1:
-            return calibration.calibrate_moved_spheres(
-                (one.read() for one in recordings),
-                names=[str(one.source.path) for one in recordings],
-                masks=[one.mask_images() for one in recordings],
-                circles=[one.circles for one in recordings],
+        with opencv_threads(1):
+            if len(recordings) > 1:
+                return calibration.calibrate_moved_spheres(
+                    (one.read() for one in recordings),
+                    names=[str(one.source.path) for one in recordings],
+                    masks=[one.mask_images() for one in recordings],
+                    circles=[one.circles for one in recordings],
+                    camera=camera,
+                    radius_mm=radii,
+                    led_positions_mm=places_mm,
+                )
+            stack = recordings[0].read()
+            return calibration.calibrate_spheres(
+                stack,
+                masks=recordings[0].mask_images(),
+                circles=recordings[0].circles,
                 camera=camera,
                 radius_mm=radii,
                 led_positions_mm=places_mm,
             )
-        stack = recordings[0].read()
-        return calibration.calibrate_spheres(
-            stack,
-            masks=recordings[0].mask_images(),
-            circles=recordings[0].circles,
-            camera=camera,
-            radius_mm=radii,
-            led_positions_mm=places_mm,
-        )
     except calibration.EstimateError as error:
         advise_to_exclude(error)
         for one in recordings:
