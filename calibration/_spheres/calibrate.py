@@ -181,7 +181,8 @@ def calibrate_moved_spheres(
                 lights=lights,
             )
         except (DataError, EstimateError) as error:
-            raise type(error)(f"{labels[k]}: {error}") from error
+            error.args = (f"{labels[k]}: {error}",)
+            raise
         if seen and found.size != seen[0].size:
             raise DataError(
                 f"{labels[k]} has images of {found.size[1]} x {found.size[0]} pixels, {labels[0]} "
