@@ -275,7 +275,7 @@ def test_a_refused_recording_of_several_names_its_images_and_spheres(tmp_path):
 def test_one_lost_image_of_few_is_refused_in_the_singular():
     values, circle, _ = uneven_ball(CIRCLED)
     values[2] = 0
-    with pytest.raises(EstimateError, match="image is black: record it again, or leave it out$"):
+    with pytest.raises(EstimateError, match=r"image is black: record it again, or leave it out$"):
         calibrated(values[:4], circle)
 
 
