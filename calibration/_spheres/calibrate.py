@@ -75,8 +75,8 @@ def calibrate_spheres(
     SphereCalibration
         Lights and quality of the fit. A light is left out, with a notice that names it, if its
         image is black or saturated, shows the spheres elsewhere than the other images, or shows no
-        highlight; also, where the lights have directions, one that no highlight determines to 10
-        degrees. This is done if 85 % of all are left.
+        highlight. Then, where the lights have directions, those are left out that no highlight
+        determines to 10 degrees. Each of the two steps must leave 85 % of its lights.
 
     Raises
     ------
