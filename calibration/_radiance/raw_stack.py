@@ -61,21 +61,21 @@ class RawStack:
         N names of the lights.
     brightest
         ``(H, W)`` float32, the brightest value of each pixel; 1 where one is saturated.
+    peaks
+        The brightest unsaturated sample of each image; NaN if all are saturated.
     camera
         The camera model; None if unknown.
     warnings
         As in `Stack`.
-    peaks
-        The brightest unsaturated sample of each image; NaN if all are saturated.
     """
 
     images: tuple[FloatImage | _RawImage, ...]
     shape: tuple[int, int, int]
     ids: tuple[str, ...]
     brightest: FloatImage
+    peaks: tuple[float, ...]
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
-    peaks: tuple[float, ...] = ()
 
     def __repr__(self) -> str:
         return f"RawStack({list(self.shape)}{', camera' if self.camera is not None else ''})"
@@ -187,4 +187,4 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
     np.nan_to_num(brightest, copy=False, nan=1.0)
     shape = (len(ids), *size)
     peaks = tuple(map(float, samples))
-    return RawStack(tuple(images), shape, ids, brightest, source.camera, develop.notices, peaks)
+    return RawStack(tuple(images), shape, ids, brightest, peaks, source.camera, develop.notices)

@@ -75,8 +75,8 @@ def calibrate_spheres(
     SphereCalibration
         Lights and quality of the fit. A light is left out, with a notice that names it, if its
         image is black or saturated, shows the spheres elsewhere than the other images, or shows no
-        highlight; also, where the lights have directions, one that no highlight determines to 10
-        degrees. This is done if 85 % of all are left.
+        highlight. Then, where the lights have directions, those are left out that no highlight
+        determines to 10 degrees. Each of the two steps must leave 85 % of its lights.
 
     Raises
     ------
@@ -181,7 +181,8 @@ def calibrate_moved_spheres(
                 lights=lights,
             )
         except (DataError, EstimateError) as error:
-            raise type(error)(f"{labels[k]}: {error}") from error
+            error.args = (f"{labels[k]}: {error}",)
+            raise
         if seen and found.size != seen[0].size:
             raise DataError(
                 f"{labels[k]} has images of {found.size[1]} x {found.size[0]} pixels, {labels[0]} "

@@ -60,7 +60,8 @@ class LostImages:
             reasons = [text for _, _, text in self.reasons(names)]
             more = f"; and {len(reasons) - _LISTED} more" if len(reasons) > _LISTED else ""
             text = f"{'; '.join(reasons[:_LISTED])}{more}"
-            raise _lost(f"{text}: {_AGAIN.format('them')}, or leave them out", names, lost)
+            it = _it(lost)
+            raise _lost(f"{text}: {_AGAIN.format(it)}, or leave {it} out", names, lost)
 
 
 def blank_images(values: Images) -> LostImages:
@@ -136,7 +137,7 @@ def lost_lights(
     spheres
         The spheres of all recordings, with the highlights of all lights.
     recordings
-        A name of each recording, empty if there is only one.
+        A name of each recording; an empty text if there is only one.
 
     Raises
     ------
@@ -162,10 +163,8 @@ def lost_lights(
     notices = []
     for one, where in zip(lost, recordings, strict=True):
         for kind, lights, text in one.reasons(names):
-            unused = f"the light{'s are' if len(lights) > 1 else ' is'} left out"
-            if not set(lights) <= set(missing):
-                unused = "the image does not count"  # another recording shows the light
-            again = _AGAIN.format("them" if len(lights) > 1 else "it")
+            unused = _unused(names, lights, missing)
+            again = _AGAIN.format(_it(lights))
             notices.append(Notice(_CODES[kind], f"{text}; {unused}: {again}", where))
     if unknown:
         text = (
@@ -174,6 +173,19 @@ def lost_lights(
         )
         notices.append(Notice("lights-left-out", text))
     return missing, notices
+
+
+def _unused(names: Sequence[str], lights: Sequence[int], missing: Sequence[int]) -> str:
+    """Return which of the lights of lost images are left out; other recordings show the others."""
+    gone = [k for k in lights if k in missing]
+    if not gone:
+        return "the images do not count" if len(lights) > 1 else "the image does not count"
+    which = "the light" + "s" * (len(gone) > 1) if len(gone) == len(lights) else named(names, gone)
+    return f"{which} {'are' if len(gone) > 1 else 'is'} left out"
+
+
+def _it(lights: Sequence[int]) -> str:
+    return "them" if len(lights) > 1 else "it"
 
 
 def _lost(text: str, names: Sequence[str], lights: Sequence[int]) -> EstimateError:

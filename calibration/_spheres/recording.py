@@ -142,19 +142,21 @@ def seen_in(
         raise DataError("both masks and circles mark the spheres: give one of the two")
     found = not masks and not circles
 
-    def spheres_in(some: Images) -> tuple[list[SphereImage], list[Notice]]:
-        if masks:
-            return masked_spheres(some, masks, camera), []
-        if circles:
-            return circled_spheres(some, circles, camera), []
-        return searched_spheres(some, camera, radii_mm)
+    compressed = shows_blocks(values)
 
-    try:
-        images, left_out, lost, elsewhere = _steady_spheres(values, names, spheres_in)
-    except EstimateError as error:
-        if shows_blocks(values):
-            error.args = (f"{error}; {_BLOCKS}, or give a mask",)
-        raise
+    def spheres_in(some: Images) -> tuple[list[SphereImage], list[Notice]]:
+        try:
+            if masks:
+                return masked_spheres(some, masks, camera), []
+            if circles:
+                return circled_spheres(some, circles, camera), []
+            return searched_spheres(some, camera, radii_mm)
+        except EstimateError as error:
+            if compressed:
+                error.args = (f"{error}; {_BLOCKS}{'' if masks else ', or give a mask'}",)
+            raise
+
+    images, left_out, lost, elsewhere = _steady_spheres(values, names, spheres_in)
     if not found:
         _check_apart(images)
     uneven = [] if masks else uneven_outline_warning(images)
@@ -163,7 +165,7 @@ def seen_in(
         radii_mm = one_radius_each(radii_mm, images, camera, found=by_size, each=all_radii)
     size = values.shape[1], values.shape[2]
     copies = _copies(values, names, images)
-    if shows_blocks(values):
+    if compressed:
         copies.append(Notice("images-compressed", _BLOCKS))
     return SeenSpheres(
         names, size, images, radii_mm, found, left_out, uneven, copies, lost, elsewhere
@@ -200,6 +202,8 @@ def _steady_spheres(
         # The outlines are those of the other images, as if these had been left out by the user.
         rows = _without(rows, lost.lights)
         steady = _without(rows, unsteady)
+        if 2 * len(steady) <= len(rows):
+            steady = rows  # in most images some sphere moved: few are left
         some = _taken(values, rows)
         spheres, left_out = spheres_in(_taken(values, steady))
         moved = [displaced(some, sphere.outline) for sphere in spheres]

@@ -16,7 +16,7 @@ from calibration._spheres.placed import radius_on_plane_mm
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, circles_of, places
 from calibration._spheres.spots import ReducedStack, reduce_stack, spot_clusters
-from rig import Notice
+from rig import Notice, pluralize
 
 _SHARP_OUTLINE_RATIO = 3.0
 
@@ -105,7 +105,7 @@ def _shown(reduced: ReducedStack, values: Images, radii_px: Sequence[float] = ()
             f"bright spots move with the light near ({x:.0f}, {y:.0f}) px, but most images show no "
             f"outline of a mirror sphere{size} around them: light the background evenly, or"
         )
-    count = f"{round_outlines(values)} round outlines in the mean image, "
+    count = f"{pluralize(round_outlines(values), 'round outline')} in the mean image, "
     if sizes:
         count += f"{round_outlines(values, radii_px)} of them with a radius near {sizes} px, "
     return f"{count}none with a compact highlight that moves with the light:"

@@ -37,16 +37,16 @@ class SphereImage:
     covariance_px2
         ``(3, 3)`` covariance of centre x, centre y and radius of the outline without the systematic
         error of ``systematic_px``, for a sphere that was seen to mirror the plane
-        around it, which no other object does, or for an outline near a given circle that is not
-        sharp all around; else None, and the scatter of the points shows how well the outline is
-        known.
+        around it, which no other object does, for an outline near a given circle that is not
+        sharp all around, or for a mask that the images contradict or do not confirm; else None, and
+        the scatter of the points shows how well the outline is known.
     systematic_px
         Systematic error of centre x, centre y and radius, a part of which all outlines share.
     mask_off_px
         Largest difference of centre and radius from the given mask, if the images replaced it; 0
         otherwise.
     unconfirmed
-        Whether it is in a mask whose outline the images do not show.
+        Whether it is in a mask whose outline the images do not confirm.
     painted
         Whether the sphere in a mask is shaded like a painted ball.
     on_plane
@@ -158,16 +158,7 @@ def mask_warnings(images: list[SphereImage]) -> list[Notice]:
     alone = [image for image in images if image.unconfirmed]
     if alone:
         # A highlight that is a share of the radius off turns the light by twice that angle.
-        sigmas = [
-            float(np.sqrt(np.trace(image.covariance_px2) / 3))
-            for image in alone
-            if image.covariance_px2 is not None
-        ]
-        off = [
-            (np.degrees(2 * sigma / image.outline.radius_px), sigma)
-            for sigma, image in zip(sigmas, alone, strict=True)
-        ]
-        degrees, sigma = max(off)
+        degrees, sigma = max(_error_of_outline(image) for image in alone)
         text = (
             f"the images do not confirm the outline of the mask of {places(alone)}, so its stated "
             f"error is that of painted masks, {sigma:.1f} px, by which the lights are off by "
@@ -182,6 +173,13 @@ def mask_warnings(images: list[SphereImage]) -> list[Notice]:
         )
         notices.append(Notice("sphere-painted", text))
     return notices
+
+
+def _error_of_outline(image: SphereImage) -> tuple[float, float]:
+    """Return the standard deviation of an outline in degrees of a light, and in px."""
+    covariance = np.zeros((3, 3)) if image.covariance_px2 is None else image.covariance_px2
+    sigma_px = float(np.sqrt(np.trace(covariance) / 3))
+    return float(np.degrees(2 * sigma_px / image.outline.radius_px)), sigma_px
 
 
 def places(images: list[SphereImage]) -> str:

@@ -69,25 +69,31 @@ def left_out(
     EstimateError
         If less than 85 % of all lights would be left.
     """
-    reasons = []
+    reasons: list[tuple[Lights, str]] = []
     if len(several):
-        reasons.append(
+        text = (
             f"{named(names, several)}: several bright spots on {places(list(images))} may be the "
             f"highlight{_where(several, images)}"
         )
+        reasons.append((several, text))
     if len(poor):
-        reasons.append(
+        text = (
             f"{named(names, poor)}: the highlight on {places(list(images))} determines the "
             f"direction only to {_LARGEST_SIGMA_DEG:.0f} degrees or worse, because a reflection "
             "may hide it"
         )
+        reasons.append((poor, text))
     left = len(names) - len(several) - len(poor)
     if reasons and left < LEAST_SHARE * len(names):
-        raise EstimateError(f"{'; '.join(reasons)}: {_REMEDY}, or leave out their images")
-    unused = "their images cannot be used with this calibration"
-    return [
-        Notice("lights-left-out", f"left out {reason}; {unused}: {_REMEDY}") for reason in reasons
-    ]
+        texts = "; ".join(text for _, text in reasons)
+        unused = "its image" if len(several) + len(poor) == 1 else "their images"
+        raise EstimateError(f"{texts}: {_REMEDY}, or leave out {unused}")
+    notices = []
+    for which, text in reasons:
+        unused = "its image" if len(which) == 1 else "their images"
+        text = f"left out {text}; {unused} cannot be used with this calibration: {_REMEDY}"
+        notices.append(Notice("lights-left-out", text))
+    return notices
 
 
 def _sigma_deg(covariances: Array) -> Array:

@@ -257,7 +257,9 @@ def _estimate(
         advise_to_exclude(error)
         for one in recordings:
             _explain_masks(error, one.source, one.masks)
-        if stack is not None and not recordings[0].masks:
+        # Spheres were not searched for if too many images are blank: a mark would not help.
+        blank = error.lights and not error.spheres
+        if stack is not None and not recordings[0].masks and not blank:
             _draw_candidates(error, recordings[0], stack, picture)
         raise
 

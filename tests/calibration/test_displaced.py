@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from acquisition import angle_deg, read_source, write_png
 from calibration import EstimateError, calibrate_moved_spheres, calibrate_spheres, raw_stack
+from calibration._spheres import recording
 from calibration._spheres.displaced import displaced
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.lost_images import blank_images
@@ -260,6 +261,52 @@ def test_another_recording_shows_the_light_of_a_bumped_image(tmp_path):
     assert notice.where == "recording 1"
     assert "the image does not count: record it again" in notice.text
     assert result.used[4].tolist() == [False, False, True, True]
+
+
+def test_a_refused_recording_of_several_names_its_images_and_spheres(tmp_path):
+    good = recording_of(tmp_path)
+    bad = recording_of(tmp_path, ball0=(4, (4, 0)), ball1=(6, (4, 0)))
+    with pytest.raises(EstimateError, match=r"^second: light L04: .*; light L06: ") as caught:
+        calibrate_moved_spheres([good, bad], names=["first", "second"], circles=[CIRCLES] * 2)
+    assert caught.value.lights == ("L04", "L06")
+    assert len(caught.value.spheres) == 2
+
+
+def test_one_lost_image_of_few_is_refused_in_the_singular():
+    values, circle, _ = uneven_ball(CIRCLED)
+    values[2] = 0
+    with pytest.raises(EstimateError, match=r"image is black: record it again, or leave it out$"):
+        calibrated(values[:4], circle)
+
+
+@pytest.mark.parametrize(
+    ("shown", "says"),
+    [
+        pytest.param((3, 8), "the images do not count: record them again", id="both"),
+        pytest.param((3,), "light L08 is left out: record them again", id="one"),
+        pytest.param((), "the lights are left out: record them again", id="none"),
+    ],
+)
+def test_what_other_recordings_show_of_blank_images(shown, says):
+    values, circle, _ = uneven_ball(CIRCLED, lights=16)
+    blank, other = values.copy(), values.copy()
+    blank[[3, 8]] = 0
+    other[[k for k in (3, 8) if k not in shown]] = 0
+    result = calibrate_moved_spheres([blank, other], circles=[[circle]] * 2)
+    (notice,) = [one for one in result.warnings if one.where == "recording 1" and says in one.text]
+    assert notice.text.startswith("lights L03, L08: the images are black; ")
+    assert [k for k in ("L03", "L08") if k in result.lights.ids] == [f"L{k:02d}" for k in shown]
+
+
+def test_images_in_each_of_which_another_ball_moved_show_the_outlines(tmp_path, monkeypatch):
+    """No image is left in which none of three balls moved."""
+    values = recording_of(tmp_path)[:3]
+    values[:, 125:195, 15:85] = values[:, 25:95, 15:85].copy()
+    moves = iter([{0: 4.0}, {1: 4.0}, {2: 4.0}] * 2)
+    monkeypatch.setattr(recording, "displaced", lambda *_: next(moves))
+    result = calibrate_spheres(values, circles=[*CIRCLES, (50.0, 160.0, 30.0)])
+    assert np.isfinite(result.highlights_px[..., 0]).tolist() == (~np.eye(3, dtype=bool)).tolist()
+    assert codes(result).count("sphere-displaced") == 3
 
 
 @pytest.fixture(scope="module")

@@ -65,6 +65,20 @@ def test_a_refusal_names_the_compression():
         calibrate_spheres(values, circles=[(60.0, 60.0, 30.0)])
 
 
+def test_no_mask_is_advised_if_one_was_given():
+    values, _ = balls(20)
+    rows, columns = np.mgrid[: values.shape[1], : values.shape[2]]
+    with pytest.raises(EstimateError, match=r"or of a quality of 95$"):
+        calibrate_spheres(values, masks=[(rows == 5) & (columns < 9)])
+
+
+def test_compression_is_no_cause_of_black_images():
+    values, circle = balls(60)
+    values[:3] = 0
+    with pytest.raises(EstimateError, match=r"record them again, or leave them out$"):
+        calibrate_spheres(values, circles=[circle])
+
+
 def test_noise_of_an_even_image():
     image = np.random.default_rng(3).normal(0.3, 0.01, (300, 300)).astype(np.float32)
     assert image_noise(image) == pytest.approx(0.01, rel=0.05)

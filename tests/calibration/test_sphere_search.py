@@ -427,6 +427,9 @@ def test_spheres_of_another_size_are_reported_with_their_size(monkeypatch):
         searched(monkeypatch, [], SMALL.camera, [20.0])
     with pytest.raises(EstimateError, match="no mirror sphere found: 0 round outlines"):
         searched(monkeypatch, [])
+    monkeypatch.setattr(search, "round_outlines", lambda *_: 1)
+    with pytest.raises(EstimateError, match="no mirror sphere found: 1 round outline in the mean"):
+        searched(monkeypatch, [])
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,9 @@ from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_search import JointNear, best_of, edges_support
 from calibration._spheres.seen_together import SeenTogether
 from calibration._spheres.sphere_image import SphereImage
+from calibration._spheres.undetermined import left_out
 from calibration._spheres.unlike import usual_size
+from tests.calibration.test_sphere_parts import image_of
 
 LIGHTS = 7
 
@@ -196,3 +198,19 @@ def test_a_lone_ball_states_how_far_mirror_image_and_edges_differ():
     assert confirmed(values, [sure]) == [sure]
     assert edges_support(values, Ellipse((60.0, 60.0), (40.5, 40.5)))
     assert not edges_support(values, Ellipse((60.0, 60.0), (46.0, 46.0)))
+
+
+@pytest.mark.parametrize(
+    ("poor", "whose"),
+    [
+        pytest.param([3], "its image", id="one light"),
+        pytest.param([3, 4], "their images", id="two lights"),
+    ],
+)
+def test_messages_agree_with_the_number_of_lights(poor, whose):
+    names = [f"L{k:02d}" for k in range(20)]
+    none = np.array([], np.intp)
+    (notice,) = left_out(names, none, np.array(poor), [image_of()])
+    assert f"; {whose} cannot be used with this calibration: " in notice.text
+    with pytest.raises(EstimateError, match=f"or leave out {whose}$"):
+        left_out(names[:5], none, np.array(poor), [image_of()])

@@ -136,3 +136,23 @@ def test_the_hint_names_no_sphere_that_was_found(sgp, recording, tmp_path):
     assert "add --exclude L01,L04,L06" in line
     assert "add --sphere" not in line
     assert not (tmp_path / "l-candidates.png").exists()
+
+
+def test_no_mark_is_proposed_if_images_are_blank(sgp, recording, tmp_path):
+    """The spheres were not searched for."""
+    for name in ("L03", "L06"):
+        change(recording, name, black)
+    answer = sgp("calibrate", "spheres", recording, "--out", tmp_path / "l.json")
+    line = answer.error_line(5)
+    assert line.endswith("to calibrate the other lights, add --exclude L03,L06")
+    assert not (tmp_path / "l-candidates.png").exists()
+
+
+def test_refusals_of_several_recordings_say_what_to_exclude(sgp, recording, tmp_path):
+    (tmp_path / "other").mkdir()
+    write_recording(tmp_path / "other")
+    for name in ("L03", "L06"):
+        change(recording, name, bumped)
+    words = ("calibrate", "spheres", recording, tmp_path / "other", "--out", tmp_path / "l.json")
+    assert sgp(*words).error_line(5).endswith("add --exclude L03,L06")
+    assert sgp(*words, "--exclude", "L03,L06").code == 0
