@@ -71,7 +71,7 @@ def estimate_blur(profiles: Profiles) -> float:
     float
         0.35 to 1.4 px; it includes the size of a pixel.
     """
-    profiles = profiles[:, :: -(-profiles.shape[1] // _ENOUGH)]
+    profiles = profiles[:, :: max(profiles.shape[1] // _ENOUGH, 1)]
     power = np.maximum(profiles.var(axis=0), _LEAST_POWER)
     misfits = [np.median(edge_costs(profiles, blur).min(axis=0) / power) for blur in _BLURS_PX]
     return _BLURS_PX[int(np.argmin(misfits))]
