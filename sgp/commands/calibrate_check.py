@@ -77,8 +77,11 @@ def check(
     else:
         first, second = acquisition.read_lights(a), acquisition.read_lights(b)
         compared = calibration.compare_lights(first, second)
-        inputs, title = [a, b], f"of {b.name} against {a.name}"
-        equal = [path.name for path, lights in ((a, first), (b, second)) if _all_equal(lights)]
+        # Calibrations in different folders mostly have the same file name.
+        labels = [str(a), str(b)] if a.name == b.name else [a.name, b.name]
+        inputs, title = [a, b], f"of {labels[1]} against {labels[0]}"
+        both = zip(labels, (first, second), strict=True)
+        equal = [label for label, lights in both if _all_equal(lights)]
     if limit_mm is not None and compared.distance_mm is None:
         raise UsageError("--limit-mm needs lights with positions: give --limit-deg for directions")
     intensities = b is not None and not np.isnan(compared.intensity_factor)

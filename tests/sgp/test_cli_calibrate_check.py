@@ -55,6 +55,8 @@ def folder(tmp_path: Path) -> Path:
     }
     for name, value in files.items():
         write_lights(tmp_path / f"{name}.json", value)
+    (tmp_path / "day2").mkdir()
+    write_lights(tmp_path / "day2" / "a.json", moved())
     text = (tmp_path / "a.json").read_text().replace('"mu": 0.0', '"mu": NaN', 1)
     (tmp_path / "nan.json").write_text(text)
     rows = np.round(np.asarray(lights().positions_mm), -1).tolist()
@@ -71,6 +73,7 @@ def folder(tmp_path: Path) -> Path:
     [
         pytest.param("a.json copy.json", 0, ["of a.json and copy.json are all"], id="unmeasured"),
         pytest.param("uneven.json same.json", 0, ["no common factor"], id="equal"),
+        pytest.param("a.json day2/a.json", 0, ["day2/a.json against "], id="the same name"),
         pytest.param("a.json moved.json", 0, ["L05", "5.00 mm", "17.7"], id="no limit"),
         pytest.param("a.json moved.json --limit-mm 5.1", 0, ["within the limits"], id="within"),
         pytest.param("a.json moved.json --limit-mm 4.9", 4, ["1 of 12 lights is beyond"], id="mm"),
