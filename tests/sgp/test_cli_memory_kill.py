@@ -130,8 +130,9 @@ def test_synthesis(server: Server, tmp_path: Path, options: list[str]) -> None:
     size = f"{SHEET[1]}x{SHEET[0]}"
     words = [str(tmp_path / "cloth"), "--size", size, "--patch", "16", *options]
     command = ["detail", "synthesize", *words, "--memory", memory, "--out"]
-    strips, bands = -(-(SHEET[0] - 4) // 12), -(-SHEET[0] // 512)
-    strips = -(-strips // 16) + bool(options)
+    # Strips of 16 rows of patches; for tiling, the last row is a strip of its own.
+    alone, patches, bands = bool(options), -(-(SHEET[0] - 4) // 12), -(-SHEET[0] // 512)
+    strips = -(-(patches - alone) // 16) + alone
     # Strips, then the share of the cuts, softened bands, the filter, and filtered bands.
     found = Unfinished(
         tmp_path / "out", "synthesize", (*SHEET, 3), "softened", units=strips + 2 + 2 * bands,
