@@ -295,7 +295,7 @@ class _Search:
         brightest = [(of_one[0].flux, of_one[0].height) for of_one in blobs if of_one]
         least = _FAINTEST * np.median(brightest or [(0.0, 0.0)], axis=0)
         of = result.candidates
-        radii_px, photon_px2 = np.full((2, *of.share.shape), np.nan)
+        radii_px, photon_px2, stray_px = np.full((3, *of.share.shape), np.nan)
         for k, of_one in enumerate(blobs):
             rank = 0
             for blob in of_one:
@@ -314,6 +314,7 @@ class _Search:
                 of.pixels[k, rank], of.sigma_px[k, rank] = place, spot.sigma_px
                 of.saturated[k, rank], of.share[k, rank] = blob.saturated, share
                 radii_px[k, rank], photon_px2[k, rank] = spot.radius_px, spot.photon_px2
+                stray_px[k, rank] = spot.stray_px
                 rank += 1
             largest = of.share[k, 0]
             if largest >= 1 and of_one[0].rival <= _RIVAL_FLUX * largest * of_one[0].flux:
@@ -324,9 +325,9 @@ class _Search:
             photon_px2=photon_px2[:, 0],
             several=replace(of, photon_px2=photon_px2),
         )
-        return self._by_size(result, radii_px)
+        return self._by_size(result, radii_px, stray_px)
 
-    def _by_size(self, found: Highlights, radii_px: Array) -> Highlights:
+    def _by_size(self, found: Highlights, radii_px: Array, stray_px: Array) -> Highlights:
         """Choose the spots that have the usual size of a highlight, and widen errors of others.
 
         If the size is known, the only spot of this size is the highlight, and without one,
@@ -335,7 +336,8 @@ class _Search:
         of = found.candidates
         size = usual_size(radii_px, of.sigma_px)
         if size is None:
-            return found
+            of.sigma_px[:] = np.hypot(of.sigma_px, stray_px)
+            return replace(found, sigma_px=np.hypot(found.sigma_px, stray_px[:, 0]))
         picks = np.where(found.found, 0, -1)
         if size.known:
             usual = size.matches(radii_px)
@@ -348,7 +350,9 @@ class _Search:
         off = np.hypot(part[rows, picks], elsewhere)
         of.sigma_px[:, 0] = np.hypot(of.sigma_px[:, 0], part[:, 0])
         unlike = np.flatnonzero(chosen.found & (off > _UNLIKE * radius_px))
-        sigma_px = np.hypot(chosen.sigma_px, off)
+        # Stray light does not tell which spot is the highlight, but adds to the errors of all.
+        of.sigma_px[:] = np.hypot(of.sigma_px, stray_px)
+        sigma_px = np.hypot(np.hypot(chosen.sigma_px, off), stray_px[rows, picks])
         return replace(chosen, sigma_px=sigma_px, unlike=tuple(unlike.tolist()))
 
     def spot(self, k: int, blob: Blob) -> Spot:

@@ -38,8 +38,8 @@ _INDEPENDENT_PX = 16.0
 # 5 % wins if it has nearly as much support. The inner one counts as two observations less.
 _LARGER, _AS_GOOD, _INNER = 1.05, 0.1, 2.0
 # Where edges do not support an outline, they are elsewhere, and so may be the outline: this many px
-# over that share of its length. A blur hides so much of itself.
-_ELSEWHERE_PX, _OF_BLUR = 1.0, 0.05
+# over that share of its length. A blur hides so much of itself, and more for each px of it.
+_ELSEWHERE_PX, _OF_BLUR, _MORE_BLUR = 1.0, 0.05, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,8 @@ class JointNear(JointOutline):
     @property
     def model_px(self) -> float:
         """Systematic error of centre x, centre y and radius: unsupported edges and the blur."""
-        return (1 - self.support) * _ELSEWHERE_PX + _OF_BLUR * self.blur_px
+        hidden = _OF_BLUR + _MORE_BLUR * self.blur_px
+        return (1 - self.support) * _ELSEWHERE_PX + hidden * self.blur_px
 
 
 def joint_near(

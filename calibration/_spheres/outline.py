@@ -137,6 +137,8 @@ class OutlineImages:
             rows = slice(start, start + _BAND_ROWS)
             band = self.values[:, rows]
             median[rows] = np.median(np.where(np.isnan(band), np.float32(white), band), axis=0)
+        # Noise about black may be negative, as the upper mean is not.
+        median = np.maximum(median, 0)
         return median + np.float32(max(0.01 * float(median.mean()), 1e-6))
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
-from calibration._spheres.find import find_spheres, overlap, round_outlines
+from calibration._spheres.edge_search import overlap, round_outlines
+from calibration._spheres.find import find_spheres
 from calibration._spheres.frame_cut import cut_spheres
 from calibration._spheres.outline import SHARP_PX
 from calibration._spheres.placed import radius_on_plane_mm

@@ -24,6 +24,10 @@ _PIXELS_PX2 = (0.134, 0.085)
 _WEAK_GLARE, _STRONG_GLARE, _GLARE_RADII = 6.0, 0.25, 0.02
 # The centre moves further by this share of the motion from the lower level to the upper one.
 _BEYOND, _LONGEST_RADII = 0.3, 0.1
+# A core of more than so many pixels is mostly stray light, which is not centred on the light: error
+# as a share of what the radius exceeds this by, times d log radius / d log level, and as a share of
+# the elongation beyond that of a core near the limb of a ball, which a wide ray may cause.
+_LARGE_PX, _OF_HALO, _OF_ELONGATION, _ELONGATED = 8.0, 0.1, 0.5, 0.15
 _STEP_PX = 0.25
 # Protruding distances are rays. The start ignores the upper part of the distances.
 _START_QUANTILE = 0.35
@@ -50,12 +54,16 @@ class Spot:
     photon_px2
         Variance of each coordinate by photon noise, if one photon had the brightness 1; NaN for a
         saturated one.
+    stray_px
+        Further standard deviation of each coordinate by stray light, which makes a core large. It
+        does not say which of several spots is the highlight.
     """
 
     centre: Array
     sigma_px: float
     radius_px: float = float("nan")
     photon_px2: float = float("nan")
+    stray_px: float = 0.0
 
 
 def saturated_spot(image: Image, region: Region, white: float) -> Spot:
@@ -78,8 +86,8 @@ def saturated_spot(image: Image, region: Region, white: float) -> Spot:
     white
         Smallest brightness of saturated pixels.
     """
-    upper, radius, variance = _contour_fit(image, region, _LEVELS[0] * white)
-    lower, _, wider = _contour_fit(image, region, _LEVELS[1] * white)
+    upper, radius, variance, elongation = _contour_fit(image, region, _LEVELS[0] * white)
+    lower, lower_radius, wider, _ = _contour_fit(image, region, _LEVELS[1] * white)
     moved = lower - upper
     shift = float(np.linalg.norm(moved)) / np.sqrt(2)
     variance += (_PIXELS_PX2[0] / max(radius, 0.5)) ** 2
@@ -94,7 +102,25 @@ def saturated_spot(image: Image, region: Region, white: float) -> Spot:
     beyond *= min(1.0, _LONGEST_RADII * radius / max(beyond * float(np.linalg.norm(moved)), 1e-12))
     # The errors of the two contours are alike: their mean is not better than the better one.
     total = min(variance, wider) + glare**2
-    return Spot(upper + (share - beyond) * moved, float(np.sqrt(total)), radius)
+    return Spot(
+        upper + (share - beyond) * moved,
+        float(np.sqrt(total)),
+        radius,
+        stray_px=_stray_px(radius, lower_radius, elongation),
+    )
+
+
+def _stray_px(radius: float, lower_radius: float, elongation: float) -> float:
+    """Return the error of a large core: a halo is soft, and a wide ray makes it long.
+
+    Two photographed balls at four brightnesses, with cores of 15 to 45 px, have errors of 1 to 2 px
+    by their halos, and of 4 to 8 px by rays as wide as the core.
+    """
+    excess = max(radius - _LARGE_PX, 0.0)
+    softness = np.log(max(lower_radius / radius, 1.0)) / np.log(_LEVELS[0] / _LEVELS[1])
+    return excess * float(
+        np.hypot(_OF_HALO * softness, _OF_ELONGATION * max(elongation - _ELONGATED, 0.0))
+    )
 
 
 def unsaturated_spot(image: Image, region: Region, noise: float) -> Spot:
@@ -158,8 +184,11 @@ def weighted_centroid(image: Image, region: Region, sigma: float) -> tuple[Array
     return centre, total, noise / max(slope, 1e-12) ** 2
 
 
-def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, float, float]:
-    """Return centre and radius of the contour at a level, and the variance of a coordinate."""
+def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, float, float, float]:
+    """Return the contour at a level: centre, radius, variance of a coordinate and elongation.
+
+    The elongation is half of the difference of the axes, as a share of the radius.
+    """
     centre, radius = largest_disc((image >= level) & region)
     centre = np.asarray(centre, np.float64)
     for _ in range(4):
@@ -170,14 +199,16 @@ def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, flo
         distances = _distances(image, centre, toward, level, reach)
         if distances.min() >= reach - _STEP_PX:
             # It is as bright all around, so there is no contour at this level.
-            return centre, float(radius), float(reach**2)
+            return centre, float(radius), float(reach**2), 0.0
         fit = _RobustHarmonics(angles, distances)
         radius, *shift = fit.harmonics[:3]
+        radius = max(radius, 0.5)
         shift = np.array(shift) * min(1.0, radius / max(float(np.hypot(*shift)), 1e-9))
         centre = centre + shift
         if np.hypot(*shift) < 1e-3:
             break
-    return centre, float(radius), fit.variance
+    elongation = float(np.hypot(*fit.harmonics[3:])) / radius
+    return centre, float(radius), fit.variance, elongation
 
 
 def largest_disc(core: Region) -> tuple[Array, float]:

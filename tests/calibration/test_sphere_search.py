@@ -5,22 +5,19 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration._spheres import find, search
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.find import (
-    _centres,
-    _circles,
-    _edges,
-    _expected,
+from calibration._spheres import edge_search, search
+from calibration._spheres.edge_search import (
     _has_highlights,
-    _mirroring,
-    _radii,
     _refined,
+    expected,
+    mirroring,
     overlap,
     round_outlines,
     spheres_by_edges,
 )
+from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
+from calibration._spheres.round_edges import _centres, _edges, _radii, circular_edges
 from calibration._spheres.spots import reduce_stack, spot_clusters
 from tests.calibration.test_sphere_parts import SMALL, image_of
 
@@ -45,7 +42,7 @@ def test_circles_overlap_if_one_contains_the_centre_of_the_other(apart, over):
     ],
 )
 def test_a_circle_has_an_expected_radius_to_15_percent(radius, radii, right):
-    assert _expected(Ellipse((0.0, 0.0), (float(radius), float(radius))), radii) == right
+    assert expected(Ellipse((0.0, 0.0), (float(radius), float(radius))), radii) == right
 
 
 def test_radii_are_those_of_edges_that_face_the_centre():
@@ -184,7 +181,7 @@ def test_circles_of_a_disc(shape, centre, expected):
     """The centre is at a whole pixel of the reduced image, so it is found exactly."""
     scale = max(1.0, max(shape) / 700)
     image = discs(shape, (*expected, 61 * scale))
-    best = _circles(cv2.GaussianBlur(image, (0, 0), 0.7 * scale))[0]
+    best = circular_edges(cv2.GaussianBlur(image, (0, 0), 0.7 * scale))[0]
     assert best.centre_px == pytest.approx(expected, abs=0.01)
     assert best.radius_px == pytest.approx(61 * scale, abs=1.5 * scale)
 
@@ -200,7 +197,7 @@ def test_a_larger_circle_comes_first_if_it_is_covered_nearly_as_well(cut, first)
     """``cut`` is the width in pixels of the part of the large disc that is hidden."""
     image = discs((200, 300), (90, 100, 50.0), (220, 100, 30.0))
     image[100 + 50 - cut :, :160] = 0.2
-    circles = _circles(cv2.GaussianBlur(image, (0, 0), 0.7))
+    circles = circular_edges(cv2.GaussianBlur(image, (0, 0), 0.7))
     assert circles[0].radius_px == pytest.approx(first, abs=2)
     assert any(circle.radius_px == pytest.approx(80 - first, abs=2) for circle in circles)
 
@@ -208,13 +205,13 @@ def test_a_larger_circle_comes_first_if_it_is_covered_nearly_as_well(cut, first)
 @pytest.mark.parametrize(("radius", "found"), [(57.0, True), (75.0, False)])
 def test_circles_have_up_to_0_6_of_the_shorter_side(radius, found):
     image = cv2.GaussianBlur(discs((100, 300), (150, 50, radius)), (0, 0), 0.7)
-    sizes = [circle.radius_px for circle in _circles(image)]
+    sizes = [circle.radius_px for circle in circular_edges(image)]
     assert any(abs(size - radius) < 2 for size in sizes) == found
 
 
 @pytest.mark.parametrize("shape", [(1, 3000), (3000, 1), (60, 60)])
-def test_no_circles(shape):
-    assert _circles(np.ones(shape, np.float32)) == []
+def test_nocircular_edges(shape):
+    assert circular_edges(np.ones(shape, np.float32)) == []
 
 
 def at(x, y=50.0, radius=30.0):
@@ -222,7 +219,9 @@ def at(x, y=50.0, radius=30.0):
 
 
 def test_circles_are_counted_by_size(monkeypatch):
-    monkeypatch.setattr(find, "_circles", lambda _: [at(9, 9, size) for size in (10, 20, 20, 40)])
+    monkeypatch.setattr(
+        edge_search, "circular_edges", lambda _: [at(9, 9, size) for size in (10, 20, 20, 40)]
+    )
     values = np.zeros((1, 20, 20), np.float32)
     assert round_outlines(values) == 4
     assert round_outlines(values, [20.0]) == 2
@@ -242,9 +241,9 @@ def confirm_all(monkeypatch, candidates):
         return True
 
     by_outline = {one.outline: one for one in candidates.values() if one is not None}
-    monkeypatch.setattr(find, "_refined", edge)
-    monkeypatch.setattr(find, "_has_highlights", has_highlights)
-    monkeypatch.setattr(find, "_mirroring", lambda _values, outline, *_: by_outline[outline])
+    monkeypatch.setattr(edge_search, "_refined", edge)
+    monkeypatch.setattr(edge_search, "_has_highlights", has_highlights)
+    monkeypatch.setattr(edge_search, "mirroring", lambda _values, outline, *_: by_outline[outline])
     return examined
 
 
@@ -262,10 +261,10 @@ def test_the_first_of_overlapping_candidates_is_the_sphere(monkeypatch):
         at(20): image_of(20.0, 50.0),
         at(10, 200, 60): image_of(10.0, 200.0, radius=60.0),
     }
-    monkeypatch.setattr(find, "_circles", lambda _: list(candidates))
+    monkeypatch.setattr(edge_search, "circular_edges", lambda _: list(candidates))
     confirm_all(monkeypatch, candidates)
     values = np.zeros((1, 20, 20), np.float32)
-    monkeypatch.setattr(find, "inside", lambda *_: True)
+    monkeypatch.setattr(edge_search, "inside", lambda *_: True)
     known = [image_of(610.0, 50.0), image_of(-50.0, 50.0)]
     found = spheres_by_edges(values, [None], [30.0], known)
     assert sorted(sphere.outline.centre_px[0] for sphere in found) == [20, 90, 305, 400]
@@ -283,8 +282,8 @@ def test_a_sharp_outline_replaces_a_blurred_one(monkeypatch):
         after: image_of(412.0, 50.0, scatter=0.05),
     }
     examined = confirm_all(monkeypatch, candidates)
-    monkeypatch.setattr(find, "_circles", lambda _: list(candidates))
-    monkeypatch.setattr(find, "inside", lambda *_: True)
+    monkeypatch.setattr(edge_search, "circular_edges", lambda _: list(candidates))
+    monkeypatch.setattr(edge_search, "inside", lambda *_: True)
     found = spheres_by_edges(np.zeros((1, 20, 20), np.float32), [None], (), ())
     assert found == [candidates[sharp]]
     assert examined == [first]
@@ -344,12 +343,12 @@ def test_a_candidate_is_a_sphere(monkeypatch, changes, is_sphere):
             raise EstimateError("no outline")
         return outline, np.zeros((5, 2)), options["coverage"]
 
-    monkeypatch.setattr(find, "find_highlights", highlights)
-    monkeypatch.setattr(find, "refine_sharpest", refine)
+    monkeypatch.setattr(edge_search, "find_highlights", highlights)
+    monkeypatch.setattr(edge_search, "refine_sharpest", refine)
     values = np.zeros((options["lights"], 20, 20), np.float32)
     guess = at(50, 50, options["guess"])
     edge = _refined(values[0], guess)
-    sphere = _mirroring(values, *edge) if edge and _has_highlights(values, guess) else None
+    sphere = mirroring(values, *edge) if edge and _has_highlights(values, guess) else None
     assert (sphere is not None) == is_sphere
     if is_sphere:
         assert (sphere.outline, sphere.coverage) == (outline, options["coverage"])

@@ -90,6 +90,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
     f"{_SPHERES}/find.py": (_SEARCH, _PARTS),
+    f"{_SPHERES}/edge_search.py": (_SEARCH, _PARTS),
+    f"{_SPHERES}/round_edges.py": (_SEARCH, _PARTS),
     f"{_SPHERES}/direction_errors.py": ("calibration/test_light_uncertainty.py",),
     f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", _PARTS),
     f"{_SPHERES}/input_tests.py": ("calibration/test_input_tests.py",),
