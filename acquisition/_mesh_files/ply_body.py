@@ -182,7 +182,8 @@ def _of_records(element: Element, rows: npt.NDArray[Any]) -> Table:
             lengths = np.full(len(rows), values.shape[1], np.int64)
             lists[one.name] = Lists(lengths, values.ravel())
         else:
-            columns[one.name] = rows[one.name].astype(np.float64)
+            with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+                columns[one.name] = rows[one.name].astype(np.float64)
     return Table(columns, lists)
 
 

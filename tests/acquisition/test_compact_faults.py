@@ -32,7 +32,7 @@ _FULL = OSError(errno.ENOSPC, "No space left on device")
     ("plan", "error"),
     [
         pytest.param(PLAN, _FULL, id="planned-full"),
-        pytest.param(None, KeyboardInterrupt(), id="free-ctrl-c"),
+        pytest.param(None, KeyboardInterrupt(), id="free-ctrl-c", marks=pytest.mark.slow),
         pytest.param(None, _FULL, id="free-full", marks=pytest.mark.slow),
         pytest.param(PLAN, KeyboardInterrupt(), id="planned-ctrl-c", marks=pytest.mark.slow),
     ],

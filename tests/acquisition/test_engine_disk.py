@@ -14,6 +14,7 @@ from acquisition._errors import StorageError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.verify import verify_session
 from tests.acquisition.fake_bench import LABELS, Bench, rig_on
+from tests.quick_sample import quick
 
 SHORT = CapturePlan(leds=(3, 0), exposures_us=(200.0,), ambient=True)
 
@@ -47,7 +48,7 @@ def recorded(folder: Path, call: str, nth: int, forever: bool) -> tuple[int, Ben
     return refusing.calls, bench
 
 
-@pytest.mark.parametrize("forever", [False, True])
+@pytest.mark.parametrize("forever", quick([False, True], every=2))
 @pytest.mark.parametrize("call", ["write", "fsync", "replace"])
 def test_no_recorded_frame_is_lost_whichever_call_the_disk_refuses(
     tmp_path: Path, call: str, forever: bool

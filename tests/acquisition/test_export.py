@@ -34,6 +34,7 @@ from tests.acquisition.exported_session import (
     same_lights,
     session,
 )
+from tests.quick_sample import quick
 
 
 def same_pixels(folder: Path, other: Path) -> None:
@@ -59,7 +60,9 @@ def same_pixels(folder: Path, other: Path) -> None:
         pytest.param(NEAR.distant(), id="distant", marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("compacted", [False, True], ids=["as-recorded", "compacted"])
+@pytest.mark.parametrize(
+    "compacted", quick([False, True], every=2), ids=["as-recorded", "compacted"]
+)
 def test_export_and_import_lose_nothing(
     tmp_path: Path, layout: Layout, channels: int, cfa: str | None, lights: Lights, compacted: bool
 ) -> None:

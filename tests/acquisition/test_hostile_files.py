@@ -110,7 +110,15 @@ def test_size_of_lossy_and_lossless_webp(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("width", "height"), [(8, 8), (256, 256), (300, 200), (1024, 768), (4000, 3000), (333, 777)]
+    ("width", "height"),
+    [
+        (8, 8),
+        (256, 256),
+        (300, 200),
+        (1024, 768),
+        pytest.param(4000, 3000, marks=pytest.mark.slow),
+        (333, 777),
+    ],
 )
 def test_size_of_jpeg_xl(tmp_path: Path, width: int, height: int) -> None:
     """The header has special forms for small sides and for common ratios."""
@@ -123,6 +131,7 @@ def test_size_of_jpeg_xl(tmp_path: Path, width: int, height: int) -> None:
         check_image_head(path, 1)
 
 
+@pytest.mark.slow
 def test_flipped_bits_in_the_header_of_an_exr(tmp_path: Path) -> None:
     """Flip every bit in turn; 4 in 100 make names that are no longer valid text."""
     path = tmp_path / "a.exr"
@@ -178,6 +187,7 @@ def test_a_plan_of_60000_leds(tmp_path: Path) -> None:
     assert len(plan.shots()) == 60_000 + len(plan.distinct_exposures_us)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(60)
 def test_an_lp_of_60000_rows(tmp_path: Path) -> None:
     path = tmp_path / "a.lp"

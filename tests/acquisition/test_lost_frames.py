@@ -176,7 +176,7 @@ def test_single_shots_are_taken_again_too(
     assert len(_events(session, "frames_lost")) == 3
 
 
-@pytest.mark.parametrize("sequence", [True, False])
+@pytest.mark.parametrize("sequence", quick([True, False], every=2))
 def test_a_shot_is_not_taken_again_for_ever(bench: _Bench, tmp_path: Path, sequence: bool) -> None:
     plan = PLAN.changed(sequence=sequence)
     rig = bench.rig()

@@ -18,6 +18,7 @@ from acquisition._session.session import Session
 from acquisition._source.reader import read_source
 from rig import Notice
 from tests.acquisition.dng_file import dng
+from tests.quick_sample import quick
 
 SENSOR = np.random.default_rng(3).integers(64, 4000, (40, 60)).astype(np.uint16)
 
@@ -72,18 +73,22 @@ RAW = {i: f"IMG_{i}.dng" for i in range(3)}
 
 @pytest.mark.parametrize(
     "names",
-    [
-        pytest.param(
-            ["IMG_0.JPG", "IMG_0.dng", "IMG_1.JPG", "IMG_1.dng", "IMG_2.JPG", "IMG_2.dng"],
-            id="JPEG first",
-        ),
-        pytest.param(
-            ["IMG_0.dng", "IMG_0.JPG", "IMG_1.dng", "IMG_1.JPG", "IMG_2.dng"], id="RAW first"
-        ),
-        pytest.param(
-            ["IMG_0.JPG", "IMG_1.JPG", "IMG_0.dng", "IMG_1.dng", "IMG_2.dng"], id="RAW far behind"
-        ),
-    ],
+    quick(
+        [
+            pytest.param(
+                ["IMG_0.JPG", "IMG_0.dng", "IMG_1.JPG", "IMG_1.dng", "IMG_2.JPG", "IMG_2.dng"],
+                id="JPEG first",
+            ),
+            pytest.param(
+                ["IMG_0.dng", "IMG_0.JPG", "IMG_1.dng", "IMG_1.JPG", "IMG_2.dng"], id="RAW first"
+            ),
+            pytest.param(
+                ["IMG_0.JPG", "IMG_1.JPG", "IMG_0.dng", "IMG_1.dng", "IMG_2.dng"],
+                id="RAW far behind",
+            ),
+        ],
+        every=3,
+    ),
 )
 def test_the_raw_file_of_a_pair_is_recorded_in_any_order(folder: Path, names: list[str]) -> None:
     result = watched(folder, names)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -37,18 +39,21 @@ def spot(pixels: int, bright_dn: float) -> npt.NDArray[np.float64]:
     return light
 
 
-DARK = frame(0).percentiles_dn
+@functools.cache
+def unlit() -> dict[str, int]:
+    """Return the percentiles of a frame without light."""
+    return frame(0).percentiles_dn
 
 
 @pytest.mark.parametrize("seed", range(1, 21))
 def test_a_frame_without_light_is_not_lit(seed: int) -> None:
-    assert not is_lit(frame(seed).percentiles_dn, DARK, WHITE - BLACK)
+    assert not is_lit(frame(seed).percentiles_dn, unlit(), WHITE - BLACK)
 
 
 @pytest.mark.parametrize("offset_dn", [-2.0, 1.0, 2.0])
 def test_a_drifting_black_level_is_not_light(offset_dn: float) -> None:
     drifted = frame(1, offset_dn=offset_dn).percentiles_dn
-    assert not is_lit(drifted, DARK, WHITE - BLACK)
+    assert not is_lit(drifted, unlit(), WHITE - BLACK)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +67,7 @@ def test_a_drifting_black_level_is_not_light(offset_dn: float) -> None:
 )
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_light_is_seen(light_dn: npt.NDArray[np.float64] | float, seed: int) -> None:
-    assert is_lit(frame(seed, light_dn).percentiles_dn, DARK, WHITE - BLACK)
+    assert is_lit(frame(seed, light_dn).percentiles_dn, unlit(), WHITE - BLACK)
 
 
 LIGHT = PlannedShot("light", 7, 0, 0, 500.0)
@@ -129,7 +134,7 @@ def test_a_flat_is_judged_by_the_led_that_lights_it() -> None:
 
 
 def gave(light_dn: npt.NDArray[np.float64] | float, exposure_us: float) -> SeenLight | None:
-    return SeenLight.of(exposure_us, frame(2, light_dn).percentiles_dn, DARK, WHITE - BLACK)
+    return SeenLight.of(exposure_us, frame(2, light_dn).percentiles_dn, unlit(), WHITE - BLACK)
 
 
 @pytest.mark.parametrize(

@@ -58,8 +58,11 @@ def pair(leds, seed):
 CASES = pytest.mark.parametrize(
     ("name", "leds", "seed"),
     [
-        *quick(((name, 36, 11 + i) for i, name in enumerate(SCENES[:3])), every=3),
-        *quick(((name, 12, 11 + i) for i, name in enumerate(SCENES)), every=3),
+        *(
+            pytest.param(name, 36, 11 + i, marks=pytest.mark.slow)
+            for i, name in enumerate(SCENES[:3])
+        ),
+        *quick(((name, 12, 11 + i) for i, name in enumerate(SCENES)), every=7),
     ],
 )
 
@@ -146,6 +149,7 @@ def glowing(off, *, leds=12, alive=True):
     return findings(Evidence(tuple(range(leds)), twice, glow, places, positions))
 
 
+@pytest.mark.slow
 def test_two_leds_that_are_always_on_are_named():
     found = glowing((3, 8))
     assert [(one.kind, one.leds) for one in found if one.fault] == [("always on", (3, 8))]
@@ -213,7 +217,7 @@ def test_a_finding_as_a_notice():
     assert remark.notice == Notice("room-light", remark.text, severity="info")
 
 
-@pytest.mark.parametrize("name", ["coin", "spheres", "charuco"])
+@pytest.mark.parametrize("name", quick(["coin", "spheres", "charuco"], every=3))
 def test_a_simulated_rig_without_faults(name):
     with open_rig_seeing(rendered(name)) as rig:
         result = selftest(rig)
@@ -225,18 +229,25 @@ def test_a_simulated_rig_without_faults(name):
 
 @pytest.mark.parametrize(
     ("flaws", "found"),
-    [
-        pytest.param(
-            BenchFlaws(wiring=Wiring(swapped=((2, 9),))),
-            [("elsewhere", 2, 9), ("elsewhere", 9, 2)],
-            id="swapped",
-        ),
-        pytest.param(
-            BenchFlaws(wiring=Wiring(double=((4, 11),))), [("double", 4, 11)], id="double"
-        ),
-        pytest.param(BenchFlaws(wiring=Wiring(always=(6,))), [("always on", 6)], id="always on"),
-        pytest.param(BenchFlaws(lamps=Lamps(dead=(0, 5))), [("dead", 0), ("dead", 5)], id="dead"),
-    ],
+    quick(
+        [
+            pytest.param(
+                BenchFlaws(wiring=Wiring(swapped=((2, 9),))),
+                [("elsewhere", 2, 9), ("elsewhere", 9, 2)],
+                id="swapped",
+            ),
+            pytest.param(
+                BenchFlaws(wiring=Wiring(double=((4, 11),))), [("double", 4, 11)], id="double"
+            ),
+            pytest.param(
+                BenchFlaws(wiring=Wiring(always=(6,))), [("always on", 6)], id="always on"
+            ),
+            pytest.param(
+                BenchFlaws(lamps=Lamps(dead=(0, 5))), [("dead", 0), ("dead", 5)], id="dead"
+            ),
+        ],
+        every=2,
+    ),
 )
 def test_a_simulated_rig_with_faults(flaws, found):
     with open_rig_seeing(rendered("coin"), flaws=flaws) as rig:

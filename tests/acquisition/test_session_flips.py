@@ -23,7 +23,7 @@ def picture(index: int) -> npt.NDArray[np.uint16]:
     return np.random.default_rng(index).integers(0, 4096, (12, 16)).astype(np.uint16)
 
 
-@pytest.fixture(params=["complete", "incomplete"])
+@pytest.fixture(params=["complete", pytest.param("incomplete", marks=pytest.mark.slow)])
 def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
     content = Manifest(
         started_utc=datetime(2026, 1, 2, tzinfo=UTC),

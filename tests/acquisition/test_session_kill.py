@@ -22,6 +22,7 @@ from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
+from tests.quick_sample import quick
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
 
@@ -197,6 +198,7 @@ def survived(folder: Path, acknowledged: list[str]) -> None:
         finish(folder)
 
 
+@pytest.mark.slow
 def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
     whole = tmp_path / "whole"
     began = time.monotonic()
@@ -235,7 +237,7 @@ def test_death_at_every_call_to_the_disk(server: Server, tmp_path: Path) -> None
     assert dies_at > 5 * 3
 
 
-@pytest.mark.parametrize("limit", [600, 1000, 2048])
+@pytest.mark.parametrize("limit", quick([600, 1000, 2048], every=3))
 def test_a_full_disk(server: Server, tmp_path: Path, limit: int) -> None:
     """Real refusals of the operating system, in frames or in the journal."""
     folder = tmp_path / "s"

@@ -26,6 +26,7 @@ from acquisition._values.lights import Lights
 from rig import CameraError
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, rig_on
 from tests.acquisition.mutants import mutant, read_by_all, rows_of, seal
+from tests.quick_sample import quick
 
 GOLDEN = Path(__file__).parent
 ABSENT = object()
@@ -43,7 +44,7 @@ def light_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
     return next(row for row in rows if row.get("role") == "light")
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("version", quick([1, 2, 3], every=3))
 @pytest.mark.parametrize(
     ("key", "value"),
     [
@@ -366,6 +367,7 @@ def attacked(models: list[Path], root: Path, seed: int) -> list[str]:
     return wrong
 
 
+@pytest.mark.slow
 def test_no_changed_value_breaks_a_reader(models: list[Path], tmp_path: Path) -> None:
     # 184 and 564 rename a stored light, so that no light is that of a frame.
     assert [

@@ -58,7 +58,7 @@ def recorded(rendering, folder, mounting):
 
 
 @pytest.mark.parametrize(
-    ("cfa", "mounting"), quick(product((None, "RGGB"), MOUNTINGS), every=3), ids=str
+    ("cfa", "mounting"), quick(product((None, "RGGB"), MOUNTINGS), every=9), ids=str
 )
 def test_the_stack_is_upright_however_the_camera_is_mounted(tmp_path, renderings, cfa, mounting):
     plain = recorded(renderings[cfa], tmp_path / "plain", Mounting())

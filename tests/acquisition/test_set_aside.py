@@ -27,6 +27,7 @@ from acquisition._source.reader import read_source
 from rig import Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal
+from tests.quick_sample import quick
 
 # PLAN has LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
 
@@ -111,7 +112,7 @@ HARMS = [
 
 
 @pytest.mark.parametrize("at", [8, pytest.param(11, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("harm", "names"), HARMS)
+@pytest.mark.parametrize(("harm", "names"), quick(HARMS, every=2))
 def test_damage_is_named_and_retaken_only_on_request(
     rig: Rig,
     bench: Bench,

@@ -33,14 +33,14 @@ def angles_deg(a, b):
     return np.degrees(np.arctan2(cross, np.sum(a * b, axis=-1)))
 
 
-def calibrated(source):
-    stack = linear_stack(replace(source, lights=None))
-    spheres = calibrate_spheres(stack, circles=CIRCLES)
-    return apply_spheres(source, spheres), spheres
+@pytest.fixture(scope="module")
+def spheres(recording):
+    """Return the calibration from the images, which no test changes."""
+    return calibrate_spheres(linear_stack(read_source(recording)), circles=CIRCLES)
 
 
-def test_lights_come_from_the_spheres_and_the_mask_leaves_them_out(recording):
-    source, spheres = calibrated(read_source(recording))
+def test_lights_come_from_the_spheres_and_the_mask_leaves_them_out(recording, spheres):
+    source = apply_spheres(read_source(recording), spheres)
     assert angles_deg(source.lights.directions, directions()).max() < 0.4
     assert spheres.lights.ids == source.lights.ids
     for centre in BALLS:
@@ -56,21 +56,21 @@ def test_lights_come_from_the_spheres_and_the_mask_leaves_them_out(recording):
     assert angles_deg(result.stereo.normal_map.normals, normals)[middle].mean() < 0.4
 
 
-def test_a_mask_of_the_recording_also_leaves_them_out(recording):
+def test_a_mask_of_the_recording_also_leaves_them_out(recording, spheres):
     whole = replace(read_source(recording), mask=np.ones(SIZE, bool))
-    source, _ = calibrated(whole)
+    source = apply_spheres(whole, spheres)
     result = reconstruct(source, method="ls", surface=False)
     np.testing.assert_array_equal(result.mask, ~source.not_object)
 
 
-def test_intensities_of_the_recording_stay(recording):
+def test_intensities_of_the_recording_stay(recording, spheres):
     strengths = np.linspace(0.5, 1.5, 8)
     errors = LightErrors(np.tile(4.0 * np.eye(2), (8, 1, 1)), intensity_std=0.01 * strengths)
     known = replace(
         read_source(recording),
         lights=Lights(np.tile((0.0, 0, 1), (8, 1)), intensities=strengths, errors=errors),
     )
-    source, spheres = calibrated(known)
+    source = apply_spheres(known, spheres)
     np.testing.assert_array_equal(source.lights.intensities[:, 0], strengths)
     assert angles_deg(source.lights.directions, directions()).max() < 0.4
     # Each value keeps the error of the recording from which it was estimated.
@@ -81,8 +81,7 @@ def test_intensities_of_the_recording_stay(recording):
     assert source.lights.errors.mu_std is None
 
 
-def test_axes_and_falloff_of_near_lights_stay_with_their_errors(recording):
-    _, spheres = calibrated(read_source(recording))
+def test_axes_and_falloff_of_near_lights_stay_with_their_errors(recording, spheres):
     places = 400 * directions()
     near = replace(
         spheres, lights=Lights(positions_mm=places, errors=LightErrors(residual_px=np.ones(8)))
@@ -100,19 +99,17 @@ def test_axes_and_falloff_of_near_lights_stay_with_their_errors(recording):
     np.testing.assert_array_equal(found.errors.residual_px, np.ones(8))
 
 
-def test_a_region_and_other_lights_are_refused(recording):
+def test_a_region_and_other_lights_are_refused(recording, spheres):
     whole = read_source(recording)
-    _, spheres = calibrated(whole)
     with pytest.raises(DataError, match="before cropping"):
         apply_spheres(crop(whole, 0, 0, 200, 200), spheres)
     with pytest.raises(DataError, match="are not those of the images"):
         apply_spheres(exclude(whole, ["L03"]), spheres)
 
 
-def test_images_of_lights_that_the_spheres_do_not_determine_are_left_out(recording):
+def test_images_of_lights_that_the_spheres_do_not_determine_are_left_out(recording, spheres):
     whole = read_source(recording)
     with_lights = replace(whole, lights=Lights(np.eye(8, 3) + 1, intensities=np.arange(1.0, 9)))
-    _, spheres = calibrated(whole)
     known = [0, 1, 2, 4, 5, 6, 7]
     part = replace(spheres, lights=spheres.lights.take(known))
     lit = apply_spheres(with_lights, part)
@@ -123,8 +120,8 @@ def test_images_of_lights_that_the_spheres_do_not_determine_are_left_out(recordi
         apply_spheres(whole, turned)
 
 
-def test_a_region_keeps_its_part_of_the_spheres(recording):
-    source, _ = calibrated(read_source(recording))
+def test_a_region_keeps_its_part_of_the_spheres(recording, spheres):
+    source = apply_spheres(read_source(recording), spheres)
     part = crop(source, 20, 30, 100, 80)
     np.testing.assert_array_equal(part.not_object, source.not_object[30:110, 20:120])
     blocks = source.not_object.reshape(100, 2, 150, 2)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from acquisition import Calibrated, DataError, LightErrors, Lights
 from calibration import LightComparison, compare_lights, compare_with_rig
 from rig import RigConfig
+from tests.quick_sample import quick
 
 Array = npt.NDArray[np.float64]
 
@@ -97,7 +98,7 @@ CYCLE = np.array([0, 2, 3, 1, 4, 5, 6, 7, 8, 9, 10, 11])
 SHUFFLED = np.array([5, 8, 0, 11, 1, 3, 9, 4, 10, 2, 7, 6])
 
 
-@pytest.mark.parametrize("near", [True, False])
+@pytest.mark.parametrize("near", quick([True, False], every=2))
 @pytest.mark.parametrize("noise", [0, 1e-3], ids=["exact", "noise"])
 @pytest.mark.parametrize(
     ("change", "expected", "words"),

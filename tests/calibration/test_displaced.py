@@ -17,6 +17,7 @@ from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.lost_images import blank_images
 from tests.calibration.spheres_and_object import CIRCLES, write_recording
 from tests.calibration.uneven_balls import uneven_ball
+from tests.quick_sample import quick
 
 DATA = os.environ.get("SGP_DATA")
 real = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
@@ -56,7 +57,7 @@ CHANGES = {
 }
 
 
-@pytest.mark.parametrize("seed", [9200, 9201, 9202])
+@pytest.mark.parametrize("seed", quick([9200, 9201, 9202], every=3))
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES.keys())
 @pytest.mark.parametrize("alone", [False, True], ids=["camera", "ball"])
 def test_the_image_that_moved_is_named_with_its_shift(seed, change, alone):
@@ -69,6 +70,7 @@ def test_the_image_that_moved_is_named_with_its_shift(seed, change, alone):
     assert found[5] == pytest.approx(np.hypot(*change), abs=0.7 if alone else 0.5)
 
 
+@pytest.mark.slow
 @given(seed=st.integers(9300, 9399))
 @settings(max_examples=15, deadline=None)
 def test_images_that_did_not_move_are_not_named(seed):
@@ -179,6 +181,7 @@ def test_two_of_eight_bumped_images_are_refused_with_their_names():
     assert len(str(caught.value).splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_bumped_in_between_gives_one_short_line():
     values, circle, _ = uneven_ball(CIRCLED, lights=12)
     values[7:] = [moved(image, 6, 9) for image in values[7:]]
@@ -194,7 +197,7 @@ BLANK = {
 }
 
 
-@pytest.mark.parametrize(("value", "says"), BLANK.values(), ids=BLANK.keys())
+@pytest.mark.parametrize(("value", "says"), quick(BLANK.values(), every=3), ids=BLANK.keys())
 def test_a_black_or_white_image_costs_its_light_only(value, says):
     values, circle, _ = uneven_ball(CIRCLED, lights=12)
     blank = values.copy()
@@ -229,6 +232,7 @@ def recording_of(folder, **moves):
     return values
 
 
+@pytest.mark.slow
 def test_one_of_three_balls_that_moved_loses_its_highlight_only(tmp_path):
     values = recording_of(tmp_path)
     # A third ball: the first one once more, elsewhere.
@@ -253,6 +257,7 @@ def test_half_of_the_balls_are_enough_to_doubt_an_image(tmp_path):
     assert "image-displaced" in codes(result)
 
 
+@pytest.mark.slow
 def test_another_recording_shows_the_light_of_a_bumped_image(tmp_path):
     good, bad = recording_of(tmp_path), recording_of(tmp_path, ball0=(4, (4, 0)), ball1=(4, (4, 0)))
     result = calibrate_moved_spheres([bad, good], circles=[CIRCLES, CIRCLES])
@@ -282,9 +287,16 @@ def test_one_lost_image_of_few_is_refused_in_the_singular():
 @pytest.mark.parametrize(
     ("shown", "says"),
     [
-        pytest.param((3, 8), "the images do not count: record them again", id="both"),
         pytest.param((3,), "light L08 is left out: record them again", id="one"),
-        pytest.param((), "the lights are left out: record them again", id="none"),
+        pytest.param(
+            (3, 8),
+            "the images do not count: record them again",
+            id="both",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            (), "the lights are left out: record them again", id="none", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_what_other_recordings_show_of_blank_images(shown, says):
@@ -298,6 +310,7 @@ def test_what_other_recordings_show_of_blank_images(shown, says):
     assert [k for k in ("L03", "L08") if k in result.lights.ids] == [f"L{k:02d}" for k in shown]
 
 
+@pytest.mark.slow
 def test_images_in_each_of_which_another_ball_moved_show_the_outlines(tmp_path, monkeypatch):
     """No image is left in which none of three balls moved."""
     values = recording_of(tmp_path)[:3]
@@ -311,19 +324,21 @@ def test_images_in_each_of_which_another_ball_moved_show_the_outlines(tmp_path, 
 
 @pytest.fixture(scope="module")
 def chrome():
+    """Return the images and the outline of a ball that moved in none of them."""
     source = read_source(Path(DATA) / "uw" / "chrome")
-    return np.array(raw_stack(source)[:, :, :]), source.mask
+    values = np.array(raw_stack(source)[:, :, :])
+    rows, columns = np.nonzero(source.mask)
+    outline = Ellipse((columns.mean(), rows.mean()), (119.0, 119.0))
+    assert displaced(values, outline) == {}
+    return values, outline
 
 
 # Images 4 and 5 show hardly any edge of the ball.
 @real
-@pytest.mark.parametrize("light", [0, 1, 3, 6, 7, 8, 9, 10, 11])
+@pytest.mark.parametrize("light", quick([0, 1, 3, 6, 7, 8, 9, 10, 11], every=3))
 @pytest.mark.parametrize("change", [(6.0, 9.0), (-2.0, 1.5)], ids=["11 px", "2.5 px"])
 def test_the_real_ball_in_a_bumped_image(chrome, light, change):
-    values, mask = chrome
-    rows, columns = np.nonzero(mask)
-    outline = Ellipse((columns.mean(), rows.mean()), (119.0, 119.0))
-    assert displaced(values, outline) == {}
+    values, outline = chrome
     bumped = values.copy()
     bumped[light] = moved(values[light], *change)
     found = displaced(bumped, outline)

@@ -6,6 +6,7 @@ import pytest
 
 from calibration import EstimateError, calibrate_spheres
 from calibration._spheres.image_noise import image_noise, shows_blocks
+from tests.quick_sample import quick
 
 from .uneven_balls import uneven_ball
 
@@ -51,7 +52,7 @@ def test_other_images_show_no_blocks(image):
     assert not shows_blocks(image[None].astype(np.float32))
 
 
-@pytest.mark.parametrize(("quality", "named"), [(60, True), (None, False)])
+@pytest.mark.parametrize(("quality", "named"), quick([(60, True), (None, False)], every=2))
 def test_what_is_found_in_compressed_images_has_a_notice(quality, named):
     values, (x, y, radius) = balls(quality)
     rows, columns = np.mgrid[: values.shape[1], : values.shape[2]]

@@ -36,6 +36,7 @@ def benchmark():
         sys.modules.pop("light_uncertainty", None)
 
 
+@pytest.mark.slow
 def test_a_few_seeds_agree_with_their_covariances(benchmark):
     """The centres are shared by 36 lights, so a few seeds vary much."""
     (layout,) = (layout for layout in benchmark.LAYOUTS if layout.name == "2 x R20")
@@ -44,6 +45,7 @@ def test_a_few_seeds_agree_with_their_covariances(benchmark):
     assert result.beyond <= 1
 
 
+@pytest.mark.slow
 def test_residuals_show_that_highlights_are_better_than_stated(benchmark):
     """With the stated errors, the mean square would be a fifth."""
     (layout,) = (layout for layout in benchmark.LAYOUTS if layout.name == "4 x R20")

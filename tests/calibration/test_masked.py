@@ -62,7 +62,7 @@ def off_px(image, outline):
     ("change", "refined"),
     quick(
         [("exact", False), ("bitten", False), ("shifted", True), ("grown", True), ("shrunk", True)],
-        every=2,
+        every=5,
     ),
 )
 def test_a_mask_that_is_off_is_refined(scene, change, refined):
@@ -115,7 +115,7 @@ def test_a_mask_is_kept_where_the_images_show_no_outline():
     assert deviations(image, (x, y, radius)) < 7.8
 
 
-@pytest.mark.parametrize("off_px", [8, 12])
+@pytest.mark.parametrize("off_px", quick([8, 12], every=2))
 def test_a_mask_beside_the_sphere_is_named(scene, off_px):
     """What is farther away than the errors of painting is not taken for the outline."""
     masks = [np.roll(scene.mask, off_px, axis=1)]
@@ -155,6 +155,7 @@ def painted(kind, circle, rng, fine=4):
     return mask if rng.random() < 0.5 else mask > 0.5
 
 
+@pytest.mark.slow
 def test_stated_errors_of_painted_masks_contain_the_actual_ones():
     """Mean of chi-square over its 3 degrees of freedom, of 200 masks of balls of 35 to 120 px."""
     rng = np.random.default_rng(77)

@@ -95,6 +95,7 @@ def test_the_lights_may_be_in_any_order(camera, both):
     np.testing.assert_array_equal(result.lights.positions_mm, both.lights.positions_mm)
 
 
+@pytest.mark.slow
 def test_notices_and_errors_name_the_recording(camera):
     dark = np.full_like(planes(1), 0.2)
     options = {"camera": camera, "radius_mm": RADII_MM, "names": ["first", "moved"]}
@@ -116,7 +117,7 @@ def test_notices_and_errors_name_the_recording(camera):
             pytest.param(([], []), {"names": ["a"] * 3}, "at most one name", id="names"),
             pytest.param(([], []), {"masks": [[]] * 3}, "one list of", id="masks"),
         ],
-        every=2,
+        every=3,
     ),
 )
 def test_recordings_that_do_not_fit(stacks, options, says):
@@ -195,6 +196,7 @@ def test_recordings_of_other_sizes_and_lights(source, tmp_path):
         check_recordings([source, read_source(tmp_path / "b")])
 
 
+@pytest.mark.slow
 def test_the_record_names_the_recording_of_each_sphere(both, source):
     other = replace(source, path=source.path / "b")
     recorded = record_setup(both, source, other).lights.calibrated

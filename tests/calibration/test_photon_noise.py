@@ -64,6 +64,7 @@ def test_residuals_choose_the_law_of_the_errors(bench, simulated, actual_px, by_
         assert np.all(found.sigma_px[found.used] == STATED_PX)
 
 
+@pytest.mark.slow
 def test_errors_agree_with_covariances_by_photons(bench, dome_mm, simulated):
     """Weights by photons make positions better, and state what they are."""
     actual_px = np.array([0.008, 0.008, 0.025, 0.025])

@@ -187,7 +187,7 @@ def error_mm(calibration):
     return np.linalg.norm(calibration.lights.positions_mm - LIGHTS, axis=1).max()
 
 
-@pytest.mark.parametrize("marked", quick(["found", "masks", "one mask", "circles"], every=2))
+@pytest.mark.parametrize("marked", quick(["found", "masks", "one mask", "circles"], every=4))
 def test_rendered_spheres_give_the_positions(drawn, marked):
     values, masks = drawn
     circles = [(*SMALL.project(np.array(c)), 1200 * r / 590 + 1.5) for c, r in SPHERES]
@@ -217,11 +217,14 @@ def test_rendered_spheres_give_the_positions(drawn, marked):
 
 @pytest.mark.parametrize(
     ("copies", "named"),
-    [
-        pytest.param({}, [], id="none"),
-        pytest.param({3: 8}, ["L03 and L08"], id="one"),
-        pytest.param({3: 8, 1: 0}, ["L00 and L01; L03 and L08"], id="two"),
-    ],
+    quick(
+        [
+            pytest.param({3: 8, 1: 0}, ["L00 and L01; L03 and L08"], id="two"),
+            pytest.param({}, [], id="none"),
+            pytest.param({3: 8}, ["L03 and L08"], id="one"),
+        ],
+        every=3,
+    ),
 )
 def test_copies_of_an_image_are_named(drawn, copies, named):
     """The light of a copy is that of another LED, and nothing else shows it."""

@@ -9,6 +9,7 @@ import pytest
 
 from acquisition import read_source
 from calibration import EstimateError, calibrate_spheres, linear_stack, sphere_candidates
+from tests.quick_sample import quick
 
 DATA = os.environ.get("SGP_DATA")
 pytestmark = pytest.mark.skipif(not DATA, reason="SGP_DATA is not set: no real captures")
@@ -53,6 +54,7 @@ def test_mask_and_search_agree(masked, found):
     assert "mask-refined" in {notice.code for notice in masked.warnings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "circle", [(285, 148, 119), pytest.param((253, 148, 60), marks=pytest.mark.slow)]
 )
@@ -66,6 +68,7 @@ def test_an_approximate_circle_gives_the_same_outline(stack, found):
     assert angle_deg(circled.lights.directions, found.lights.directions).max() < 0.05
 
 
+@pytest.mark.slow
 def test_six_images_that_show_the_outline_only_together(stack, found):
     """Before, refused: the steepest edges of their mean image are those of the room."""
     some = [0, 1, 10, 11, 2, 3]
@@ -73,6 +76,7 @@ def test_six_images_that_show_the_outline_only_together(stack, found):
     assert angle_deg(few.lights.directions, found.lights.directions[some]).max() < 0.4
 
 
+@pytest.mark.slow
 def test_the_first_candidate_is_the_ball_whose_outline_too_few_edges_support(stack, found):
     """Before, a circle of 190 px radius, because more edges of the room are on it."""
     few = np.array(stack.values[:6])
@@ -83,7 +87,7 @@ def test_the_first_candidate_is_the_ball_whose_outline_too_few_edges_support(sta
     assert first.circle_px == pytest.approx((*outline.centre_px, outline.radius_px), abs=3)
 
 
-@pytest.mark.parametrize(("scale", "limit_deg"), [(1.0, 0.3), (1.6, 0.2)])
+@pytest.mark.parametrize(("scale", "limit_deg"), quick([(1.0, 0.3), (1.6, 0.2)], every=2))
 def test_a_circle_around_a_ball_with_jpeg_noise_is_not_refused(stack, found, scale, limit_deg):
     """One picture shows no sharp outline; the edges of all images together determine it."""
     values = []
@@ -103,7 +107,13 @@ def test_a_circle_around_a_ball_with_jpeg_noise_is_not_refused(stack, found, sca
 
 
 # Parts of the images, x, y, width and height. Less than half of the outline is seen in most.
-PARTS = [(134, 27, 240, 240), (170, 0, 342, 340), (0, 0, 340, 340), (0, 60, 512, 280)]
+PARTS = [
+    (134, 27, 240, 240),
+    *(
+        pytest.param(part, marks=pytest.mark.slow)
+        for part in ((170, 0, 342, 340), (0, 0, 340, 340), (0, 60, 512, 280))
+    ),
+]
 
 
 def part_of(values, x, y, width, height):
@@ -135,7 +145,7 @@ def test_a_mask_in_a_part_of_the_images_is_refined(stack, chrome, found, part):
     assert {"mask-refined", "mask-unconfirmed"} & {notice.code for notice in masked.warnings}
 
 
-@pytest.mark.parametrize(("quality", "scale"), [(75, 1.0), (60, 1.6)])
+@pytest.mark.parametrize(("quality", "scale"), quick([(75, 1.0), (60, 1.6)], every=2))
 def test_blocks_of_compression_are_named(stack, chrome, found, quality, scale):
     values = []
     for image in np.nan_to_num(stack.values, nan=1.0):

@@ -12,6 +12,7 @@ from calibration._spheres import search
 from calibration._spheres.marked import masked_spheres
 from simulator import render, scene_named
 from simulator._camera.sensor import sensor_image
+from tests.quick_sample import quick
 
 EXPOSURES_US = (20000.0, 40.0)
 
@@ -58,6 +59,7 @@ def few():
     return capture(6, leds=12)
 
 
+@pytest.mark.slow
 def test_positions_without_masks(scene):
     values, truth = scene
     result = calibrate_spheres(values, camera=truth.camera, radius_mm=(20, 20, 16, 14))
@@ -167,6 +169,7 @@ def test_a_sphere_that_contradicts_the_others_is_left_out(few, monkeypatch):
     assert error_mm.mean() < 1.5
 
 
+@pytest.mark.slow
 def test_one_sharp_sphere_among_blurred_ones_gives_no_positions(few, monkeypatch):
     values, truth = few
     draw = np.random.default_rng(1)
@@ -280,10 +283,13 @@ def test_names_come_from_the_stack(one):
 
 @pytest.mark.parametrize(
     ("off", "says"),
-    [
-        ({7: 0.03}, "left out light L07: no highlight on the spheres at"),
-        ({7: 0.0}, "light L07: the image is black; the light is left out"),
-    ],
+    quick(
+        [
+            ({7: 0.03}, "left out light L07: no highlight on the spheres at"),
+            ({7: 0.0}, "light L07: the image is black; the light is left out"),
+        ],
+        every=2,
+    ),
     ids=["in a lit room", "in the dark"],
 )
 def test_a_light_that_was_off_is_left_out_and_named(few, off, says):
@@ -297,6 +303,7 @@ def test_a_light_that_was_off_is_left_out_and_named(few, off, says):
     assert len(result.lights) == len(values) - 1
 
 
+@pytest.mark.slow
 def test_two_lights_of_twelve_that_were_off_are_refused(few):
     values, truth = few
     values = values.copy()
@@ -306,6 +313,7 @@ def test_two_lights_of_twelve_that_were_off_are_refused(few):
     assert caught.value.lights == ("L02", "L07")
 
 
+@pytest.mark.slow
 def test_a_light_hidden_on_three_spheres_is_named(few):
     values, truth = few
     values = values.copy()
@@ -358,6 +366,7 @@ def test_bad_input(few, options, error, says):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_radii_must_fit_the_spheres(few):
     values, truth = few
     with pytest.raises(DataError, match="3 radii for 4 spheres"):

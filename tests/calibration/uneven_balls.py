@@ -1,5 +1,7 @@
 """Drawn images of a mirror ball in front of a horizon, whose outline is uneven or partly dark."""
 
+import functools
+
 import cv2
 import numpy as np
 
@@ -13,6 +15,12 @@ def uneven_ball(seed, lights=8):
     farther inside; a window, a post and texture are drawn at random, and the lower part of the
     background may be black.
     """
+    values, circle, directions = _drawn(seed, lights)
+    return values.copy(), circle, directions.copy()
+
+
+@functools.lru_cache(maxsize=8)  # many tests draw the same few balls
+def _drawn(seed, lights):
     rng = np.random.default_rng(seed)
     radius = rng.uniform(35, 80)
     x, y = WIDTH / 2 + rng.uniform(-25, 25), HEIGHT / 2 + rng.uniform(-25, 25)

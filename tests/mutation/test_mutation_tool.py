@@ -46,6 +46,7 @@ def test_faults_are_python_and_change_one_place(module: str) -> None:
         assert text.splitlines()[mutant.line - 1].strip() == mutant.before
 
 
+@pytest.mark.slow
 def test_listed_survivors_can_still_be_planted() -> None:
     for (module, *key), reason in Survivors.read().reasons.items():
         assert len(reason) > 10

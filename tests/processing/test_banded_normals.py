@@ -17,6 +17,7 @@ from processing._reconstruction import reconstruct as source_to_normals
 from processing._reconstruction import recorded_images
 from tests.processing.test_colours import recording
 from tests.processing.test_reconstruct import session  # noqa: F401
+from tests.quick_sample import quick
 
 
 def arrays(result: Reconstruction) -> dict[str, Any]:
@@ -72,7 +73,10 @@ def test_maps_do_not_depend_on_the_bands(
 
 @pytest.mark.parametrize(
     ("channel", "law"),
-    [("rgb", False), pytest.param("joint", True, marks=pytest.mark.slow), ("joint", False)],
+    quick(
+        [("rgb", False), pytest.param("joint", True, marks=pytest.mark.slow), ("joint", False)],
+        every=3,
+    ),
 )
 def test_maps_of_colours_do_not_depend_on_the_bands(
     monkeypatch: pytest.MonkeyPatch, channel: Literal["rgb", "joint"], law: bool

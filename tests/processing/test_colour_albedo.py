@@ -103,6 +103,7 @@ def test_coloured_lights_and_an_unlit_image(tmp_path) -> None:
     assert relative_error(result.albedo).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_near_lights(tmp_path) -> None:
     far, (normals, mask, _) = distant(), scene()
     positions = far.unit_directions * np.linspace(120, 200, COUNT)[:, None]

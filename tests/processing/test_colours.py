@@ -103,7 +103,7 @@ def bound_deg(colour):
             pytest.param((0.9, 0.15, 0.05), id="red"),
             pytest.param((0.1, 0.2, 0.8), id="blue"),
         ],
-        every=2,
+        every=3,
     ),
 )
 def test_the_average_is_close_to_the_bound_and_better_than_gray(colour):
@@ -129,7 +129,7 @@ def test_errors_are_as_large_as_predicted(channel):
         assert 0.85 < ratio < 1.2
 
 
-@pytest.mark.parametrize("noise", [True, False])
+@pytest.mark.parametrize("noise", quick([True, False], every=2))
 def test_channels_without_signal_do_not_count(noise):
     with_black = reconstruct(recording((0.8, 0.0, 0.0), noise=noise), channel="rgb")
     red = reconstruct(recording((0.8, 0.8, 0.8), noise=noise), channel="rgb")
@@ -168,6 +168,7 @@ def test_images_of_one_channel_are_refused():
         reconstruct(source, channel="rgb")
 
 
+@pytest.mark.slow
 def test_one_channel_that_is_not_matte_is_enough_to_show_it(monkeypatch):
     turn, z = np.arange(24) * np.pi * (3 - np.sqrt(5)), np.linspace(0.98, 0.6, 24)
     r = np.sqrt(1 - z * z)

@@ -67,7 +67,7 @@ CURVES = {"linear": LINEAR, "srgb": SRGB, "power": TransferCurve.power(2.2)}
 
 
 @pytest.mark.parametrize("true", CURVES)
-@pytest.mark.parametrize("taken", quick(CURVES, every=2))
+@pytest.mark.parametrize("taken", quick(CURVES, every=3))
 def test_a_wrong_curve_is_named_with_both_figures(true: str, taken: str) -> None:
     lights = dome()
     samples = CURVES[true].samples(shades(lights))
@@ -84,7 +84,7 @@ def test_a_wrong_curve_is_named_with_both_figures(true: str, taken: str) -> None
     assert text.endswith(": check the transfer curve")
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.uint16])
+@pytest.mark.parametrize("dtype", quick([np.float32, np.uint16], every=2))
 def test_intensities_and_exposures_are_considered(dtype: type) -> None:
     """Samples of lights of different strength are at different places of the curve."""
     lights = dome()
@@ -114,7 +114,7 @@ def test_near_lights() -> None:
         assert bool(doubts(source)) == (true != LINEAR)
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("mirrored", quick([False, True], every=2))
 def test_wrong_lights_are_not_blamed_on_the_curve(mirrored: bool) -> None:
     lights = dome()
     vectors = lights.unit_directions

@@ -12,6 +12,7 @@ import pytest
 
 from acquisition import DataError
 from processing import NormalMap, angle_deg, fill_holes, read_normals, separate
+from tests.quick_sample import quick
 
 Mask = npt.NDArray[np.bool_]
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
@@ -47,7 +48,7 @@ HOLES = {
 }
 
 
-@pytest.mark.parametrize("name", list(HOLES))
+@pytest.mark.parametrize("name", quick(list(HOLES), every=5))
 def test_only_holes_change_and_the_detail_stays_as_steep(rough: NormalMap, name: str) -> None:
     holes = HOLES[name]
     filled = fill_holes(rough, holes, patch=12, seed=2)
@@ -64,7 +65,7 @@ def test_only_holes_change_and_the_detail_stays_as_steep(rough: NormalMap, name:
         assert filled.detail_angle_deg == pytest.approx(filled.surroundings_angle_deg, rel=0.15)
 
 
-@pytest.mark.parametrize("name", ["inside", "two", "at the rim"])
+@pytest.mark.parametrize("name", quick(["inside", "two", "at the rim"], every=3))
 def test_no_step_at_the_rim(rough: NormalMap, name: str) -> None:
     filled = fill_holes(rough, HOLES[name], patch=12)
     assert filled.seam.ratio <= 1.2
@@ -77,7 +78,7 @@ def test_no_step_at_the_rim(rough: NormalMap, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "most_deg"), [("inside", 0.05), ("two", 0.05), ("at the rim", 10)]
+    ("name", "most_deg"), quick([("inside", 0.05), ("two", 0.05), ("at the rim", 10)], every=2)
 )
 def test_the_shape_of_a_ball_is_continued(name: str, most_deg: float) -> None:
     """n_x and n_y of a sphere are linear; a free border at the rim of the object is not exact."""
@@ -116,6 +117,7 @@ def test_bad_input(rough: NormalMap, holes: Mask, options: dict[str, int], messa
         fill_holes(rough, holes, **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @needs_data
 def test_holes_in_a_real_surface() -> None:
     plant = read_normals(Path(os.environ["SGP_DATA"]) / "normals/plant").normal_map

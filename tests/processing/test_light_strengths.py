@@ -62,6 +62,7 @@ def test_a_surface_that_is_not_matte_is_named() -> None:
     assert "strengths-not-matte" in [notice.code for notice in glossy.warnings]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "count", [8, pytest.param(12, marks=pytest.mark.slow), pytest.param(36, marks=pytest.mark.slow)]
 )

@@ -19,6 +19,7 @@ from processing._detail.similarity import Pose, Similarity
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals
+from tests.quick_sample import quick
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 Mask = npt.NDArray[np.bool_]
@@ -291,22 +292,25 @@ def test_local_transfer_refuses(options: dict[str, object], text: str) -> None:
 @needs_data
 @pytest.mark.parametrize(
     ("source", "target", "part", "pose"),
-    [
-        pytest.param(
-            "cat",
-            "bear",
-            (390, 166, 45, 35),
-            Pose((303, 188), scale=1.2, rotate_deg=6.0),
-            id="cat's face onto bear",
-        ),
-        pytest.param(
-            "buddha",
-            "bear",
-            (305, 118, 27, 34),
-            Pose((303, 185), scale=1.5, mirror=True),
-            id="buddha's face onto bear",
-        ),
-    ],
+    quick(
+        [
+            pytest.param(
+                "cat",
+                "bear",
+                (390, 166, 45, 35),
+                Pose((303, 188), scale=1.2, rotate_deg=6.0),
+                id="cat's face onto bear",
+            ),
+            pytest.param(
+                "buddha",
+                "bear",
+                (305, 118, 27, 34),
+                Pose((303, 185), scale=1.5, mirror=True),
+                id="buddha's face onto bear",
+            ),
+        ],
+        every=2,
+    ),
 )
 def test_real_faces_show_no_seam(
     source: str, target: str, part: tuple[int, int, int, int], pose: Pose

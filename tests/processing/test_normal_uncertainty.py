@@ -11,6 +11,7 @@ from processing import Reason, SampleKind, normal_uncertainty, photometric_stere
 from processing._stereo.method import METHODS
 from processing._uncertainty.light_table import light_table, near_variances
 from processing._uncertainty.pixel_variances import kinds_of
+from tests.quick_sample import quick
 
 SLOPE, FLOOR = 1e-4, 2.5e-7
 COUNT = 24
@@ -131,7 +132,7 @@ def draws(lights, spread, intensity, rng):
     return moved, 1 + intensity * rng.normal(size=count)
 
 
-@pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
+@pytest.mark.parametrize("known", quick([True, False], every=2), ids=["known", "unknown"])
 def test_errors_of_the_lights_are_predicted(known):
     normals, mask = ball(20)
     lights = dome()

@@ -10,6 +10,7 @@ import pytest
 from acquisition import Lights, read_source
 from calibration import calibrate_spheres, linear_stack
 from processing import angular_error, photometric_stereo
+from tests.quick_sample import quick
 
 pytestmark = pytest.mark.skipif(
     "SGP_DATA" not in os.environ, reason="needs the real captures in SGP_DATA"
@@ -24,16 +25,19 @@ def _capture(name):
 
 @pytest.mark.parametrize(
     ("name", "method", "lowest", "highest"),
-    [
-        pytest.param("bearPNG", "ls", 8.34, 8.44, id="bear-ls"),
-        pytest.param("catPNG", "ls", 8.36, 8.46, id="cat-ls"),
-        pytest.param("bearPNG", "cauchy", 5.0, 6.15, id="bear-cauchy"),
-        pytest.param("catPNG", "cauchy", 5.0, 7.0, id="cat-cauchy"),
-        pytest.param("bearPNG", "trimmed", 6.0, 6.3, id="bear-trimmed"),
-        pytest.param("catPNG", "trimmed", 6.9, 7.17, id="cat-trimmed"),
-        pytest.param("bearPNG", "best", 3.5, 4.6, id="bear-best"),
-        pytest.param("catPNG", "best", 3.5, 4.7, id="cat-best"),
-    ],
+    quick(
+        [
+            pytest.param("bearPNG", "ls", 8.34, 8.44, id="bear-ls"),
+            pytest.param("catPNG", "ls", 8.36, 8.46, id="cat-ls"),
+            pytest.param("bearPNG", "cauchy", 5.0, 6.15, id="bear-cauchy"),
+            pytest.param("catPNG", "cauchy", 5.0, 7.0, id="cat-cauchy"),
+            pytest.param("bearPNG", "trimmed", 6.0, 6.3, id="bear-trimmed"),
+            pytest.param("catPNG", "trimmed", 6.9, 7.17, id="cat-trimmed"),
+            pytest.param("bearPNG", "best", 3.5, 4.6, id="bear-best"),
+            pytest.param("catPNG", "best", 3.5, 4.7, id="cat-best"),
+        ],
+        every=4,
+    ),
 )
 def test_mean_angular_error_on_diligent(name, method, lowest, highest):
     stack, source = _capture(f"diligent/{name}")
@@ -52,6 +56,7 @@ def _ball_normals(mask):
     return np.stack([x, y, np.sqrt(np.clip(1 - x * x - y * y, 0, None))], axis=2)
 
 
+@pytest.mark.slow
 def test_a_glossy_ball_under_lights_from_a_chrome_ball():
     chrome, source = _capture("uw/chrome")
     lights = calibrate_spheres(chrome, masks=[source.mask]).lights

@@ -149,7 +149,7 @@ MESHES = ["torus", "stanford-bunny", "decimated-max", "skull"]
 
 
 @pytest.mark.parametrize(
-    ("name", "view", "smooth"), quick(product(MESHES, CAMERAS, (True, False)), every=5)
+    ("name", "view", "smooth"), quick(product(MESHES, CAMERAS, (True, False)), every=12)
 )
 def test_agrees_with_a_ray_caster(name, view, smooth):
     camera = CAMERAS[view]

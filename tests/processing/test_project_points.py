@@ -60,7 +60,9 @@ def test_the_rim_of_a_ball_does_not_show_its_inside():
 
 
 @pytest.mark.parametrize("given", [False, True], ids=["fitted", "normals of the file"])
-@pytest.mark.parametrize("camera", [None, CAMERA], ids=["orthographic", "perspective"])
+@pytest.mark.parametrize(
+    "camera", quick([None, CAMERA], every=2), ids=["orthographic", "perspective"]
+)
 def test_a_ball_of_points_in_closed_form(camera, given):
     points = _sphere(30_000)
     cloud = Geometry(points, normals=-points / 20.0 if given else None)
@@ -85,6 +87,7 @@ def test_a_ball_of_points_in_closed_form(camera, given):
     assert np.abs(view.height[inner] - z[inner]).mean() < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", quick(["torus", "stanford-bunny", "skull"], every=3))
 def test_points_on_a_mesh_give_its_normal_map(name):
     if name == "torus":

@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 from acquisition import CameraModel, DataError, Lights
 from processing import NormalMap, image_quality, integrability, integrate
 from simulator import SCENES, render, scene_named
+from tests.quick_sample import quick
 
 SIZE = 96
 COUNT = 12
@@ -74,6 +75,7 @@ def test_a_correct_recording_is_quiet_and_has_small_figures() -> None:
     assert found.curl < 0.3
 
 
+@pytest.mark.slow
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.permutations(range(COUNT)))
 def test_shuffled_lights_are_named(order: list[int]) -> None:
@@ -91,24 +93,24 @@ ORDERS = {
 }
 
 
-@pytest.mark.parametrize("name", ORDERS)
+@pytest.mark.parametrize("name", quick(ORDERS, every=2))
 def test_the_usual_orders_are_named(name: str) -> None:
     (notice,) = image_quality(IMAGES, reordered(ORDERS[name]), MASK).warnings
     assert notice.code == "lights-shuffled"
     assert name in notice.text
 
 
-@pytest.mark.parametrize("pair", [(2, 7), (0, 11), (4, 5)])
-def test_swapped_images_are_named(pair: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("one", "other"), quick([(2, 7), (0, 11), (4, 5)], every=3))
+def test_swapped_images_are_named(one: int, other: int) -> None:
     order = np.arange(COUNT)
-    order[list(pair)] = pair[::-1]
+    order[[one, other]] = other, one
     (notice,) = image_quality(IMAGES, reordered(order), MASK).warnings
     assert notice.code == "images-swapped"
-    names = {reordered(order).ids[i] for i in pair}
+    names = {reordered(order).ids[i] for i in (one, other)}
     assert set(notice.where.split(", ")) == names
 
 
-@pytest.mark.parametrize("apart_deg", [8.0, 11.0])
+@pytest.mark.parametrize("apart_deg", quick([8.0, 11.0], every=2))
 def test_swapped_neighbours_are_named(apart_deg: float) -> None:
     """Their lights are closer together than a light that is said to have moved."""
     directions = LIGHTS.unit_directions.copy()
@@ -131,7 +133,7 @@ def test_a_doubled_image_is_named() -> None:
     assert (notice.code, notice.where) == ("image-duplicate", "L03, L08")
 
 
-@pytest.mark.parametrize("turn", ["upside down", "left to right", "top to bottom"])
+@pytest.mark.parametrize("turn", quick(["upside down", "left to right", "top to bottom"], every=3))
 def test_a_turned_image_is_named(turn: str) -> None:
     values = IMAGES.copy()
     rows = slice(None, None, 1 if turn == "left to right" else -1)
@@ -165,7 +167,7 @@ AXES = {
 }
 
 
-@pytest.mark.parametrize("name", AXES)
+@pytest.mark.parametrize("name", quick(AXES, every=4))
 def test_wrong_axes_are_named(name: str) -> None:
     wrong = replace(LIGHTS, directions=LIGHTS.unit_directions @ AXES[name].T, axes=None)
     (notice,) = image_quality(IMAGES, wrong, MASK).warnings
@@ -227,6 +229,7 @@ def test_saturated_samples_and_large_images_change_little() -> None:
     assert found.residual == pytest.approx(image_quality(IMAGES, LIGHTS, MASK).residual, rel=0.1)
 
 
+@pytest.mark.slow
 def test_lights_along_an_axis_without_relief_are_not_judged() -> None:
     """Blurred edges of shadows are a third component of steps, which has no second slope."""
     rendering = render(scene_named("step-gauge", width=160, height=128, leds=36))

@@ -90,6 +90,7 @@ def test_a_region_gives_the_normals_of_the_complete_recording(session):
     )
 
 
+@pytest.mark.slow
 def test_a_lower_resolution_stays_close_to_the_truth(session):
     source = read_source(session)
     part = reconstruct(downscale(source, 2))
@@ -106,6 +107,7 @@ def test_distant_lights_without_a_surface(session):
     assert result.surface is None
 
 
+@pytest.mark.slow
 def test_a_source_and_its_reconstruction_survive_pickling(session):
     source = read_source(session)
     copy = pickle.loads(pickle.dumps(source))
@@ -116,6 +118,7 @@ def test_a_source_and_its_reconstruction_survive_pickling(session):
     )
 
 
+@pytest.mark.slow
 def test_black_images_are_left_out_and_named(session):
     source = read_source(session)
     frames = tuple(

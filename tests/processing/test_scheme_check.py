@@ -12,6 +12,7 @@ from acquisition import Lights
 from processing import image_quality
 from processing._reconstruction.cells import cells_of
 from processing._reconstruction.scheme_check import SchemeCheck, check_scheme, scheme_notices
+from tests.quick_sample import quick
 
 SIZE = 100
 COUNT = 24
@@ -103,7 +104,7 @@ def test_a_correct_recording_is_quiet() -> None:
     assert scheme_notices(found, LIGHTS.ids) == []
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize("name", quick(FAULTS, every=3))
 def test_a_fault_is_named_with_its_kind_and_size(name: str) -> None:
     plant, kind, wrong, size = FAULTS[name]
     values = IMAGES.copy()
@@ -136,6 +137,7 @@ def test_many_bright_images_do_not_hide_one_another() -> None:
     assert {one.kind for one in found.found} == {"brightness"}
 
 
+@pytest.mark.slow
 def test_half_of_the_images_are_not_left_out() -> None:
     values = IMAGES.copy()
     values[::2] *= np.random.default_rng(3).uniform(0.6, 1.6, (COUNT // 2, 1, 1))

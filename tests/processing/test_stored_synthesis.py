@@ -12,6 +12,7 @@ import pytest
 from acquisition import BandStore, DataError
 from processing import NormalMap, synthesize, synthesize_on_disk
 from processing._synthesis.spectrum_match import matching_kernel
+from tests.quick_sample import quick
 
 # Sizes of sheets and options; strips have 16 rows of patches.
 CASES: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {
@@ -32,7 +33,7 @@ def exemplar() -> NormalMap:
     return NormalMap.from_vectors(np.dstack([-8 * dx, 8 * dy, np.ones(height.shape)]))
 
 
-@pytest.mark.parametrize(("size", "options"), CASES.values(), ids=CASES)
+@pytest.mark.parametrize(("size", "options"), quick(CASES.values(), every=2), ids=CASES)
 def test_a_sheet_in_files_is_that_in_memory(
     exemplar: NormalMap, tmp_path: Path, size: tuple[int, int], options: dict[str, Any]
 ) -> None:
@@ -63,7 +64,9 @@ def test_cuts_and_spectrum_of_these_sheets_are_corrected(exemplar: NormalMap, mo
     assert np.abs(kernel).sum() > 1.01
 
 
-@pytest.mark.parametrize("options", [{}, {"tileable": True}], ids=["", "for tiling"])
+@pytest.mark.parametrize(
+    "options", quick([{"tileable": True}, {}], every=2), ids=["for tiling", ""]
+)
 def test_a_sheet_continues_after_each_step(
     exemplar: NormalMap, tmp_path: Path, monkeypatch, options: dict[str, Any]
 ) -> None:

@@ -22,6 +22,7 @@ from processing import (
     write_normals,
 )
 from processing._detail import rows
+from tests.quick_sample import quick
 
 TARGET = (250, 90)
 Mask = npt.NDArray[np.bool_]
@@ -77,7 +78,7 @@ CASES: dict[str, tuple[tuple[int, int], dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize(("size", "options"), CASES.values(), ids=CASES)
+@pytest.mark.parametrize(("size", "options"), quick(CASES.values(), every=6), ids=CASES)
 def test_bands_are_the_whole(
     tmp_path: Path, size: tuple[int, int], options: dict[str, Any]
 ) -> None:

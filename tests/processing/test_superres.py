@@ -215,7 +215,9 @@ def test_the_result_is_a_normal_map_with_its_figures(whole):
     assert repr(whole) == f"SuperResolution({high!r}, {KINDS[4].domain}, x4)"
 
 
-@pytest.mark.parametrize(("scale", "self_ensemble"), [(2, True), (4, False)])
+@pytest.mark.parametrize(
+    ("scale", "self_ensemble"), [pytest.param(2, True, marks=pytest.mark.slow), (4, False)]
+)
 def test_tiles_equal_the_whole(scale, self_ensemble, monkeypatch):
     low = masked(rough(45, 70, seed=4), disc(45, 70))
     made = super_resolve(low, scale, self_ensemble=self_ensemble)
@@ -244,6 +246,7 @@ def test_maps_smaller_than_a_window_or_a_tile(size):
         assert made.normal_map.mask.all()
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 7), st.integers(0, 1000))
 def test_a_turned_map_gives_the_turned_result(symmetry, seed):

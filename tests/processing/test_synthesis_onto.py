@@ -98,6 +98,7 @@ def noise(side=64, seed=2):
     return NormalMap.from_vectors(vectors)
 
 
+@pytest.mark.slow
 def test_on_a_flat_target_every_vector_is_one_of_the_exemplar():
     exemplar = noise()
     made = synthesize_onto(exemplar, flat(50, 70), patch=16).detail.normals

@@ -277,6 +277,7 @@ def test_transfer_refuses(options: dict[str, object], text: str) -> None:
         transfer(relief(8, (30, 30)), ball(), **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @needs_data
 @pytest.mark.parametrize(
     ("source", "shape", "detail", "refined"),

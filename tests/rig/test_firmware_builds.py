@@ -34,6 +34,7 @@ def test_the_images_leave_room_for_the_stack(tmp_path: Path) -> None:
     assert all(int(text.split(", ")[2].split()[0]) >= 250 for text in sizes)
 
 
+@pytest.mark.slow
 def test_the_sketch_is_a_board_on_an_uno(tmp_path: Path) -> None:
     command = builds.sketch(tmp_path)
     size = builds.run("avr-size", tmp_path / "arduino.elf").splitlines()[1].split()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.quick_sample import quick
 from tests.rig.conformance.board import BoardUnderTest
 from tests.rig.firmware import builds
 
@@ -45,14 +46,17 @@ def uno(commands: Commands) -> Iterator[BoardUnderTest]:
 
 @pytest.mark.parametrize(
     ("settle_us", "hold_us"),
-    [
-        pytest.param(0, 10, id="shortest"),
-        pytest.param(0, 200, id="as long as the pulse"),
-        pytest.param(1, 210, id="just longer than the pulse"),
-        pytest.param(2000, 5000, id="usual"),
-        pytest.param(33333, 66666, id="past the overflow of the timer"),
-        pytest.param(0, 300_000, id="long"),
-    ],
+    quick(
+        [
+            pytest.param(0, 10, id="shortest"),
+            pytest.param(0, 200, id="as long as the pulse"),
+            pytest.param(1, 210, id="just longer than the pulse"),
+            pytest.param(2000, 5000, id="usual"),
+            pytest.param(33333, 66666, id="past the overflow of the timer"),
+            pytest.param(0, 300_000, id="long"),
+        ],
+        every=6,
+    ),
 )
 def test_a_flash_keeps_its_times(board: BoardUnderTest, settle_us: int, hold_us: int) -> None:
     report = board.ok(f"FLASH 7 {settle_us} {hold_us}").split()
@@ -164,6 +168,7 @@ def test_a_hung_program_is_reset_and_the_led_turns_off(tmp_path: Path) -> None:
         assert board.status().state == "IDLE"
 
 
+@pytest.mark.slow
 def test_the_stack_never_reaches_the_data(uno: BoardUnderTest) -> None:
     for k in range(uno.identity.steps):
         uno.ok(f"STEP {k} {k % 36} 1000000 59000000 1000000")
@@ -182,6 +187,7 @@ def levels(board: BoardUnderTest) -> list[tuple[list[int], list[int]]]:
     return [(event["lit"], event["levels"]) for event in board.drain() if "lit" in event]
 
 
+@pytest.mark.slow
 def test_the_processor_reports_its_temperature(commands: Commands) -> None:
     # simavr's sensor is set to its 314 mV of 25 C; the 2560 has none.
     temperatures = []

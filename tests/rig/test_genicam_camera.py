@@ -434,6 +434,7 @@ def resident_kb():
         return int(file.read().split()[1]) * 4
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_over_opening_and_closing(make):
     if not os.path.exists("/proc/self/statm"):
         pytest.skip("no /proc here to read the memory from")

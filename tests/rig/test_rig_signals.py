@@ -8,6 +8,7 @@ import time
 import pytest
 
 from rig import Board
+from tests.quick_sample import quick
 
 # Opens rigs on these ports, with a camera that never delivers, and reports when the LED is on.
 HOST = """
@@ -95,18 +96,21 @@ def trips(bench):
 
 @pytest.mark.parametrize(
     ("body", "number", "code"),
-    [
-        pytest.param(SHOOT, signal.SIGTERM, 143, id="SIGTERM, camera stuck"),
-        pytest.param(SHOOT, signal.SIGHUP, 129, id="SIGHUP, camera stuck"),
-        pytest.param(SHOOT, signal.SIGINT, -signal.SIGINT, id="Ctrl-C, camera stuck"),
-        pytest.param(ON + LOOK_ALIVE, signal.SIGTERM, 143, id="SIGTERM, never closed"),
-        pytest.param(
-            "signal.signal(signal.SIGTERM, handled)\n" + SHOOT,
-            signal.SIGTERM,
-            7,
-            id="SIGTERM, a handler that never returns",
-        ),
-    ],
+    quick(
+        [
+            pytest.param(SHOOT, signal.SIGTERM, 143, id="SIGTERM, camera stuck"),
+            pytest.param(SHOOT, signal.SIGHUP, 129, id="SIGHUP, camera stuck"),
+            pytest.param(SHOOT, signal.SIGINT, -signal.SIGINT, id="Ctrl-C, camera stuck"),
+            pytest.param(ON + LOOK_ALIVE, signal.SIGTERM, 143, id="SIGTERM, never closed"),
+            pytest.param(
+                "signal.signal(signal.SIGTERM, handled)\n" + SHOOT,
+                signal.SIGTERM,
+                7,
+                id="SIGTERM, a handler that never returns",
+            ),
+        ],
+        every=2,
+    ),
 )
 def test_a_signal_turns_the_led_off_and_ends_the_program_as_usual(own_bench, body, number, code):
     host = start(body, own_bench)

@@ -13,6 +13,7 @@ import pytest
 
 from rig import _ending as ending
 from rig import end_program, resend_signal
+from tests.quick_sample import quick
 
 # Interrupted right after LLVM has linked modules, when the linked module has two owners.
 LINKED = """
@@ -54,7 +55,7 @@ def run(program: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("name", quick(["SIGINT", "SIGTERM", "SIGHUP"], every=3))
 def test_a_signal_while_llvm_links_does_not_crash(name, tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     done = run(LINKED.format(taken=TAKEN.format(name=name), name=name))

@@ -17,6 +17,7 @@ import pytest
 
 from acquisition import read_image, write_png
 from sgp._batch.perform import perform
+from tests.quick_sample import quick
 from tests.sgp.conftest import ball, ring_lights
 
 SGP = [sys.executable, "-m", "sgp"]
@@ -105,12 +106,15 @@ def test_a_batch_does_what_is_missing(here, sgp, two, recipe, tmp_path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "missing"),
-    [
-        ('[run]\nlights = "light.json"\n', "light.json"),
-        ('[run]\nlights = "{sorce}/lights.json"\n', "{sorce}/lights.json"),
-        ('[calibrate]\nrecordings = ["balls"]\n', "balls"),
-        ('[calibrate]\nrecordings = ["{parent}/balls", "balls"]\n', "balls"),
-    ],
+    quick(
+        [
+            ('[run]\nlights = "light.json"\n', "light.json"),
+            ('[run]\nlights = "{sorce}/lights.json"\n', "{sorce}/lights.json"),
+            ('[calibrate]\nrecordings = ["balls"]\n', "balls"),
+            ('[calibrate]\nrecordings = ["{parent}/balls", "balls"]\n', "balls"),
+        ],
+        every=4,
+    ),
     ids=["file", "word in braces", "recording", "second recording"],
 )
 def test_files_of_a_recipe_that_do_not_exist_cost_no_result(
@@ -128,6 +132,7 @@ def test_files_of_a_recipe_that_do_not_exist_cost_no_result(
     assert "1 result is up to date" in sgp(*words).err
 
 
+@pytest.mark.slow
 def test_a_file_that_one_source_lacks_is_its_own_failure(here, sgp, two, recipe, tmp_path) -> None:
     (two[0] / "own.json").write_bytes((tmp_path / "lights.json").read_bytes())
     (two[0] / "curve.txt").write_text("0 0\n65535 1\n")
@@ -149,6 +154,7 @@ class Interrupted(Here):
         yield from ()
 
 
+@pytest.mark.slow
 def test_an_interrupted_batch_with_other_options_leaves_no_result_that_counts(
     here, sgp, recording, recipe, tmp_path, monkeypatch
 ) -> None:

@@ -52,7 +52,7 @@ def error_deg(path):
     return angle_deg(read_lights(path).unit_directions, directions()).max()
 
 
-@pytest.mark.parametrize("name", ["mask.png", "chrome.mask.png"])
+@pytest.mark.parametrize("name", quick(["mask.png", "chrome.mask.png"], every=2))
 def test_the_mask_file_of_a_plain_folder_marks_the_sphere(sgp, chrome, tmp_path, name):
     write_png(chrome / name, disc())
     answer = sgp("calibrate", "spheres", chrome, "--out", tmp_path / "l.json", "--json")
@@ -136,7 +136,7 @@ LAYOUTS = [
 ]
 
 
-@pytest.mark.parametrize("made", quick(LAYOUTS, every=3))
+@pytest.mark.parametrize("made", quick(LAYOUTS, every=10))
 def test_the_mask_of_an_object_is_not_used_for_a_sphere(sgp, chrome, tmp_path, made):
     source, mask = made(sgp, chrome)
     assert mask.exists()
@@ -186,6 +186,7 @@ def card(tmp_path_factory):
     return out
 
 
+@pytest.mark.slow
 def test_intensities_come_from_the_card_and_not_from_the_object(sgp, card, tmp_path):
     truth = card / "derived" / "truth" / "lights.json"
     found = tmp_path / "i.json"

@@ -61,6 +61,7 @@ def test_a_camera_with_its_working_plane(sgp, views, tmp_path) -> None:
     assert read_image(out / "camera.png").ndim == 3
 
 
+@pytest.mark.slow
 def test_a_wrong_square_size_contradicts_the_known_distance(sgp, views, tmp_path) -> None:
     done = sgp(
         "calibrate", "camera", views / "shots", "--squares", "11x8", "--square-mm", "22",
@@ -124,6 +125,7 @@ def test_refused(sgp, views, tmp_path, words, code, match) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_images_of_different_sizes(sgp, views, tmp_path) -> None:
     image = read_image(views / "flat.png")
     write_png(tmp_path / "part.png", np.ascontiguousarray(image[:480]))

@@ -37,6 +37,7 @@ def test_a_failed_check_ends_it_before_anything_is_recorded(sgp, tmp_path, plan)
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.slow
 def test_an_led_that_gives_no_light_is_found_while_recording(sgp, tmp_path, plan):
     rig = tmp_path / "rig.toml"
     rig.write_text(RIG + "[options.lamps]\ndead = [2]\n", encoding="utf-8")

@@ -291,6 +291,7 @@ def test_ctrl_c_ends_a_watch_and_the_same_command_continues(sgp, tmp_path):
     assert sgp("capture", "verify", out).code == 0
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_a_raw_file_is_awaited_loses_nothing(sgp, tmp_path):
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()

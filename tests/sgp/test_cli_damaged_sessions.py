@@ -93,6 +93,7 @@ def test_a_complete_session_with_a_damaged_frame_is_repaired(sgp, rig, plan, tmp
     assert sgp("capture", "verify", out).code == 0
 
 
+@pytest.mark.slow
 def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, plan, tmp_path):
     out = tmp_path / "s"
     assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0
@@ -114,6 +115,7 @@ def test_a_frame_line_of_another_led_is_named_and_can_be_retaken(sgp, rig, plan,
     assert sgp("capture", "verify", out).code == 0
 
 
+@pytest.mark.slow
 def test_missing_lines_are_reported(sgp, rig, plan, tmp_path):
     out = tmp_path / "s"
     assert capture(sgp, out, "--rig", rig, "--plan", plan(5000.0)).code == 0

@@ -221,10 +221,17 @@ def test_display_ready_photographs_of_buddha_agree_with_its_linear_images(
 @pytest.mark.parametrize(
     ("name", "suffix", "encoded", "doubted"),
     [
-        pytest.param("gray", None, False, False, id="gray"),
-        pytest.param("buddha", None, False, False, id="buddha"),
-        pytest.param("cat", None, False, False, id="cat", marks=pytest.mark.slow),
-        pytest.param("gray", "png", True, True, id="gray as sRGB PNG without metadata"),
+        pytest.param("gray", None, False, False, id="gray", marks=pytest.mark.slow),
+        pytest.param("buddha", None, False, False, id="buddha", marks=pytest.mark.slow),
+        pytest.param("cat", None, False, False, id="cat"),
+        pytest.param(
+            "gray",
+            "png",
+            True,
+            True,
+            id="gray as sRGB PNG without metadata",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(
             "buddha",
             "png",

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from sgp.app import build
+from tests.quick_sample import quick
 
 EXAMPLE_WIDTH = 76
 
@@ -40,7 +41,7 @@ def _examples(text):
     return [line.rstrip() for line in block.splitlines()]
 
 
-@pytest.mark.parametrize("words", PAGES)
+@pytest.mark.parametrize("words", quick(PAGES, every=3))
 def test_every_page_has_examples_that_fit_and_are_understood(page, words):
     lines = _examples(page(*words))
     assert lines
@@ -63,7 +64,7 @@ def _entries(text):
 
 
 @pytest.mark.parametrize("words", PAGES)
-@pytest.mark.parametrize("width", [60, 80, 400])
+@pytest.mark.parametrize("width", quick([60, 80, 400], every=3))
 def test_texts_are_wrapped_and_empty_defaults_are_hidden(page, words, width):
     text = page(*words, width=width)
     _, *lines = text.replace(" \n", "\n").splitlines()

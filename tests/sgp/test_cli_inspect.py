@@ -82,7 +82,7 @@ def test_shuffled_lights_are_named_and_the_exit_code_stays(sgp: Callable, folder
     assert shown.out.splitlines()[-1] == "images, lights and normals do not agree"
 
 
-@pytest.mark.parametrize("command", ["normals", "run"])
+@pytest.mark.parametrize("command", ["normals", pytest.param("run", marks=pytest.mark.slow)])
 def test_the_commands_that_write_show_the_same(sgp: Callable, folder: Path, command: str) -> None:
     words = ("--lights", folder.parent / "lights.json")
     inspected = sgp("inspect", folder, *words).out.splitlines()

@@ -7,6 +7,7 @@ import pytest
 
 from acquisition import angle_deg, read_image, read_lights, write_png
 from tests.calibration.spheres_and_object import directions, write_recording
+from tests.quick_sample import quick
 
 EVERY = tuple(f"L{k:02d}" for k in range(8))
 
@@ -39,9 +40,9 @@ def white(image):
 @pytest.mark.parametrize(
     ("exclude", "gone"),
     [
-        pytest.param("7", "7", id="number"),
+        pytest.param("7", "7", id="number", marks=pytest.mark.slow),
         pytest.param("L02,5-6", "256", id="name and range"),
-        pytest.param("auto,L00.png", "0", id="auto and file"),
+        pytest.param("auto,L00.png", "0", id="auto and file", marks=pytest.mark.slow),
     ],
 )
 def test_excluded_images_have_no_lights(sgp, recording, tmp_path, exclude, gone):
@@ -72,6 +73,7 @@ def test_wrong_names_are_refused(sgp, recording, tmp_path, exclude, code, says):
     assert says in answer.error_line(code)
 
 
+@pytest.mark.slow
 def test_images_are_left_out_of_all_recordings(sgp, recording, tmp_path):
     words = ("calibrate", "spheres", recording, recording.parent / "other", "--exclude", "L03")
     (tmp_path / "other").mkdir()
@@ -88,7 +90,7 @@ LOST = {
 }
 
 
-@pytest.mark.parametrize(("edit", "code", "says"), LOST.values(), ids=LOST.keys())
+@pytest.mark.parametrize(("edit", "code", "says"), quick(LOST.values(), every=3), ids=LOST.keys())
 def test_an_image_that_does_not_count_costs_its_light_only(
     sgp, recording, tmp_path, edit, code, says
 ):
@@ -107,7 +109,7 @@ def test_an_image_that_does_not_count_costs_its_light_only(
     assert "7 images, distant lights" in sgp(*words).out
 
 
-@pytest.mark.parametrize("command", ["calibrate", "run"])
+@pytest.mark.parametrize("command", quick(["calibrate", "run"], every=2))
 def test_the_refusal_says_what_to_exclude_and_that_helps(sgp, recording, tmp_path, command):
     for name in ("L03", "L06"):
         change(recording, name, bumped)
@@ -126,6 +128,7 @@ def test_the_refusal_says_what_to_exclude_and_that_helps(sgp, recording, tmp_pat
     assert angle_deg(lights.unit_directions, directions()[kept]).max() < 0.4
 
 
+@pytest.mark.slow
 def test_the_hint_names_no_sphere_that_was_found(sgp, recording, tmp_path):
     """A mark of the same sphere would give the same error."""
     for k in (1, 4, 6):
@@ -148,6 +151,7 @@ def test_no_mark_is_proposed_if_images_are_blank(sgp, recording, tmp_path):
     assert not (tmp_path / "l-candidates.png").exists()
 
 
+@pytest.mark.slow
 def test_refusals_of_several_recordings_say_what_to_exclude(sgp, recording, tmp_path):
     (tmp_path / "other").mkdir()
     write_recording(tmp_path / "other")

@@ -79,6 +79,7 @@ def test_bands_under_near_lights(sgp, tmp_path, bands) -> None:
     check_bands(sgp, given, tmp_path, bands, LITTLE)
 
 
+@pytest.mark.slow
 def test_bands_of_several_exposures(sgp, tmp_path, bands) -> None:
     """Exposures are merged in each band, with the law of their noise."""
     scene = ("simulate", "coin", "--size", "72x60", "--led-count", 8)

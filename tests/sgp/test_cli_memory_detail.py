@@ -10,6 +10,7 @@ import pytest
 from acquisition import write_png
 from processing import ShapeFilter, write_normal_rows
 from processing._detail import rows
+from tests.quick_sample import quick
 from tests.sgp.in_bands import check_bands, check_continued
 from tests.sgp.test_cli_memory import bands, check_equal  # noqa: F401 - a fixture
 
@@ -45,7 +46,16 @@ def least(kind: str, order: int, w: int) -> str:
 
 @pytest.mark.parametrize(
     ("kind", "order", "w"),
-    [("gaussian", 8, 2), ("gaussian", 1, 5), ("box", 1, 3), ("guided", 1, 4), ("bilateral", 1, 3)],
+    quick(
+        [
+            ("gaussian", 8, 2),
+            ("gaussian", 1, 5),
+            ("box", 1, 3),
+            ("guided", 1, 4),
+            ("bilateral", 1, 3),
+        ],
+        every=2,
+    ),
 )
 def test_separation_in_bands_is_that_of_the_whole(
     sgp,

@@ -53,6 +53,7 @@ def check_equal(found: Path, expected: Path) -> None:
     assert not [path.name for path in found.rglob(".part-*")]
 
 
+@pytest.mark.slow
 def test_bands_give_the_files_and_figures_of_the_whole(sgp, given, tmp_path) -> None:
     whole = sgp(*given, "--out", tmp_path / "whole", "--json")
     assert whole.code == 0, whole.err
@@ -68,6 +69,7 @@ def test_bands_give_the_files_and_figures_of_the_whole(sgp, given, tmp_path) -> 
     assert other["notices"] == one["notices"]
 
 
+@pytest.mark.slow
 def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -> None:
     """After Ctrl-C in each stage, and with other options, which are refused by name."""
     assert sgp(*given, "--out", tmp_path / "whole").code == 0
@@ -114,6 +116,7 @@ def test_what_cannot_be_done_is_refused_before_any_work(sgp, given, tmp_path) ->
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_near_lights_and_a_surface_from_files(sgp, tmp_path, monkeypatch) -> None:
     """Heights above the working plane are those of the whole, in blocks and as a whole."""
     write_images(tmp_path / "cap", HEIGHT, NORMALS, panel(220.0))

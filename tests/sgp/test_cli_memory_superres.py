@@ -95,6 +95,7 @@ def test_an_interrupted_enlargement_continues(sgp, low, tmp_path, monkeypatch) -
     check_equal(out, tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_a_memory_that_is_too_small_and_a_map_that_is_read_at_once(sgp, low, tmp_path) -> None:
     """The least that works is stated."""
     out = tmp_path / "out"

@@ -39,14 +39,18 @@ def hide(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize(
     "options",
-    [(), ("--tileable", "--seed", 3), ("--rotate", "--crop", "5,5,80,80")],
-    ids=["", "for tiling", "turned"],
+    [
+        pytest.param((), id="", marks=pytest.mark.slow),
+        pytest.param(("--tileable", "--seed", 3), id="for tiling"),
+        pytest.param(("--rotate", "--crop", "5,5,80,80"), id="turned", marks=pytest.mark.slow),
+    ],
 )
 def test_a_sheet_in_files_is_that_in_memory(sgp, hide, tmp_path, bands, options) -> None:  # noqa: F811
     command = ["detail", "synthesize", hide, *SIZE, *options]
     check_bands(sgp, bands, tmp_path, command, LITTLE)
 
 
+@pytest.mark.slow
 def test_an_interrupted_sheet_continues(sgp, hide, tmp_path, monkeypatch) -> None:
     command = ["detail", "synthesize", hide, *SIZE]
     done = check_continued(

@@ -48,14 +48,21 @@ def memory(refine: int = 0) -> str:
 
 @pytest.mark.parametrize(
     "options",
-    [(), ("--refine", 2), ("--tile", "mirror", "--amplitude", -0.5), ("--at", "-10,50")],
-    ids=["cut", "corrected", "mirrored", "put"],
+    [
+        pytest.param((), id="cut", marks=pytest.mark.slow),
+        pytest.param(("--refine", 2), id="corrected"),
+        pytest.param(
+            ("--tile", "mirror", "--amplitude", -0.5), id="mirrored", marks=pytest.mark.slow
+        ),
+        pytest.param(("--at", "-10,50"), id="put", marks=pytest.mark.slow),
+    ],
 )
 def test_bands_give_the_result_of_the_whole(sgp, maps, tmp_path, bands, options) -> None:  # noqa: F811
     command = ["detail", "transfer", *maps, *FILTER, *options]
     check_bands(sgp, bands, tmp_path, command, memory())
 
 
+@pytest.mark.slow
 def test_an_interrupted_transfer_continues(sgp, maps, tmp_path, monkeypatch) -> None:
     command = ["detail", "transfer", *maps, *FILTER, "--refine", 1]
     done = check_continued(
@@ -65,6 +72,7 @@ def test_an_interrupted_transfer_continues(sgp, maps, tmp_path, monkeypatch) -> 
     assert sum(rows.stop - rows.start for rows in done) == SOURCE[0] + 1 + 3 * TARGET[0]
 
 
+@pytest.mark.slow
 def test_a_memory_that_is_too_small(sgp, maps, tmp_path) -> None:
     """The least that works is stated, and it works; what needs the whole is named."""
     command = ["detail", "transfer", *maps, *FILTER, "--tile", "plain", "--out", tmp_path / "out"]
@@ -78,6 +86,7 @@ def test_a_memory_that_is_too_small(sgp, maps, tmp_path) -> None:
         check_needs_whole(sgp, [*words, "--out", tmp_path / "o"], "300K", option[0])
 
 
+@pytest.mark.slow
 def test_unfinished_maps_are_not_mixed_with_a_transfer_in_memory(
     sgp, maps, tmp_path, monkeypatch
 ) -> None:

@@ -106,6 +106,7 @@ def known():
     return MASK & (ACROSS**2 + UP**2 < 34**2)
 
 
+@pytest.mark.slow
 def test_a_telecentric_lens_needs_the_size_of_a_pixel_only(sgp, folder, tmp_path, known):
     out = tmp_path / "out"
     answer = sgp(*words(folder, "run"), "--pixel-mm", PIXEL_MM, "--out", out, "--json")

@@ -95,7 +95,7 @@ def test_text_options_of_numbers_are_known() -> None:
     }
 
 
-@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=5))
+@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=15))
 def test_values_that_are_not_finite_are_named(sgp, tmp_path, monkeypatch, path, argument) -> None:
     monkeypatch.chdir(tmp_path)
     rest = complete(TREE, path, argument)
@@ -107,7 +107,7 @@ def test_values_that_are_not_finite_are_named(sgp, tmp_path, monkeypatch, path, 
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=5))
+@pytest.mark.parametrize(("path", "argument"), quick(ALL, every=15))
 def test_no_value_causes_an_internal_error(sgp, tmp_path, monkeypatch, path, argument) -> None:
     """The value is refused in one short line, or accepted; then the missing file is reported."""
     monkeypatch.chdir(tmp_path)

@@ -48,6 +48,7 @@ def uw_lights(data, tmp_path_factory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_a_chrome_ball_gives_lights_in_front_of_the_object(uw_lights):
     lights = read_lights(uw_lights)
     assert len(lights) == 12
@@ -58,6 +59,7 @@ def test_a_chrome_ball_gives_lights_in_front_of_the_object(uw_lights):
     assert uw_lights.with_suffix(".lp").read_text(encoding="utf-8").startswith("12\n")
 
 
+@pytest.mark.slow
 def test_buddha_is_raised_right_is_red_and_up_is_green(sgp, data, uw_lights, tmp_path):
     answer = sgp("run", data / "uw" / "buddha", "--lights", uw_lights, "--out", tmp_path)
     assert answer.code == 0, answer.err

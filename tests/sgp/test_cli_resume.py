@@ -64,6 +64,7 @@ def test_resuming_without_the_checks_writes_no_checked_event(sgp, rig, with_flat
     assert "checked" not in events(out)
 
 
+@pytest.mark.slow
 def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, plan, tmp_path):
     out = tmp_path / "session"
     process = subprocess.Popen(
@@ -119,6 +120,7 @@ def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, pla
     assert (out / "journal.jsonl").read_bytes() == journal
 
 
+@pytest.mark.slow
 def test_a_torn_last_line_is_reported_on_resuming_and_its_frame_taken_again(
     sgp, rig, plan, tmp_path
 ):
@@ -134,6 +136,7 @@ def test_a_torn_last_line_is_reported_on_resuming_and_its_frame_taken_again(
     assert sgp("capture", "verify", out).code == 0
 
 
+@pytest.mark.slow
 def test_a_second_writer_is_refused_in_one_line_that_claims_nothing(sgp, rig, with_flats, tmp_path):
     out = tmp_path / "s"
     assert capture(sgp, out, "--rig", rig, "--plan", with_flats).code == 2

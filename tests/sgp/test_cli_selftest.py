@@ -49,6 +49,7 @@ def test_the_self_test_reports_its_findings(sgp, tmp_path, wiring, code, message
     assert bool([one for one in report["metrics"]["findings"] if one["fault"]]) == (code != 0)
 
 
+@pytest.mark.slow
 def test_the_self_test_says_if_swaps_cannot_be_excluded(sgp, tmp_path):
     """With eight LEDs this swap pulls the fit, so that no LED can be named."""
     file = tmp_path / "rig.toml"

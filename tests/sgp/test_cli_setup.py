@@ -58,7 +58,7 @@ def test_a_calibration_records_its_setup(spheres, lights):
 @pytest.mark.parametrize(
     ("change", "code"),
     [
-        pytest.param(None, None, id="same"),
+        pytest.param(None, None, id="same", marks=pytest.mark.slow),
         pytest.param(
             ("rig", "another dome"), "lights-of-another-rig", id="rig", marks=pytest.mark.slow
         ),

@@ -91,6 +91,7 @@ def test_exposures_can_be_given(sgp, tmp_path):
     assert {frame.exposure_us for frame in Session.open(out).frames} == {3000.0, 500.0}
 
 
+@pytest.mark.slow
 def test_seeds_and_noise(sgp, tmp_path):
     def frame(name: str, *words: object) -> np.ndarray:
         out = tmp_path / name
@@ -164,6 +165,7 @@ def test_list_names_every_scene(sgp):
     assert lines == list(SCENES)
 
 
+@pytest.mark.slow
 def test_contact_sheet(sgp, tmp_path, monkeypatch):
     monkeypatch.setattr("simulator.SCENES", {"coin": "", "spheres": ""})
     sheet = tmp_path / "sheet.png"
@@ -256,6 +258,7 @@ def test_a_bracket_too_short_for_the_object_does_not_stop_a_recording(sgp, dista
     assert Session.open(tmp_path / "s").complete
 
 
+@pytest.mark.slow
 def test_with_little_memory_the_frames_and_the_truth_are_equal(sgp, tmp_path):
     scene = ("simulate", "coin-with-spheres", "--size", "64x52", "--led-count", "3")
     assert sgp(*scene, "--out", tmp_path / "whole").code == 0

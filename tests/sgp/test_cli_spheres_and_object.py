@@ -52,6 +52,7 @@ def test_normals_with_the_lights_of_the_spheres(sgp, recording, tmp_path):
     assert {"lights", "lights_png"} <= record.outputs.keys()
 
 
+@pytest.mark.slow
 def test_the_lights_are_those_of_calibrate(sgp, recording, tmp_path):
     """A region is cut after the calibration in complete images, without the excluded ones."""
     out = tmp_path / "result"
@@ -108,6 +109,7 @@ def test_a_recording_without_spheres_is_refused_in_one_line(sgp, recording, tmp_
     assert result.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_inspect_takes_the_lights_of_the_spheres(sgp, recording):
     result = sgp("inspect", recording, "--spheres")
     assert result.code == 0, result.err

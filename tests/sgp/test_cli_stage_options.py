@@ -11,6 +11,7 @@ import pytest
 
 from acquisition import CameraModel, read_image, write_camera
 from processing import angle_deg, read_normals
+from tests.quick_sample import quick
 from tests.sgp.conftest import SIZE
 
 STAGES = ["--filter", "box", "--w", "3", "--order", "2", "--pixel-mm", "0.5", "--glb", "--obj"]
@@ -53,7 +54,7 @@ def test_run_passes_options_to_its_stages(sgp, recording, tmp_path) -> None:
         assert (outside == [65535, 32768, 32768, 0]).all()
 
 
-@pytest.mark.parametrize("command", ["normals", "separate", "combine", "transfer"])
+@pytest.mark.parametrize("command", quick(["normals", "separate", "combine", "transfer"], every=2))
 def test_every_command_that_writes_maps_has_green_out(sgp, recording, tmp_path, command) -> None:
     made = tmp_path / "made"
     sgp("normals", recording, "--lights", tmp_path / "lights.json", "--out", made)
@@ -75,6 +76,7 @@ def test_every_command_that_writes_maps_has_green_out(sgp, recording, tmp_path, 
     assert angle_deg(down.normals, whole.normals).max() < 0.01
 
 
+@pytest.mark.slow
 def test_a_surface_without_scale_says_so_and_its_files_name_the_unit(
     sgp, recording, tmp_path
 ) -> None:

@@ -96,6 +96,7 @@ def test_bicubic_interpolation_and_a_camera(sgp, low: Path, tmp_path: Path) -> N
     np.testing.assert_allclose(after.downscaled(2).K, before.K, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_map_of_a_projection_has_points(sgp, tmp_path: Path) -> None:
     y, x = np.mgrid[:7, :9].astype(float)
     corners = np.stack([x, y, 0.4 * np.sin(x + y)], axis=-1).reshape(-1, 3)

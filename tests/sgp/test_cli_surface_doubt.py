@@ -21,6 +21,7 @@ from acquisition import (
 )
 from processing import NormalMap, write_normals
 from simulator import bench_camera
+from tests.quick_sample import quick
 from tests.sgp.conftest import ball, ring_lights
 
 ROWS, COLUMNS = 40, 52
@@ -65,6 +66,7 @@ def test_deviations_and_known_heights(sgp, folder: Path) -> None:
     assert np.nanstd(curl) == pytest.approx(figures["curl_deg"], rel=0.3)
 
 
+@pytest.mark.slow
 def test_the_common_part_of_the_deviations_is_that_of_the_record(sgp, recording) -> None:
     """`sgp surface` on the normals of `sgp normals` states the errors that `sgp run` states."""
     lights = recording.parent / "lights.json"
@@ -92,7 +94,9 @@ def test_the_common_part_of_the_deviations_is_that_of_the_record(sgp, recording)
     assert found["none"][-1] < 0.8 * run[-1]
 
 
-@pytest.mark.parametrize("discontinuity", [[], ["--discontinuity"]], ids=["plain", "jumps"])
+@pytest.mark.parametrize(
+    "discontinuity", quick([[], ["--discontinuity"]], every=2), ids=["plain", "jumps"]
+)
 def test_the_mean_height_above_the_working_plane(sgp, folder: Path, discontinuity) -> None:
     camera = bench_camera()
     write_normals("flat", NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (*camera.size, 1))))

@@ -8,6 +8,7 @@ from contextlib import redirect_stdout
 import pytest
 
 from sgp.app import build, run
+from tests.quick_sample import quick
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -45,16 +46,19 @@ def completed(script, *words):
 @pytest.mark.skipif(shutil.which("bash") is None, reason="requires bash")
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [
-        pytest.param(("sgp", "do"), ["doctor"], id="command"),
-        pytest.param(("sgp", "rig", "s"), ["snap", "selftest"], id="command of a group"),
-        pytest.param(("sgp", "rig", "snap", "--ou"), ["--out"], id="option"),
-        pytest.param(("sgp", "detail", "transfer", "--js"), ["--json"], id="common option"),
-        pytest.param(("sgp", "normals", "x", "--method", "c"), ["cauchy"], id="choice"),
-        pytest.param(("sgp", "completion", "z"), ["zsh"], id="argument"),
-        pytest.param(("capture", "res"), ["resume"], id="capture"),
-        pytest.param(("capture", "run", "x", "--meter", "e"), ["each"], id="option of capture"),
-    ],
+    quick(
+        [
+            pytest.param(("sgp", "do"), ["doctor"], id="command"),
+            pytest.param(("sgp", "rig", "s"), ["snap", "selftest"], id="command of a group"),
+            pytest.param(("sgp", "rig", "snap", "--ou"), ["--out"], id="option"),
+            pytest.param(("sgp", "detail", "transfer", "--js"), ["--json"], id="common option"),
+            pytest.param(("sgp", "normals", "x", "--method", "c"), ["cauchy"], id="choice"),
+            pytest.param(("sgp", "completion", "z"), ["zsh"], id="argument"),
+            pytest.param(("capture", "res"), ["resume"], id="capture"),
+            pytest.param(("capture", "run", "x", "--meter", "e"), ["each"], id="option of capture"),
+        ],
+        every=4,
+    ),
 )
 def test_bash_completes(scripts, words, expected):
     assert sorted(completed(scripts / f"{words[0]}.bash", *words)) == sorted(expected)

@@ -26,6 +26,12 @@ NOT_RUN = {"acquisition.read_raw": "needs a camera RAW file"}
 _STARTS_BOARD = ("open_rig", "open_board", "simulated_rig", "VirtualBoard")
 # In these rooms most examples compile kernels first.
 _COMPILED = ("processing", "simulator")
+# They calibrate spheres or a camera in rendered images.
+_LONG = {
+    "calibration.apply_spheres",
+    "calibration.calibrate_moved_spheres",
+    "calibration.find_working_plane",
+}
 _FLAGS = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
 _FINDER = doctest.DocTestFinder(recurse=False)
 
@@ -52,7 +58,7 @@ def cases() -> Iterator[object]:
     for name, function in FUNCTIONS.items():
         code = "".join(example.source for example in examples(function))
         compiled = name.startswith(_COMPILED)
-        long = compiled or any(word in code for word in _STARTS_BOARD)
+        long = compiled or name in _LONG or any(word in code for word in _STARTS_BOARD)
         slow = pytest.mark.slow if long else ()
         if code and name not in NOT_RUN:
             yield pytest.param(function, id=name, marks=slow)

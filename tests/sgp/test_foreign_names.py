@@ -181,6 +181,7 @@ def test_the_report_is_json_too(tmp_path):
     assert '"exit_code": 2' in done.stdout
 
 
+@pytest.mark.slow
 def test_the_pytest_plugin_reports_it(pytester):
     pytester.makepyfile(rig=DECOY, test_it="def test_it(simulated_rig): pass")
     result = pytester.runpytest_subprocess("-p", "no:cacheprovider")

@@ -9,6 +9,7 @@ from acquisition import read_image
 from sgp._overview import Panel, sheet, text_size, write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import map_panel, signed_panel
+from tests.quick_sample import quick
 
 
 def plain(aspect=None, title="title"):
@@ -38,7 +39,8 @@ def test_the_same_panels_give_the_same_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("height", "width"), [(30, 40), (40, 30), (200, 20), (20, 200), (30, 30), (2, 300)]
+    ("height", "width"),
+    quick([(30, 40), (40, 30), (200, 20), (20, 200), (30, 30), (2, 300)], every=3),
 )
 def test_panels_of_one_object_are_equal_and_aligned(height, width):
     values = np.random.default_rng(0).normal(size=(height, width)).astype(np.float32)

@@ -25,6 +25,7 @@ def run(*words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.slow
 def test_damaged_files_are_read_or_refused() -> None:
     ended = run(str(HARNESS), "--files", "90", "--seed", "1")
     assert ended.returncode == 0, ended.stdout + ended.stderr

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.quick_sample import quick
+
 ROOT = Path(__file__).parents[2]
 ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator")
 _OPTION = re.compile(r"(?<![\w-])--[a-z]")
@@ -35,7 +37,7 @@ def options(tree: ast.AST) -> Iterator[int]:
             yield node.lineno
 
 
-@pytest.mark.parametrize("room", ROOMS)
+@pytest.mark.parametrize("room", quick(ROOMS, every=3))
 def test_no_message_names_an_option(room: str) -> None:
     found = [
         f"{path.relative_to(ROOT)}:{line}"

@@ -10,6 +10,7 @@ import sgp.commands.run as sgp_run
 from acquisition import Session, read_image, read_source, write_lights
 from acquisition._session.manifest import CameraRecord, Manifest, RigRecord
 from sgp._overview import source_title
+from tests.quick_sample import quick
 from tests.sgp.conftest import ring_lights
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
@@ -55,7 +56,7 @@ def test_the_simulator_identifies_itself(simulated_rig):
     assert CameraRecord(**(CAMERA | {"vendor": camera.vendor, "model": camera.model})).simulated
 
 
-@pytest.mark.parametrize("camera", ["inside", "gentl"])
+@pytest.mark.parametrize("camera", quick(["inside", "gentl"], every=2))
 def test_every_output_says_simulated(sgp, tmp_path, camera):
     rig = tmp_path / "rig.toml"
     rig.write_text(
@@ -84,6 +85,7 @@ def test_every_output_says_simulated(sgp, tmp_path, camera):
         assert source_title(replace(source, simulated=False), "owl") == "owl"
 
 
+@pytest.mark.slow
 def test_the_overview_says_simulated(sgp, simulated_session, tmp_path, monkeypatch):
     titles = []
     monkeypatch.setattr(sgp_run, "write_overview", lambda path, title, panels: titles.append(title))

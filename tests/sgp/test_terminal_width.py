@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from processing import NormalMap, write_normals
 from sgp._fitted import fitted
+from tests.quick_sample import quick
 from tests.sgp.conftest import ball
 
 pty = pytest.importorskip("pty")
@@ -140,7 +141,7 @@ COMMANDS = [
 ]
 
 
-@pytest.mark.parametrize(("program", "words"), COMMANDS)
+@pytest.mark.parametrize(("program", "words"), quick(COMMANDS, every=2))
 def test_commands_fit_a_terminal(program: str, words: list[str], recording, tmp_path) -> None:
     given_words = [word.format(recording=recording) for word in words]
     lines = on_terminal(program, *given_words, folder=tmp_path)

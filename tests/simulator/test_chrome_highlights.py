@@ -24,6 +24,7 @@ from simulator._render.chrome import draw_mirrored_lights, splat
 from simulator._render.mirror import mirror_points
 from simulator._render.shadow import Occluders
 from simulator._scene.lens import Lens
+from tests.quick_sample import quick
 
 LENS = Lens.of(bench_camera())  # its eye is at (0, 0, 600)
 EYE = np.array([0.0, 0.0, 600.0])
@@ -212,7 +213,7 @@ def test_ray_of_the_highlight_hits_the_led_with_every_lens(lens):
         assert (toward * way).sum(axis=1).min() > 0
 
 
-@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("lens", quick(LENSES, every=2))
 @pytest.mark.parametrize(
     ("turn", "mu", "radius"),
     [
@@ -265,7 +266,7 @@ def test_drawn_centroid_is_at_the_mirror_point_with_every_lens(lens):
             assert spot.sum() == pytest.approx(result.signal[s, n], rel=1e-4)
 
 
-@pytest.mark.parametrize("lens", LENSES[1:])
+@pytest.mark.parametrize("lens", quick(LENSES[1:], every=2))
 def test_rendered_highlight_is_at_the_mirror_point_with_every_lens(lens):
     """The complete image, with board and neighbouring spheres mirrored around the highlights."""
     scene = _bench(lens)

@@ -28,6 +28,7 @@ def compiler(folder: Path, script: str) -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_the_library_is_built_once_in_the_cache(cache):
     path = build()
     assert path.is_relative_to(cache / "sgp")

@@ -250,6 +250,7 @@ def test_memory_stays_flat_over_a_thousand_times_open_and_close():
     assert resident_kb() - before < 500
 
 
+@pytest.mark.slow
 def test_memory_stays_flat_over_thousands_of_frames():
     noise = NoiseModel(2.5, 4.0, 64.0, 12)
     virtual = GentlCamera(

@@ -11,6 +11,7 @@ import trimesh
 
 from acquisition import DataError, MissingPathError
 from simulator._shapes.mesh import MeshBody, read_triangles
+from tests.quick_sample import quick
 
 MESHES = ("stanford-bunny", "decimated-max", "skull")
 H, W, FOCAL, EYE = 360, 400, 1000.0, np.array([0.0, 0.0, 600.0])
@@ -77,7 +78,7 @@ def _rasterised(body, normals):
     return depth < 0.99 * far, colours, depth
 
 
-@pytest.mark.parametrize("name", ["torus", *MESHES])
+@pytest.mark.parametrize("name", quick(["torus", *MESHES], every=4))
 @pytest.mark.parametrize("smooth", [False, True], ids=["flat", "smooth"])
 def test_normal_map_agrees_with_a_rasteriser(name, smooth):
     body = _body(name, smooth=smooth)

@@ -23,6 +23,7 @@ from simulator import (
     bench_sensor,
     render,
 )
+from tests.quick_sample import quick
 
 CAMERA = CameraModel(np.array([[300.0, 0, 70.3], [0, 320.0, 41.8], [0, 0, 1]]), 150, 90, 500.0)
 PARALLEL = Lens.orthographic(120, 100, 1.3, 500.0)
@@ -76,7 +77,7 @@ def test_an_orthographic_lens_sees_the_surface_vertically():
 
 
 @pytest.mark.parametrize("lights", [NEAR, DISTANT], ids=["near", "distant"])
-@pytest.mark.parametrize("cfa", ["RGGB", "BGGR", "GRBG"])
+@pytest.mark.parametrize("cfa", quick(["RGGB", "BGGR", "GRBG"], every=3))
 def test_each_pixel_of_a_mosaic_has_its_own_channel(cfa, lights):
     """Albedo and intensity of one channel; everything else equals grey paint in white light."""
     wheel = ColourWheel(50.0)

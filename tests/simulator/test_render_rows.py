@@ -30,6 +30,7 @@ def scenes():
     }
 
 
+@pytest.mark.slow
 def test_rows_are_equal_to_those_of_the_complete_image():
     for name, scene in scenes().items():
         whole, renderer = render(scene), RowRenderer(scene)

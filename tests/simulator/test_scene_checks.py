@@ -19,6 +19,7 @@ from simulator import (
     render,
     scene_named,
 )
+from tests.quick_sample import quick
 
 COIN = scene_named("coin", width=64, height=48, leds=4)
 SPHERES = scene_named("spheres", width=64, height=48, leds=4)
@@ -210,7 +211,7 @@ def test_paint_reaches_its_bounds_and_does_not_exceed_them():
     assert 0.68 < albedo.max() <= 0.75
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", quick(SCENES, every=3))
 def test_every_scene_renders_within_the_sensor(name):
     scene = scene_named(name, width=100, height=80, leds=4, seed=2)
     rendering = render(scene)
@@ -224,7 +225,9 @@ def test_every_scene_renders_within_the_sensor(name):
     assert lit.size == 0 or 0.3 < np.percentile(lit, 99) < 0.95
 
 
-@pytest.mark.parametrize("name", ["coin", "ripples", "scales", "textile", "leather", "noise"])
+@pytest.mark.parametrize(
+    "name", quick(["coin", "ripples", "scales", "textile", "leather", "noise"], every=3)
+)
 def test_amplitude_scales_the_relief(name):
     low, high = (
         render(scene_named(name, width=80, height=64, leds=1, amplitude_mm=mm)).truth
@@ -248,6 +251,7 @@ def test_seed_changes_the_texture_but_not_its_statistics():
     assert np.abs(a.normals - b.normals).max() > 0.1
 
 
+@pytest.mark.slow
 def test_opencv_detects_the_charuco_board():
     scene = scene_named("charuco", width=800, height=640, leds=5)
     seen = render(scene).planes.sum(axis=0)

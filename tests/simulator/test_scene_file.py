@@ -36,6 +36,7 @@ from simulator import (
     write_scene,
 )
 from simulator._scene.scene_parts import BODIES, MATERIALS, PATTERNS
+from tests.quick_sample import quick
 from tests.simulator.conftest import SMALL
 
 
@@ -156,7 +157,7 @@ def scenes() -> dict[str, Scene]:
     }
 
 
-@pytest.mark.parametrize("name", scenes())
+@pytest.mark.parametrize("name", quick(scenes(), every=4))
 def test_a_scene_written_and_read_gives_the_same_images(tmp_path, name):
     scene = scenes()[name]
     paths = write_scene(tmp_path / "scene.toml", scene)

@@ -8,6 +8,7 @@ import pytest
 
 from acquisition import NoiseModel
 from simulator._camera.sensor import EXACT_BELOW_E, fixed_pattern, sensor_image
+from tests.quick_sample import quick
 
 SHAPE = (1000, 1000)
 
@@ -141,7 +142,7 @@ def frames(photons, noise, count=2, pattern=None, **options):
 
 @pytest.mark.parametrize(
     ("noise", "gain_db"),
-    [
+    quick([
         pytest.param(NoiseModel(2.5, 4.0, 64.0, 12), 0.0, id="plain"),
         pytest.param(NoiseModel(2.5, 4.0, 64.0, 12), 12.0, id="analogue gain"),
         pytest.param(NoiseModel(0.6, 3.0, 200.0, 16), 0.0, id="16 bits"),
@@ -153,7 +154,7 @@ def frames(photons, noise, count=2, pattern=None, **options):
             0.0,
             id="uneven",
         ),
-    ],
+    ], every=4),
 )  # fmt: skip
 def test_the_photon_transfer_curve_yields_gain_and_read_noise(noise, gain_db):
     """As in EMVA 1288: two frames at each of 15 levels; the difference has no fixed pattern."""
@@ -188,6 +189,7 @@ def test_twice_the_exposure_is_twice_the_signal():
     assert signal[0] == pytest.approx(1000 * 0.6 / 2.5, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_the_fixed_pattern_is_recovered_from_means_of_frames():
     from scipy import stats
 

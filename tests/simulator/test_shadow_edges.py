@@ -167,7 +167,7 @@ def _searched(body, points, led, fine=500):
             pytest.param(Coin(60.0, dome_mm=6.0, relief_mm=1.5), (180.0, -240, 60), id="coin"),
             pytest.param(Ripples(60.0, 1.2, 12.0), (30.0, 20, 12), id="led-close-by"),
         ],
-        every=2,
+        every=4,
     ),
 )
 def test_relief_shadows_itself_like_the_exact_surface(body, led):
@@ -269,6 +269,7 @@ def test_mesh_shadows_itself_where_it_faces_away():
         np.testing.assert_array_equal(result[clear], facing[clear] < 0)
 
 
+@pytest.mark.slow
 def test_box_mesh_casts_the_shadow_of_a_step():
     box = trimesh.creation.box((80.0, 60.0, 7.0))
     body = MeshBody(np.add(box.vertices, [0, 0, 3.5]), np.asarray(box.faces), smooth=False)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from acquisition import DataError
 from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
 from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
+from tests.quick_sample import quick
 
 CARVED = (LizardScales, Textile, CrackedLeather, WoodCarving)
 
@@ -70,7 +71,7 @@ def test_carved_surface_is_smooth_across_its_lattice(kind):
 
 
 @pytest.mark.parametrize("kind", CARVED)
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", quick([11, 12], every=2))
 def test_carved_surface_keeps_its_amplitude(kind, seed):
     x, y = _points(200_000, radius=60.0, seed=1)
     z = kind(60.0, 0.7, seed=seed).evaluate(x, y)[0]
@@ -127,7 +128,7 @@ def test_step_gauge_has_its_heights():
     assert gauge.tread_mm == pytest.approx(100 / math.sqrt(2) / 3)
 
 
-@pytest.mark.parametrize("surface", SURFACES)
+@pytest.mark.parametrize("surface", quick(SURFACES, every=3))
 def test_bounds_hold(surface):
     x, y = _points(400_000, radius=surface.radius_mm, seed=9)
     z, zx, zy = surface.evaluate(x, y)

@@ -135,7 +135,7 @@ def test_the_camera_is_behind_a_genicam_producer(kind):
         assert rig.camera.info.model == "virtual camera"
 
 
-@pytest.mark.parametrize("depth", [8, 10, 12, 14, 16])
+@pytest.mark.parametrize("depth", quick([8, 10, 12, 14, 16], every=2))
 @pytest.mark.parametrize("cfa", [None, "GRBG"])
 def test_the_rigs_camera_has_the_depth_of_its_sensor(depth, cfa):
     noise = replace(NOISE, bit_depth=depth)
@@ -165,7 +165,7 @@ def test_only_the_camera_inside_can_run_without_waiting():
         simulated_rig(planes, CONFIG, **grouped(camera="gentl", **options))
 
 
-@pytest.mark.parametrize("trigger", ["software", "board"])
+@pytest.mark.parametrize("trigger", quick(["software", "board"], every=2))
 def test_both_cameras_see_the_same_in_every_mode(trigger):
     def take(kind):
         config = CONFIG.model_copy(update={"trigger": trigger})
