@@ -182,9 +182,13 @@ def _of_records(element: Element, rows: npt.NDArray[Any]) -> Table:
             lengths = np.full(len(rows), values.shape[1], np.int64)
             lists[one.name] = Lists(lengths, values.ravel())
         else:
-            with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
-                columns[one.name] = rows[one.name].astype(np.float64)
+            columns[one.name] = _as_double(rows[one.name])
     return Table(columns, lists)
+
+
+def _as_double(values: npt.NDArray[Any]) -> Double:
+    with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
+        return values.astype(np.float64)
 
 
 def _chased_bytes(data: memoryview, order: str, element: Element) -> tuple[Table, memoryview]:
@@ -227,9 +231,7 @@ def _chased_bytes(data: memoryview, order: str, element: Element) -> tuple[Table
     }
     once = np.ones(element.count, np.int64)
     columns = {
-        one.name: values(one.name, once).astype(np.float64)
-        for one in element.properties
-        if not one.count
+        one.name: _as_double(values(one.name, once)) for one in element.properties if not one.count
     }
     return Table(columns, lists), data[at:]
 

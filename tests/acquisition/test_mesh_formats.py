@@ -215,6 +215,20 @@ def test_no_body_raises_an_undeclared_error(body: bytes, form: str, data: st.Dat
         read_ply(ply(elements, body, form))
 
 
+@pytest.mark.parametrize("sides", [(), (3, 4)])
+def test_a_signalling_nan_gives_no_warning(sides: tuple[int, ...]) -> None:
+    """It warns while it is converted, which would be an error of ours."""
+    faces = (
+        f"element face {len(sides)}\nproperty list uchar int vertex_index\nproperty float more\n"
+    )
+    body = np.zeros((4, 3), "<f4").tobytes()[:-4] + bytes.fromhex("0000817f")
+    for side in sides:
+        body += struct.pack(f"<B{side}i", side, *range(side)) + bytes.fromhex("0000817f")
+    content = ply(f"element vertex 4\n{XYZ}{faces}", body, ORDERS["<"])
+    with suppress(UnreadableError):
+        read_ply(content)
+
+
 @pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "off", "glb"])
 def test_the_same_ball_as_trimesh_reads(tmp_path: Path, suffix: str) -> None:
     ball = trimesh.creation.icosphere(2)

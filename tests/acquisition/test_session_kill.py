@@ -198,7 +198,6 @@ def survived(folder: Path, acknowledged: list[str]) -> None:
         finish(folder)
 
 
-@pytest.mark.slow
 def test_kill_at_random_moments(server: Server, tmp_path: Path) -> None:
     whole = tmp_path / "whole"
     began = time.monotonic()

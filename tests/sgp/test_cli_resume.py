@@ -64,7 +64,6 @@ def test_resuming_without_the_checks_writes_no_checked_event(sgp, rig, with_flat
     assert "checked" not in events(out)
 
 
-@pytest.mark.slow
 def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, plan, tmp_path):
     out = tmp_path / "session"
     process = subprocess.Popen(
