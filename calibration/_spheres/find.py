@@ -37,8 +37,9 @@ def find_spheres(
     is the outline if more than a third of it is visible, it shows a compact highlight under at
     least half of the lights, the highlight moves with the light, by 1 px and 2 % of the radius, and
     its middle is not shaded as that of a painted ball is. Of overlapping edges (a sphere mirrors
-    circles inside itself), the largest well-covered one is the outline. If there is none, the
-    edges of all images are compared around the best visible circles: the ball may be out of focus.
+    circles inside itself), the largest well-covered one is the outline. Without such an
+    edge, those of all images are compared around the best visible circles: the ball may be out of
+    focus.
 
     Parameters
     ----------

@@ -350,7 +350,7 @@ class _Search:
         off = np.hypot(part[rows, picks], elsewhere)
         of.sigma_px[:, 0] = np.hypot(of.sigma_px[:, 0], part[:, 0])
         unlike = np.flatnonzero(chosen.found & (off > _UNLIKE * radius_px))
-        # Stray light does not tell which spot is the highlight, but adds to the errors of all.
+        # Stray light does not decide which spot is the highlight, but adds to all errors.
         of.sigma_px[:] = np.hypot(of.sigma_px, stray_px)
         sigma_px = np.hypot(np.hypot(chosen.sigma_px, off), stray_px[rows, picks])
         return replace(chosen, sigma_px=sigma_px, unlike=tuple(unlike.tolist()))
