@@ -132,6 +132,8 @@ def main() -> None:
     parser.add_argument("--chrome", action="store_true", help="12 JPEGs of one large ball")
     parser.add_argument("--folder", type=Path, help="keep the images; default: a temporary folder")
     options = parser.parse_args()
+    if options.chrome and "SGP_DATA" not in os.environ:
+        sys.exit("SGP_DATA is not set: it names the folder with uw/chrome")
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
         images, out = folder / "images", Path(temporary) / "lights.json"
