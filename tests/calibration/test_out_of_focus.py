@@ -1,68 +1,56 @@
-"""Balls that are out of focus, and highlights that are mostly stray light."""
+"""The whole search with a lens that is out of focus: outlines, and their stated errors."""
 
 import cv2
 import numpy as np
 import pytest
 
-from acquisition import angle_deg
-from calibration import calibrate_spheres
-from calibration._spheres.spot import Spot, saturated_spot
+from calibration import find_spheres
+from calibration._spheres.ellipse import fit_circle, fit_ellipse
+from calibration._spheres.outline_noise import outline_covariance
+from simulator import render, scene_named
 
-CENTRE, RADIUS_PX = (152.6, 161.3), 120.0
-
-
-def soft_ball(blur_px: float) -> tuple[np.ndarray, np.ndarray]:
-    """Draw a dark ball before a bright wall, and sharp highlights; return them and the lights."""
-    rng = np.random.default_rng(5)
-    y, x = np.mgrid[:320, :310]
-    off = np.stack([x - CENTRE[0], y - CENTRE[1]], -1) / RADIUS_PX
-    ball = 0.05 + 0.03 * off[..., 0] + 0.02 * np.sin(y / 9)
-    around = np.arange(8) * np.pi / 4
-    places = 0.25 * np.stack([np.cos(around), np.sin(around)], 1)
-    images = []
-    for place in places:
-        wall = 0.3 + 0.1 * rng.random() + 0.0004 * x
-        scene = np.where(np.hypot(*np.moveaxis(off, -1, 0)) < 1, ball, wall)
-        image = cv2.GaussianBlur(scene, (0, 0), blur_px)
-        distance = RADIUS_PX * np.linalg.norm(off - place, axis=-1)
-        image += 4 * np.exp(-(distance**2) / 18) + rng.normal(0, 0.004, scene.shape)
-        images.append(np.where(image > 1, np.nan, image))
-    normals = np.column_stack([places * [1, -1], np.sqrt(1 - np.sum(places**2, 1))])
-    return np.array(images, np.float32), 2 * normals[:, 2:] * normals - [0, 0, 1]
+BLUR_PX = 3.0
 
 
-@pytest.mark.parametrize("blur_px", [6.0, 7.0])
-def test_a_ball_whose_outline_no_image_shows_is_found(blur_px):
-    values, directions = soft_ball(blur_px)
-    result = calibrate_spheres(values)
-    assert result.lights.errors is not None
-    variances = np.trace(result.lights.errors.covariances, axis1=1, axis2=2) / 2
-    errors = angle_deg(result.lights.unit_directions, directions)
-    assert errors.max() < 2
-    assert np.sqrt(np.mean(errors**2)) < 3 * np.degrees(np.sqrt(variances.mean()))
+def out_of_focus(planes, noise):
+    images = np.array([cv2.GaussianBlur(plane, (0, 0), BLUR_PX) for plane in planes])
+    noisy = images + np.random.default_rng(0).normal(size=images.shape) * noise
+    return noisy.astype(np.float32)
 
 
-def halo(scale_px: float, skew_px: float, ray: float = 0.0) -> Spot:
-    """Locate light at (80, 80) with a halo whose contours move up as they get larger, and a ray."""
-    y, x = np.mgrid[:160, :160].astype(np.float64)
-    distance = np.hypot(x - 80, y - 80)
-    up = np.hypot(x - 80, y - 80 + skew_px * np.minimum(distance / scale_px, 1.0))
-    image = 2 / (1 + (up / scale_px) ** 2) + ray * np.exp(-((x - 80) ** 2) / (2 * scale_px**2))
-    spot = saturated_spot(np.minimum(image, 1).astype(np.float32), image >= 0.3, 1.0)
-    assert np.hypot(*(spot.centre - 80)) < 3 * np.sqrt(2) * np.hypot(spot.sigma_px, spot.stray_px)
-    return spot
+def outline_of(camera, sphere):
+    """Return the ellipse at which the rays of a camera touch a sphere."""
+    axis = np.array(sphere.centre_mm) - camera.centre_mm
+    distance = np.linalg.norm(axis)
+    axis = axis / distance
+    first = np.cross(axis, [0.0, 1.0, 0.0])
+    first /= np.linalg.norm(first)
+    angle = np.arange(180) * (2 * np.pi / 180)
+    around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(axis, first))
+    sine = sphere.radius_mm / distance
+    touch = distance * (1 - sine**2) * axis + sphere.radius_mm * np.sqrt(1 - sine**2) * around
+    points = camera.project(camera.centre_mm + touch)
+    return fit_ellipse(points, fit_circle(points)[0])[0]
 
 
-@pytest.mark.parametrize("scale_px", [12.0, 20.0, 30.0])
-@pytest.mark.parametrize("skew_px", [0.0, 1.5])
-def test_the_error_of_a_large_soft_core_grows_with_it(scale_px, skew_px):
-    spot = halo(scale_px, skew_px)
-    assert 0.02 * scale_px < spot.stray_px < 0.2 * scale_px
-
-
-def test_small_cores_have_no_stray_light():
-    assert halo(5.0, 0.0).stray_px == 0
-
-
-def test_a_ray_as_wide_as_the_core_adds_to_the_error():
-    assert halo(12.0, 0.0, ray=0.5).stray_px > 1.5 * halo(12.0, 0.0).stray_px
+@pytest.mark.slow
+def test_spheres_on_a_board_are_found_with_errors_as_stated():
+    scene = scene_named("spheres", width=1280, height=1024, leds=6)
+    rendering = render(scene)
+    camera = rendering.truth.camera
+    values = out_of_focus(rendering.planes / np.median(rendering.planes) * 0.2, 0.001)
+    found = find_spheres(values, camera=camera)
+    assert len(found) == len(scene.spheres)
+    true = sorted((outline_of(camera, one) for one in scene.spheres), key=lambda o: o.centre_px)
+    chi_squares = []
+    for sphere, outline in zip(found, true, strict=True):
+        change = np.array(
+            [
+                *np.subtract(sphere.outline.centre_px, outline.centre_px),
+                sphere.outline.radius_px - outline.radius_px,
+            ]
+        )
+        assert np.abs(change).max() < 0.15
+        chi_squares.append(change @ np.linalg.solve(outline_covariance(sphere), change))
+    # The 99.9 % quantile of chi-square with 3 degrees of freedom.
+    assert max(chi_squares) < 16.3

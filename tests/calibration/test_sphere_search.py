@@ -210,7 +210,7 @@ def test_circles_have_up_to_0_6_of_the_shorter_side(radius, found):
 
 
 @pytest.mark.parametrize("shape", [(1, 3000), (3000, 1), (60, 60)])
-def test_nocircular_edges(shape):
+def test_no_circles(shape):
     assert circular_edges(np.ones(shape, np.float32)) == []
 
 
