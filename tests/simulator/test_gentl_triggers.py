@@ -105,7 +105,7 @@ def test_a_partly_written_pulse_counts_when_it_is_complete(bench, edge, later_ns
     # Wait until the camera uses the state as it is.
     assert device.no_frame_arrives(0.4)
     map_[:] = whole
-    # No board uses the number of a change twice: the camera does not wait for that one any more.
+    # No board uses the number of a change twice: the camera no longer waits for this one.
     bench.writer._changes += 1
     at_ns = bench.pulse(5)
     assert device.fetch().start_ns == at_ns + later_ns
