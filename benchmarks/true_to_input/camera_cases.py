@@ -191,9 +191,11 @@ OTHER_MAKERS: list[Node] = [
 
 
 def _neutral(node: Node) -> Node:
-    """Return a node whose state alters nothing, and which is locked."""
+    """Return a node that alters samples, off and locked; others as they are."""
     xml, name, off = node
-    if off is not None and "<Enumeration" not in xml:
+    if off is None:
+        return node
+    if "<Enumeration" not in xml:
         value = f"<Value>{float(off):g}</Value>"
         xml = re.sub(r"<Value>[^<]*</Value>(?=<OnValue>|<Min>)", value, xml)
     if "<Enumeration" in xml:
