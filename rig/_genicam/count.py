@@ -76,8 +76,9 @@ class BlockCount:
         if triggers == 1 and self._base is None:
             self._base = block
         base = min(block, 1) if self._base is None else self._base
-        # A count that restarts does so at 0 or 1: others continue, also after an overflow.
-        if self._continues or base > 1:
+        # A count that restarts does so at 0 or 1.
+        self._continues = self._continues or base > 1
+        if self._continues:
             block += removed
         # The id is beyond the number of triggers: the count did not begin with them.
         beyond = block - base >= triggers
