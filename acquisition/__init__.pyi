@@ -7,6 +7,7 @@ from ._bands.band_store import remove_unfinished as remove_unfinished
 from ._bands.map_rows import ComputedRows as ComputedRows
 from ._bands.map_rows import MapRows as MapRows
 from ._bands.map_rows import rows_in_bands as rows_in_bands
+from ._engine.camera_settings import camera_notices as camera_notices
 from ._engine.engine import check_resume as check_resume
 from ._engine.engine import record as record
 from ._engine.engine import resume as resume

@@ -117,6 +117,7 @@ def run(
                     opened, chosen, out, self_test=tested, on_progress=progress
                 )
             accept(flight, prepared)
+        prepared.warnings += acquisition.camera_notices(opened, out)
         for warning in prepared.warnings:
             note(f"note: {warning}")
         with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
@@ -206,6 +207,7 @@ def resume(
                     opened, alive, session, len(missing), on_progress=progress
                 )
             accept(flight, prepared)
+        prepared.warnings += acquisition.camera_notices(opened, session)
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged
