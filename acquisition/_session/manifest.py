@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -12,9 +14,9 @@ from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.labels import Labels
+from acquisition._session.lights_record import LightColumns, LightsRecord
 from acquisition._session.value_records import (
     CameraModelRecord,
-    LightsRecord,
     SensorRecord,
     Size,
     Table,
@@ -24,11 +26,12 @@ from acquisition._software import SOFTWARE, software_version
 from acquisition._toml import parse_toml, validated
 from rig import Mounting
 
-FORMAT_VERSION: Final = 3
-_READ: Final = (1, 2, FORMAT_VERSION)
-# Versions that this program can write: a session of version 2 keeps its version.
-_WRITTEN: Final = (2, FORMAT_VERSION)
-# Keys that version 2 added to version 1, by table. Version 3 added events and one key.
+FORMAT_VERSION: Final = 4
+_READ: Final = (1, 2, 3, FORMAT_VERSION)
+# Versions that this program can write: a session of an older version keeps its version.
+_WRITTEN: Final = (2, 3, FORMAT_VERSION)
+# Keys that version 2 added to version 1, by table. Version 3 added events and one key, version 4
+# another form of the lights.
 _ADDED_2: Final = {
     "plan": (
         "exposures_by_led",
@@ -137,6 +140,10 @@ class CameraRecord(Table):
         return self
 
 
+class _OldLights(Table):
+    lights: LightColumns
+
+
 class Manifest(Table):
     """Content of ``session.toml``.
 
@@ -148,7 +155,7 @@ class Manifest(Table):
     session without it is linear.
     """
 
-    format_version: Literal[1, 2, 3] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3, 4] = FORMAT_VERSION
     started_utc: AwareDatetime
     operator: str
     object: str
@@ -190,7 +197,7 @@ class Manifest(Table):
         if self.format_version not in _WRITTEN:
             raise DataError(
                 f"{folder}: has format version {self.format_version}, this program writes "
-                f"{' and '.join(map(str, _WRITTEN))}: finish it with the program that started it "
+                f"{_listed(_WRITTEN)}: finish it with the program that started it "
                 f"({self.software.name} {self.software.version}), or record again"
             )
 
@@ -254,7 +261,7 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
     if type(version) is not int or version not in _READ:
         raise DataError(
             f"{path}: format version {version!r} is unknown, this program reads "
-            f"{', '.join(map(str, _READ[:-1]))} and {_READ[-1]}; use the version that wrote it"
+            f"{_listed(_READ)}; use the version that wrote it"
         )
     if version < 2:
         _refuse_added(values, path)
@@ -262,14 +269,29 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
         raise DataError(
             f"{path}: unknown key '{_ADDED_3}': format version {version} does not have it"
         )
+    if version < 4 and "lights" in values:
+        columns = validated(_OldLights, {"lights": values["lights"]}, path).lights
+        with _named(path):
+            values["lights"] = LightsRecord.of(columns.value())
     manifest = validated(Manifest, values, path)
-    try:
+    with _named(path):
         for record in (manifest.camera_model, manifest.sensor, manifest.lights):
             if record is not None:
                 record.value()
+    return manifest
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Begin the message of an error with the path."""
+    try:
+        yield
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
-    return manifest
+
+
+def _listed(versions: tuple[int, ...]) -> str:
+    return f"{', '.join(map(str, versions[:-1]))} and {versions[-1]}"
 
 
 def _refuse_added(values: dict[str, Any], path: Path) -> None:
