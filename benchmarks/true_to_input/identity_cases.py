@@ -199,7 +199,7 @@ def _export_says_simulated(folder: Path, layout: str) -> Outcome:
     data = image.read_bytes().decode("latin-1")
     missing = [text for text in (_LABELS["object"], "SIMULATED") if text not in data]
     notes = json.loads((out / "recording.json").read_text(encoding="utf-8"))
-    missing += [] if notes.get("simulated") or "SIMULATED" in str(notes) else ["recording.json"]
+    missing += [] if notes.get("origin") == "simulated" else ["recording.json"]
     record = _states(_record(out / "export.json"))
     if missing or record.kind != "right":
         return Outcome("wrong", f"{image.name} lacks {missing}; record: {record.text}")
@@ -228,7 +228,7 @@ def _relightable(folder: Path) -> Outcome:
     out = _normals(_simulated(folder / "s"))
     _done("export", out, "--out", folder / "rti")
     info = (folder / "rti" / "info.json").read_text(encoding="utf-8")
-    seen = _contains(info, [_LABELS["object"], _LABELS["rights"], "SIMULATED"])
+    seen = _contains(info, [_LABELS["object"], _LABELS["rights"], '"simulated": true'])
     record = _states(_record(folder / "rti" / "export.json"))
     return seen if seen.kind != "right" else record
 
@@ -481,7 +481,7 @@ def _printed_lights(folder: Path) -> Outcome:
 
 
 def pdf_outcome(pdf: Path, count: int) -> Outcome:
-    """Judge whether the residuals of all lights are on the pages; a print leaves out what is cut."""
+    """Judge whether the residuals of all lights are on the pages: cut ones are left out."""
     program = shutil.which("pdftotext")
     if program is None:
         return Outcome("vague", "there is no pdftotext to read the print with")
