@@ -77,6 +77,8 @@ from ._software import SOFTWARE as SOFTWARE
 from ._software import software_version as software_version
 from ._source.exclude import exclude as exclude
 from ._source.flat import apply_flat as apply_flat
+from ._source.identity import Identity as Identity
+from ._source.identity import read_identity as read_identity
 from ._source.linear import Linearizer as Linearizer
 from ._source.linear import row_bands as row_bands
 from ._source.linear import same_exposure as same_exposure

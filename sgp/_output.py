@@ -16,6 +16,7 @@ import rig
 from sgp._console import shown
 from sgp._exit import UsageError
 from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
+from sgp._recordings import CALIBRATIONS, recordings_of
 from sgp._result import Result, dumps, plain
 
 P = ParamSpec("P")
@@ -225,12 +226,15 @@ def _check_name(out: Path) -> None:
 
 def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
     """Write the JSON record of a result atomically: a reader never sees a part of it."""
+    calibrations = paths_of(parameters.get(name) for name in CALIBRATIONS)
+    recordings = recordings_of(result.inputs, calibrations)
     # A plain mapping with the keys of `ResultRecord`, which readers check: importing pydantic would
     # cost every command a quarter of a second.
     record = {
         "format": RECORD_FORMAT,
         "version": RECORD_VERSION,
         **provenance(command, parameters, result.inputs),
+        **({"recordings": [asdict(one) for one in recordings]} if recordings else {}),
         "outputs": {
             name: str(output.relative_to(path.parent))
             for name, output in result.outputs.items()

@@ -46,6 +46,9 @@ class ResultRecord(_Table):
         The arguments of the command by name, defaults included.
     inputs
         SHA-256 of every file that was read, by its path.
+    recordings
+        What the recordings were of that the result was computed from, without those of its
+        calibrations. Records of earlier programs have none.
     outputs
         File names of the results, relative to the record.
     metrics
@@ -63,6 +66,7 @@ class ResultRecord(_Table):
     software: Software
     parameters: dict[str, JsonValue]
     inputs: dict[str, _Sha256]
+    recordings: tuple[acquisition.Identity, ...] = ()
     outputs: dict[str, str]
     metrics: dict[str, JsonValue]
     warnings: tuple[str, ...]

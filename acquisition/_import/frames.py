@@ -146,7 +146,7 @@ def import_frames(
     if lights is not None:
         leds = [shot.led or 0 for shot in shots if shot.role == "light"]
         lights = replace(lights, ids=tuple(map(led_id, leds)))
-    others: dict[str, Any] = {}
+    others: dict[str, Any] = {"origin": "simulated" if source.simulated else None}
     if record is not None:
         labels = Labels(
             operator=labels.operator or record.operator,

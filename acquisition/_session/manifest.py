@@ -30,8 +30,7 @@ FORMAT_VERSION: Final = 4
 _READ: Final = (1, 2, 3, FORMAT_VERSION)
 # Versions that this program can write: a session of an older version keeps its version.
 _WRITTEN: Final = (2, 3, FORMAT_VERSION)
-# Keys that version 2 added to version 1, by table. Version 3 added events and one key, version 4
-# another form of the lights.
+# Keys that version 2 added to version 1, by table. Version 4 also has another form of the lights.
 _ADDED_2: Final = {
     "plan": (
         "exposures_by_led",
@@ -42,7 +41,7 @@ _ADDED_2: Final = {
     ),
     "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
-_ADDED_3: Final = "transfer"
+_ADDED_LATER: Final = {"transfer": 3, "origin": 4}
 
 # Devices and driver of the simulator, by the names that they report.
 _SIMULATED_DRIVER: Final = "simulated"
@@ -151,7 +150,8 @@ class Manifest(Table):
     is the version with which the session was created; see `Session.format_version`. ``plan`` and
     ``rig`` are absent in imported sessions. ``camera`` describes the device and its frames as
     stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present if known. The
-    camera model describes the upright image. ``transfer`` is the transfer curve of the frames; a
+    camera model describes the upright image. ``origin`` is that of an imported recording whose
+    devices the session does not name. ``transfer`` is the transfer curve of the frames; a
     session without it is linear.
     """
 
@@ -166,6 +166,7 @@ class Manifest(Table):
     plan: CapturePlan | None = None
     rig: RigRecord | None = None
     camera: CameraRecord
+    origin: Literal["simulated"] | None = None
     transfer: TransferRecord | None = None
     camera_model: CameraModelRecord | None = None
     sensor: SensorRecord | None = None
@@ -183,8 +184,9 @@ class Manifest(Table):
 
     @property
     def simulated(self) -> bool:
-        """Whether rig or camera are simulated, according to the identities that they reported."""
-        return self.camera.simulated or (self.rig is not None and self.rig.simulated)
+        """Whether rig or camera are simulated, by the names that they reported or by `origin`."""
+        devices = self.camera.simulated or (self.rig is not None and self.rig.simulated)
+        return devices or self.origin == "simulated"
 
     def check_current(self, folder: Path) -> None:
         """Refuse to continue a session of a format version that this program does not write.
@@ -265,10 +267,11 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
         )
     if version < 2:
         _refuse_added(values, path)
-    if version < 3 and _ADDED_3 in values:
-        raise DataError(
-            f"{path}: unknown key '{_ADDED_3}': format version {version} does not have it"
-        )
+    for key, since in _ADDED_LATER.items():
+        if version < since and key in values:
+            raise DataError(
+                f"{path}: unknown key '{key}': format version {version} does not have it"
+            )
     if version < 4 and "lights" in values:
         columns = validated(_OldLights, {"lights": values["lights"]}, path).lights
         with _named(path):
