@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -39,11 +40,11 @@ def _remedy(path: Path) -> str | None:
 def output_fault(path: Path, size: int, digest: str) -> str | None:
     """Return what is wrong with a file of a result, from its size and hash; None if nothing is."""
     try:
+        if not os.path.isfile(path):  # opening a pipe would wait for its writer
+            return "is not a file" if os.path.lexists(path) else "is missing"
         now = path.stat().st_size
         if now < size:
             return f"is cut short ({now} of {size} bytes)"
         return None if now == size and sha256(path) == digest else "was changed"
-    except FileNotFoundError:
-        return "is missing"
     except OSError as error:
         return f"cannot be read ({error.strerror})"

@@ -49,6 +49,7 @@ _TOP = (
     "relight",
     "simulate",
     "report",
+    "verify",
     "doctor",
 )
 _COMPLETION = "completion"
