@@ -21,7 +21,7 @@ from acquisition._part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, tempo
 from acquisition._part_files import is_hidden as is_hidden
 from acquisition._part_files import is_part_file as is_part_file
 from acquisition._part_files import part_path as part_path
-from rig import SgpError
+from rig import SgpError, note_read
 
 if sys.platform != "win32":
     import fcntl
@@ -213,7 +213,7 @@ def open_binary(path: Path, flags: int) -> int:
 
 def _open(path: Path, flags: int) -> int:
     descriptor = os.open(path, flags | BINARY, 0o666)
-    if stat.S_ISREG(os.fstat(descriptor).st_mode):
+    if stat.S_ISREG(note_read(path, descriptor).st_mode):
         return descriptor
     os.close(descriptor)
     raise _irregular(path)

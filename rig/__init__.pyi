@@ -43,6 +43,10 @@ from ._errors import FrameTimeoutError as FrameTimeoutError
 from ._errors import RigConfigError as RigConfigError
 from ._errors import RigError as RigError
 from ._errors import RigNotFoundError as RigNotFoundError
+from ._file_status import FileStatus as FileStatus
+from ._file_status import files_read as files_read
+from ._file_status import note_read as note_read
+from ._file_status import status_when_read as status_when_read
 from ._genicam.camera import GenICamCamera as GenICamCamera
 from ._genicam.camera import open_genicam as open_genicam
 from ._genicam.system import FoundCamera as FoundCamera

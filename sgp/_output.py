@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -15,6 +14,7 @@ import acquisition
 import rig
 from sgp._console import shown
 from sgp._exit import UsageError
+from sgp._hashes import input_hashes, output_files, sha256
 from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
 from sgp._recordings import CALIBRATIONS, recordings_of
 from sgp._result import Result, dumps, plain
@@ -228,6 +228,7 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
     """Write the JSON record of a result atomically: a reader never sees a part of it."""
     calibrations = paths_of(parameters.get(name) for name in CALIBRATIONS)
     recordings = recordings_of(result.inputs, calibrations)
+    files = [file for file in output_files(result.outputs.values()) if path.parent in file.parents]
     # A plain mapping with the keys of `ResultRecord`, which readers check: importing pydantic would
     # cost every command a quarter of a second.
     record = {
@@ -243,12 +244,25 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
         "metrics": result.metrics,
         "warnings": [str(notice) for notice in result.warnings],
         "notices": [asdict(notice) for notice in result.warnings],
+        "files": {
+            str(file.relative_to(path.parent)): {
+                "bytes": file.stat().st_size,
+                "sha256": sha256(file),
+            }
+            for file in shown("hashing the result", files)
+        },
     }
     acquisition.write_durably(path, f"{dumps(record)}\n".encode())
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:
-    """Return the provenance of a result: command, version, parameters, input hashes."""
+    """Return the provenance of a result: command, version, parameters, input hashes.
+
+    Raises
+    ------
+    DataError
+        If an input was changed after the command had opened it.
+    """
     return {
         "command": command,
         "software": {
@@ -256,17 +270,5 @@ def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) 
             "version": acquisition.software_version(),
         },
         "parameters": plain(parameters),
-        "inputs": {str(file): sha256(file) for file in shown("hashing the inputs", inputs)},
+        "inputs": input_hashes(inputs),
     }
-
-
-def sha256(path: Path) -> str:
-    """Return the hex digest of a file's bytes; an unchanged file is read only once."""
-    now = path.stat()
-    return _digest(path, now.st_size, now.st_mtime_ns)
-
-
-@functools.cache
-def _digest(path: Path, size: int, mtime_ns: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -31,6 +31,13 @@ class Software(_Table):
     version: str
 
 
+class OutputFile(_Table):
+    """Size and hash of a file of a result."""
+
+    bytes: int
+    sha256: _Sha256
+
+
 class ResultRecord(_Table):
     """What a command computed, from which inputs, with which parameters.
 
@@ -58,6 +65,9 @@ class ResultRecord(_Table):
         The lines of `notices`, as they were printed.
     notices
         What the command reported besides the figures.
+    files
+        Size and SHA-256 of each output by its file name, except pages, which may be made again;
+        earlier programs did not write them.
     """
 
     format: Literal["sgp-result"] = RECORD_FORMAT
@@ -71,6 +81,7 @@ class ResultRecord(_Table):
     metrics: dict[str, JsonValue]
     warnings: tuple[str, ...]
     notices: tuple[rig.Notice, ...]
+    files: dict[str, OutputFile] = Field(default_factory=dict)
 
     def __repr__(self) -> str:
         counts = (
@@ -102,7 +113,12 @@ def read_record(path: str | Path) -> ResultRecord:
     except FileNotFoundError as error:
         raise acquisition.MissingPathError(f"{path}: no such file") from error
     except rig.UnreadableError as error:
-        raise acquisition.DataError(f"{path}: {error}") from error
+        raise acquisition.DataError(
+            f"{path}: is the record of a result and is cut short or damaged ({error}): run the "
+            "command that wrote it again"
+            if is_record(path)
+            else f"{path}: {error}"
+        ) from error
     if not isinstance(values, dict) or values.get("format") != RECORD_FORMAT:
         raise acquisition.DataError(
             f"{path}: is not the record of a result: its format is not {RECORD_FORMAT!r}"
@@ -119,6 +135,15 @@ def read_record(path: str | Path) -> ResultRecord:
     except ValidationError as error:
         raise acquisition.DataError(f"{path}: {rig.validation_message(error)}") from error
     return record
+
+
+def is_record(path: Path) -> bool:
+    """Return whether a file is the record of a result, even if it is cut short."""
+    try:
+        head, _ = rig.read_head(path, 200)
+    except (FileNotFoundError, rig.UnreadableError):
+        return False
+    return f'"format": "{RECORD_FORMAT}"'.encode() in head
 
 
 def records_of(path: Path) -> Iterator[tuple[Path, ResultRecord]]:

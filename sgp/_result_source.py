@@ -10,8 +10,8 @@ from pydantic import JsonValue
 
 import acquisition
 from sgp._exit import UsageError
+from sgp._hashes import sha256
 from sgp._options import RecordingOptions
-from sgp._output import sha256
 from sgp._record import ResultRecord, read_record
 from sgp._recordings import CALIBRATIONS
 from sgp._stages import Recording, open_recording, with_scale

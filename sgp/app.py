@@ -49,6 +49,7 @@ _TOP = (
     "relight",
     "simulate",
     "report",
+    "verify",
     "doctor",
 )
 _COMPLETION = "completion"
@@ -271,8 +272,11 @@ def _take_common_options(app: App) -> None:
         command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
         if getattr(command, "__module__", "").startswith("sgp.commands."):
             from sgp._options import require_inputs
+            from sgp._own_files import own_files_named
 
             require_inputs(command, bound.arguments)
+            with own_files_named():
+                return command(*bound.args, **bound.kwargs), json
         return command(*bound.args, **bound.kwargs), json
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import acquisition
-from sgp._output import sha256
+from sgp._hashes import sha256
 
 _JOURNAL, _COMPLETE = "journal.jsonl", "COMPLETE"
 # Lines that a compaction appends to a journal.

@@ -17,9 +17,11 @@ import acquisition
 from sgp._batch.files import Stamp, stamps
 from sgp._batch.task import Outcome, Stage, Task
 from sgp._exit import FAULT, error_text, exit_code
+from sgp._hashes import input_hashes, output_files
 from sgp._help import usage_complaint
 from sgp._options import require_inputs, transfer_files
-from sgp._output import flat_parameters, paths_of, sha256
+from sgp._output import flat_parameters, paths_of
+from sgp._own_files import own_files_named
 from sgp._result import Result
 from sgp._threads import opencv_threads
 
@@ -84,6 +86,7 @@ def _attempt(task: Task) -> Outcome:
 
 def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Outcome:
     results: list[Result] = []
+    hashes: dict[str, str] = {}
     for stage in task.stages:
         bound = bound_arguments(stage)
         require_inputs(stage.command, bound.arguments)
@@ -91,10 +94,12 @@ def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Out
             if not root.absolute().is_relative_to(task.out):
                 roots[str(root.absolute())] = None
         before |= {path: stamp for path, stamp in stamps(roots).items() if path not in before}
-        results.append(stage.command(*bound.args, **bound.kwargs))
-        if not results[-1].ok:
-            return Outcome("; ".join(results[-1].summary), results[-1].failing_code)
-    hashes = {str(path.absolute()): sha256(path) for result in results for path in result.inputs}
+        with own_files_named():
+            results.append(stage.command(*bound.args, **bound.kwargs))
+            if not results[-1].ok:
+                return Outcome("; ".join(results[-1].summary), results[-1].failing_code)
+            used = input_hashes(results[-1].inputs)
+        hashes |= {str(Path(name).absolute()): digest for name, digest in used.items()}
     outputs = {name: path for result in results for name, path in result.outputs.items()}
     _write_thumbnail(outputs, task.thumbnail)
     notices = Counter[str](notice.severity for result in results for notice in result.warnings)
@@ -102,6 +107,9 @@ def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Out
         roots=tuple(roots),
         files={path: stamp._replace(sha256=hashes.get(path, "")) for path, stamp in before.items()},
         outputs=tuple(str(path.absolute()) for path in outputs.values()),
+        sizes={
+            str(path.absolute()): path.stat().st_size for path in output_files(outputs.values())
+        },
         notices=dict(notices),
         figures={name: value for one in results for name, value in _figures(one.metrics).items()},
     )

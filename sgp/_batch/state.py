@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import acquisition
 import rig
@@ -34,6 +34,8 @@ class State(BaseModel):
         Version of the program.
     error, exit_code, attempts, seconds, cpu_seconds, roots, files, outputs, notices, figures
         As in `Outcome`.
+    sizes
+        As in `Outcome`; earlier programs did not write them.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -53,6 +55,7 @@ class State(BaseModel):
     outputs: list[str]
     notices: dict[str, int]
     figures: dict[str, int | float | None]
+    sizes: dict[str, int] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,7 @@ class States:
             roots=list(outcome.roots),
             files=dict(outcome.files),
             outputs=list(outcome.outputs),
+            sizes=dict(outcome.sizes),
             notices=dict(outcome.notices),
             figures=dict(outcome.figures),
         )
@@ -149,4 +153,8 @@ def reason_to_run(task: Task, states: Mapping[str, State]) -> str | None:
     missing = [name for name in state.outputs if not os.path.isfile(name)]
     if missing:
         return f"{Path(missing[0]).name} is missing"
+    for name, size in state.sizes.items():
+        now = os.path.getsize(name)
+        if now != size:
+            return f"{Path(name).name} has {now} bytes instead of {size}"
     return difference(state.files, stamps(state.roots))

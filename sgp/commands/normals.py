@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sgp._hashes import input_hashes
 from sgp._options import Input, Memory, Positive, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -59,6 +60,7 @@ def normals(
         Write into an output folder that already contains files.
     """
     opened = open_recording(source, options)
+    input_hashes(opened.files)
     seen, pixel = with_scale(opened.source, pixel_mm)
     with normals_within(
         memory, seen, options, pixel, files=opened.files, out=out, force=force

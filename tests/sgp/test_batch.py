@@ -23,7 +23,7 @@ from sgp._batch.state import States, reason_to_run
 from sgp._batch.tables import csv_table, html_table
 from sgp._batch.task import Outcome, Stage, Task
 from sgp._exit import UsageError
-from sgp._output import sha256
+from sgp._hashes import sha256
 from sgp._result import Result
 from sgp.commands.batch import _task
 
@@ -125,6 +125,8 @@ def test_a_result_is_computed_again_only_if_it_has_to_be(task, monkeypatch) -> N
     (task.out / "copy.txt").unlink()
     assert reason_to_run(task, states.read_all()) == "copy.txt is missing"
     (task.out / "copy.txt").touch()
+    assert reason_to_run(task, states.read_all()) == "copy.txt has 0 bytes instead of 2"
+    (task.out / "copy.txt").write_text("ab")
     edit(task.source)
     assert reason_to_run(task, states.read_all()) == "a.txt was changed"
     states.write(task, replace(outcome, error="the disk is full", exit_code=3))
