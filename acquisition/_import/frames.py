@@ -283,13 +283,13 @@ def _shots(source: Source, record: RecordingNotes | None) -> list[PlannedShot]:
         ]
     lit = [frame for frame in frames if frame.role == "light"]
     leds = list(range(len(lit)))
-    by_name = [led for frame in lit if (led := led_of(frame.path.name)) is not None]
+    names = [frame.path.name for frame in lit]
+    by_name = [led for name in names if (led := led_of(name)) is not None]
     if len(by_name) == len(lit) == len(set(by_name)) and max(by_name) <= _LAST_LED:
         leds = by_name
-    elif source.kind == "images" and source.lights is None:
-        # Other sources list their images in order, and lights belong to names.
-        if doubt := order_doubt([frame.path.name for frame in lit]):
-            raise DataError(f"{source.path}: {doubt}")
+    # Other sources list their images in order, and lights belong to names.
+    elif source.kind == "images" and source.lights is None and (doubt := order_doubt(names)):
+        raise DataError(f"{source.path}: {doubt}")
     shots = {
         frame.path: PlannedShot("light", led, 0, 0, frame.exposure_us)
         for led, frame in zip(leds, lit, strict=True)
