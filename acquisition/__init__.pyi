@@ -119,12 +119,12 @@ from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
 from ._values.flat import Flat as Flat
+from ._values.image_names import light_id as light_id
 from ._values.light_errors import LightErrors as LightErrors
 from ._values.light_errors import tangent_basis as tangent_basis
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
 from ._values.lights import led_of as led_of
-from ._values.lights import light_id as light_id
 from ._values.measured_sensor import Measured as Measured
 from ._values.measured_sensor import MeasuredSensor as MeasuredSensor
 from ._values.noise_model import NoiseModel as NoiseModel

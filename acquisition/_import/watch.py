@@ -14,7 +14,6 @@ from acquisition._import.frames import camera_metadata, camera_of, write_importe
 from acquisition._import.image import ImportedImage, ShotData
 from acquisition._import.watch_files import Recorded, WatchedFolder
 from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
-from acquisition._import.watch_names import running_number
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
 from acquisition._pixels.images import image_form
 from acquisition._pixels.sample_bits import high_bits_notice, high_bits_of, white_level_of
@@ -31,6 +30,7 @@ from acquisition._session.writer import SessionWriter
 from acquisition._source.transfer_notice import transfer_notices
 from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
+from acquisition._values.running_numbers import running_number
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
 

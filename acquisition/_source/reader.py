@@ -26,7 +26,8 @@ from acquisition._source.source import MaskOrigin, Source
 from acquisition._source.transfer_notice import transfer_notices
 from acquisition._staging import check_staging_finished
 from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights, led_of, light_id
+from acquisition._values.image_names import light_id
+from acquisition._values.lights import Lights, led_of
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice
 
@@ -201,16 +202,14 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
         indices, by_name = lights.match(ids)
     except DataError as error:
         raise DataError(f"{source.path}: {error}") from error
-    warnings = source.warnings
+    warnings = (*source.warnings, *lights.warnings)
     if not by_name:
-        warnings += (
-            Notice(
-                "lights-matched-by-order",
-                "lights are matched to images by order because their names differ "
-                f"({lights.ids[0]} to {ids[0]} and so on)",
-                str(source.path),
-            ),
+        by = "order" if indices == sorted(indices) else "the numbers in their names"
+        text = (
+            f"lights are matched to images by {by} because their names differ "
+            f"({lights.ids[indices[0]]} to {ids[0]} and so on)"
         )
+        warnings += (Notice("lights-matched-by-order", text, str(source.path)),)
     return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)
 
 
