@@ -410,6 +410,12 @@ CASES = (
         listed=False,
     ),
     _case(
+        "black22_import",
+        "levels applied",
+        lambda folder: _imported(_dng_series(folder, levels=[[256, 300], [310, 400]])),
+        listed=False,
+    ),
+    _case(
         "ramp_import",
         "levels applied",
         lambda folder: _imported(_dng_series(folder, pattern=None, levels=0, rows=_RAMP)),
