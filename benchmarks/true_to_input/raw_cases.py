@@ -227,7 +227,7 @@ def _one_brighter(frames: Image, index: int, factor: float) -> Image:
 
 def _one_overexposed(folder: Path) -> Outcome:
     """One image in 12 is clipped; its light is known to be stronger."""
-    source = _u16(folder, _one_brighter(_unclipped(0.35), 4, 3.0), 14000, full=20000)
+    source = _u16(folder, _one_brighter(_unclipped(0.6), 4, 3.0), 16000, full=20000)
     strengths = np.where(np.arange(12) == 4, 3.0, 1.0)[:, None]
     (source / "l.lp").unlink()
     lights = source.with_name("lights.json")
@@ -424,7 +424,7 @@ CASES = (
     _case(
         "raw_clip_15311",
         "white level found",
-        lambda folder: _stated(_dng_series(folder, scale=2.2, full=16383, clip=15311)),
+        lambda folder: _stated(_dng_series(folder, scale=1.7, full=16383, clip=15311)),
     ),
     _case(
         "raw_clip_red",
@@ -437,14 +437,14 @@ CASES = (
         "raw_clip_greens_differ",
         "white level of each green found",
         lambda folder: _stated(
-            _dng_series(folder, scale=2.2, full=16383, clip=[[15000, 15311], [14900, 15000]])
+            _dng_series(folder, scale=1.7, full=16383, clip=[[15000, 15311], [14900, 15000]])
         ),
         listed=False,
     ),
     _case(
         "raw_clip_import",
         "white level found",
-        lambda folder: _imported(_dng_series(folder, scale=2.2, full=16383, clip=15311)),
+        lambda folder: _imported(_dng_series(folder, scale=1.7, full=16383, clip=15311)),
         listed=False,
     ),
     _case(
