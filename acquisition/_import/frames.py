@@ -243,6 +243,7 @@ def camera_of(image: ImportedImage) -> dict[str, Any]:
         "model": image.data.model,
         "black_level_dn": image.black_level_dn,
         "white_level_dn": image.white_level_dn,
+        "black_levels_dn": image.black_levels_dn if len(set(image.black_levels_dn)) > 1 else None,
     }
 
 

@@ -15,8 +15,8 @@ from acquisition._import.image import ImportedImage, ShotData
 from acquisition._import.watch_files import Recorded, WatchedFolder
 from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._pixels.images import image_form
-from acquisition._pixels.sample_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from math import isqrt
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -89,7 +90,8 @@ class CameraRecord(Table):
     ``bit_depth`` is the number of significant low bits of each 16-bit sample. ``cfa`` names the
     colours of the filter mosaic from the top left, row by row; absent for grey and RGB.
     ``channels`` is 1 (grey or mosaic) or 3 (RGB). Default levels: black 0, white
-    ``2 ** bit_depth - 1``.
+    ``2 ** bit_depth - 1``. ``black_levels_dn`` are those of the positions of a square block that
+    repeats, row by row; absent if they are equal.
     """
 
     width: Size
@@ -103,6 +105,7 @@ class CameraRecord(Table):
     serial: str = ""
     black_level_dn: Annotated[float, Field(ge=0)] = 0.0
     white_level_dn: Annotated[float, Field(gt=0, le=65535)] | None = None
+    black_levels_dn: tuple[Annotated[float, Field(ge=0)], ...] | None = None
 
     @property
     def white_dn(self) -> float:
@@ -136,6 +139,9 @@ class CameraRecord(Table):
             )
         if self.black_level_dn >= self.white_dn:
             raise ValueError("the black level is not below the white level")
+        levels = self.black_levels_dn or (self.black_level_dn,)
+        if isqrt(len(levels)) ** 2 != len(levels) or max(levels) >= self.white_dn:
+            raise ValueError("the black levels are not a square block below the white level")
         return self
 
 

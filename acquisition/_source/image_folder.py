@@ -301,7 +301,7 @@ def _why_no_series(files: Sequence[Path]) -> str:
 
 
 def _raw_pixels(path: Path, max_pixels: int) -> Image:
-    return read_raw(path, max_pixels=max_pixels).pixels
+    return read_raw(path, max_pixels=max_pixels).levelled()
 
 
 def _same_form(

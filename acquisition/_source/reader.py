@@ -4,18 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 
 from acquisition._errors import DataError, missing_path
-from acquisition._pixels.sample_bits import (
-    high_bits_notice,
-    high_bits_of,
-    low_bits_notice,
-    low_bits_of,
-    white_level_of,
-)
+from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._session.layout import MANIFEST, is_session
+from acquisition._source.clipped import with_clipped
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.exclude import exclude
 from acquisition._source.exported import with_export_notes
@@ -47,8 +41,7 @@ def read_source(
 ) -> Source:
     """Detect the kind of a recording and read everything except its pixels.
 
-    The white level may need the pixels of 16-bit images (docs/importing.md): they are read, but not
-    kept.
+    The white level needs the pixels (docs/importing.md): they are read, but not kept.
 
     Parameters
     ----------
@@ -109,7 +102,7 @@ def read_source(
         raise missing_path(path)
     check_staging_finished(path if path.is_dir() else path.parent)
     source = with_export_notes(_dispatch(path, mask_path, max_pixels, transfer))
-    source = _with_notice(_with_white_level(source))
+    source = _with_notice(_with_high_bits(source))
     source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:
         source = replace(source, camera=camera)
@@ -119,7 +112,7 @@ def read_source(
             f"{path}: images of {width} x {height} pixels, but a camera of {source.camera.width} x "
             f"{source.camera.height}: give the camera that took them"
         )
-    return _with_matched_lights(source, lights or source.lights, without)
+    return with_clipped(_with_matched_lights(source, lights or source.lights, without))
 
 
 def _dispatch(
@@ -151,27 +144,17 @@ def _with_notice(source: Source) -> Source:
     return replace(source, warnings=(*source.warnings, *notices))
 
 
-def _with_white_level(source: Source) -> Source:
-    """Set the white level of images whose samples have fewer than 16 bits, and add a notice.
-
-    Low bits need all images. They are read only if the first one is as dark as 14 bits.
-    """
+def _with_high_bits(source: Source) -> Source:
+    """Set the white level of images whose samples are in the high bits, and add a notice."""
     if source.white_level != _FULL or source.kind == "session" or source.cfa is not None:
         return source
     first = next((frame for frame in source.frames if frame.role == "light"), source.frames[0])
-    if first.load is not None:
+    bits = None if first.load is not None else high_bits_of(first.read())
+    if bits is None:
         return source
-    pixels, where = first.read(), str(source.path)
-    bits = high_bits_of(pixels)
-    if bits is not None:
-        level, notice = white_level_of(bits), high_bits_notice(bits, where)
-    else:
-        others = (frame.read() for frame in source.frames if frame is not first)
-        bits = low_bits_of(chain([pixels], others))
-        if bits is None:
-            return source
-        level, notice = float(2**bits - 1), low_bits_notice(bits, where)
-    return replace(source, white_level=level, warnings=(*source.warnings, notice))
+    notice = high_bits_notice(bits, str(source.path))
+    warnings = (*source.warnings, notice)
+    return replace(source, white_level=white_level_of(bits), warnings=warnings)
 
 
 def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:
