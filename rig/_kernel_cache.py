@@ -38,6 +38,7 @@ def kernel_folder() -> Path | None:
     >>> kernel_folder() is None
     False
     """
+    importlib.import_module(_DISPATCHER)  # it loads the cache when its own parts are loaded
     from rig._numba_cache import cache_of
 
     path = cache_of(kernel_folder).cache_path

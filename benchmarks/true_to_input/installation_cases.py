@@ -25,6 +25,7 @@ _NOTEBOOK = (
     "-c",
     "import numpy as np, processing\n"
     "n = np.zeros((9, 9, 3), np.float32); n[..., 2] = 1\n"
+    "n = processing.NormalMap.from_vectors(n)\n"
     "print('{\"ok\":', 'true}' if processing.ssim(n, n) > 0.99 else 'false}')",
 )
 

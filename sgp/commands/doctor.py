@@ -163,7 +163,6 @@ def _compiler() -> _Findings:
 def _kernels() -> _Findings:
     folder = rig.kernel_folder()
     if folder is None:
-        # What was reported about it names the remedy, too.
         yield (
             "warning",
             "compiled kernels cannot be kept, so that every run compiles them: set NUMBA_CACHE_DIR "
