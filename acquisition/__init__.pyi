@@ -31,6 +31,7 @@ from ._mesh_files.read import read_mesh_file as read_mesh_file
 from ._metering.light_level import MeteringGoal as MeteringGoal
 from ._metering.metered import Metered as Metered
 from ._metering.metered import MeteredLight as MeteredLight
+from ._metering.metered_estimate import estimate_metered as estimate_metered
 from ._metering.metering import meter as meter
 from ._pixels.image_rows import ImageRows as ImageRows
 from ._pixels.images import read_image as read_image
