@@ -334,9 +334,8 @@ def _map_case(
     if answer.code:
         return judge(answer, names=names)
     found = _exr(folder / "out" / "height.exr")
-    return judge(
-        answer, float(np.nanstd(found - height(_XS, _YS))), limit=limit, unit="px rms", codes=codes
-    )
+    rms = float(np.nanstd(found - height(_XS, _YS)))
+    return judge(answer, rms, limit=limit, unit="px rms", codes=codes, enough=codes)
 
 
 # --- known heights
