@@ -35,8 +35,8 @@ class NormalUncertainty:
     ----------
     sigma_deg
         ``(H, W)`` float32, root mean square angle between estimated and true normal in degrees,
-        both tangent directions together, at most `UNIFORM_DEG`; NaN where a pixel is not valid, and everywhere if the
-        noise is unknown and the samples are too few to show it.
+        both tangent directions together, at most `UNIFORM_DEG`; NaN where a pixel is not valid, and
+        everywhere if the noise is unknown and the samples are too few to show it.
     common_sigma_deg
         ``(H, W)`` float32, the part of it that is by the errors of lights and mean height. All
         pixels have it in common: averages over pixels do not make it smaller.
