@@ -28,7 +28,7 @@ FORMAT_VERSION: Final = 3
 _READ: Final = (1, 2, FORMAT_VERSION)
 # Versions that this program can write: a session of version 2 keeps its version.
 _WRITTEN: Final = (2, FORMAT_VERSION)
-# Keys that version 2 added to version 1, by table. Version 3 added events and two keys.
+# Keys that version 2 added to version 1, by table. Version 3 added events and three keys.
 _ADDED_2: Final = {
     "plan": (
         "exposures_by_led",
@@ -39,7 +39,7 @@ _ADDED_2: Final = {
     ),
     "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
-_ADDED_3: Final = ("transfer", "origin")
+_ADDED_3: Final = ("transfer", "origin", "echoes")
 
 # Devices and driver of the simulator, by the names that they report.
 _SIMULATED_DRIVER: Final = "simulated"
@@ -145,7 +145,8 @@ class Manifest(Table):
     ``rig`` are absent in imported sessions. ``camera`` describes the device and its frames as
     stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present if known. The
     camera model describes the upright image. ``origin`` is that of an imported recording whose
-    devices the session does not name. ``transfer`` is the transfer curve of the frames; a
+    devices the session does not name. ``echoes`` states that the board of the rig confirms the
+    light of every frame. ``transfer`` is the transfer curve of the frames; a
     session without it is linear.
     """
 
@@ -161,6 +162,7 @@ class Manifest(Table):
     rig: RigRecord | None = None
     camera: CameraRecord
     origin: Literal["simulated"] | None = None
+    echoes: Literal[True] | None = None
     transfer: TransferRecord | None = None
     camera_model: CameraModelRecord | None = None
     sensor: SensorRecord | None = None
@@ -235,6 +237,7 @@ class Manifest(Table):
             "notes": labels.notes,
             "rights": labels.rights,
             "camera": camera,
+            "echoes": None if others.get("rig") is None else True,
             "camera_model": None if model is None else CameraModelRecord.of(model),
             "sensor": None if sensor is None else SensorRecord.of(sensor),
             "lights": None if lights is None else LightsRecord.of(lights),
