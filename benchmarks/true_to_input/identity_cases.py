@@ -454,8 +454,9 @@ def _run_or_stated(folder: Path, names: Iterable[str]) -> Outcome:
 def _printed_lights(folder: Path) -> Outcome:
     """Print the report to paper: the table of lights must end before the edge."""
     program = next(filter(None, map(shutil.which, ("chromium", "chrome"))), None)
-    if program is None:
-        return Outcome("vague", "there is no Chromium to print with")
+    reader = shutil.which("pdftotext")
+    if program is None or reader is None:
+        return Outcome("applied and stated", "not printed: there is no Chromium or no pdftotext")
     import acquisition
 
     errors = acquisition.LightErrors(
@@ -476,22 +477,16 @@ def _printed_lights(folder: Path) -> Outcome:
     words = ["--headless", "--no-sandbox", "--disable-gpu", f"--print-to-pdf={pdf}"]
     place = (folder / "report.html").resolve().as_uri()
     subprocess.run([program, *words, place], capture_output=True, timeout=120, check=True)
-    return pdf_outcome(pdf, _COUNT)
-
-
-def pdf_outcome(pdf: Path, count: int) -> Outcome:
-    """Judge whether the residuals of all lights are on the pages: cut ones are left out."""
-    program = shutil.which("pdftotext")
-    if program is None:
-        return Outcome("vague", "there is no pdftotext to read the print with")
-    found = subprocess.run([program, "-bbox", pdf, "-"], capture_output=True, text=True, check=True)
+    words = [reader, "-bbox", str(pdf), "-"]
+    found = subprocess.run(words, capture_output=True, text=True, check=True)
     width = float(re.findall(r'<page width="([\d.]+)"', found.stdout)[0])
-    words = re.findall(r'xMax="([\d.]+)" yMax="[\d.]+">([^<]*)<', found.stdout)
-    beyond = [text for right, text in words if float(right) > width]
-    rows = sum(text == "0.432" for _, text in words)
-    if beyond or rows < count:
-        return Outcome("wrong", f"{len(beyond)} words beyond the edge, {rows} of {count} rows")
-    return Outcome("right", f"all {len(words)} words within {width:g} pt")
+    printed = re.findall(r'xMax="([\d.]+)" yMax="[\d.]+">([^<]*)<', found.stdout)
+    beyond = [text for right, text in printed if float(right) > width]
+    # The residuals of the lights: a print leaves out what is cut.
+    rows = sum(text == "0.432" for _, text in printed)
+    if beyond or rows < _COUNT:
+        return Outcome("wrong", f"{len(beyond)} words beyond the edge, {rows} of {_COUNT} rows")
+    return Outcome("right", f"all {len(printed)} words within {width:g} pt")
 
 
 def _options_given(folder: Path) -> Outcome:

@@ -13,7 +13,7 @@ from sgp._report.lights import lights_section
 from sgp._report.maps import Embedded
 from sgp._report.recording import Image, Recording
 
-_NOT_GIVEN: Final = (None, False, [], "")
+_NOT_GIVEN: Final[tuple[object, ...]] = (None, False, [], "")
 _SEVERITIES: Final = {"error": "Error", "warning": "Warning", "info": "Note"}
 
 
