@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ParamSpec
 
 import acquisition
@@ -20,6 +21,7 @@ from sgp._recordings import CALIBRATIONS, recordings_of
 from sgp._result import Result, dumps, plain
 
 P = ParamSpec("P")
+_OTHER = object()
 
 
 def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
@@ -33,6 +35,8 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
 
     def decorate(command: Callable[P, Result]) -> Callable[P, Result]:
         signature = inspect.signature(command)
+        known = {name: one.default for name, one in signature.parameters.items()}
+        defaults = flat_parameters(known)
 
         @functools.wraps(command)
         def run(*args: P.args, **kwargs: P.kwargs) -> Result:
@@ -44,7 +48,8 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
                 return command(*args, **kwargs)
             check_output(out, parameters.values(), force=force or _cut_short(out / record))
             result = command(*args, **kwargs)
-            write_record(out / record, _name(command), parameters | result.parameters, result)
+            made = parameters | result.parameters
+            write_record(out / record, _name(command), made, result, defaults=defaults)
             return result
 
         return run
@@ -224,8 +229,19 @@ def _check_name(out: Path) -> None:
         raise UsageError(f"{out}: the name is not UTF-8: choose another name") from None
 
 
-def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
-    """Write the JSON record of a result atomically: a reader never sees a part of it."""
+def write_record(
+    path: Path,
+    command: str,
+    parameters: Mapping[str, Any],
+    result: Result,
+    *,
+    defaults: Mapping[str, Any] = MappingProxyType({}),
+) -> None:
+    """Write the JSON record of a result atomically: a reader never sees a part of it.
+
+    ``defaults`` are the values of parameters that were not given.
+    """
+    unchanged = [name for name, value in parameters.items() if defaults.get(name, _OTHER) == value]
     calibrations = paths_of(parameters.get(name) for name in CALIBRATIONS)
     recordings = recordings_of(result.inputs, calibrations)
     files = [file for file in output_files(result.outputs.values()) if path.parent in file.parents]
@@ -235,6 +251,7 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
         "format": RECORD_FORMAT,
         "version": RECORD_VERSION,
         **provenance(command, parameters, result.inputs),
+        **({"defaults": unchanged} if unchanged else {}),
         **({"recordings": [asdict(one) for one in recordings]} if recordings else {}),
         "outputs": {
             name: str(output.relative_to(path.parent))

@@ -51,6 +51,8 @@ class ResultRecord(_Table):
         Name and version of the program.
     parameters
         The arguments of the command by name, defaults included.
+    defaults
+        Names of the parameters that have their default values.
     inputs
         SHA-256 of every file that was read, by its path.
     recordings
@@ -75,6 +77,7 @@ class ResultRecord(_Table):
     command: str
     software: Software
     parameters: dict[str, JsonValue]
+    defaults: tuple[str, ...] = ()
     inputs: dict[str, _Sha256]
     recordings: tuple[acquisition.Identity, ...] = ()
     outputs: dict[str, str]

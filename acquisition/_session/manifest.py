@@ -42,7 +42,7 @@ _ADDED_2: Final = {
     ),
     "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
-_ADDED_LATER: Final = {"transfer": 3, "origin": 4}
+_ADDED_LATER: Final = {"transfer": 3, "origin": 4, "echoes": 4}
 
 # Devices and driver of the simulator, by the names that they report.
 _SIMULATED_DRIVER: Final = "simulated"
@@ -157,7 +157,8 @@ class Manifest(Table):
     ``rig`` are absent in imported sessions. ``camera`` describes the device and its frames as
     stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present if known. The
     camera model describes the upright image. ``origin`` is that of an imported recording whose
-    devices the session does not name. ``transfer`` is the transfer curve of the frames; a
+    devices the session does not name. ``echoes`` states that the board of the rig confirms the
+    light of every frame. ``transfer`` is the transfer curve of the frames; a
     session without it is linear.
     """
 
@@ -173,6 +174,7 @@ class Manifest(Table):
     rig: RigRecord | None = None
     camera: CameraRecord
     origin: Literal["simulated"] | None = None
+    echoes: Literal[True] | None = None
     transfer: TransferRecord | None = None
     camera_model: CameraModelRecord | None = None
     sensor: SensorRecord | None = None
@@ -247,6 +249,7 @@ class Manifest(Table):
             "notes": labels.notes,
             "rights": labels.rights,
             "camera": camera,
+            "echoes": None if others.get("rig") is None else True,
             "camera_model": None if model is None else CameraModelRecord.of(model),
             "sensor": None if sensor is None else SensorRecord.of(sensor),
             "lights": None if lights is None else LightsRecord.of(lights),

