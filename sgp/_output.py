@@ -83,6 +83,7 @@ def claim_folder(out: Path, record: str) -> Path:
     StorageError
         If the folder cannot be created or a file cannot be removed.
     """
+    acquisition.check_publishing()
     acquisition.make_folder(out)
     acquisition.remove_part_files(out)
     for path in earlier_files(out, record):

@@ -28,11 +28,15 @@ class Stamp(NamedTuple):
         Time of the last modification in ns.
     sha256
         Hash of the content; empty if the file was not read.
+    ctime_ns
+        Time of the last change of the file itself in ns, which shows a change after which the time
+        of modification was set back; 0 if an earlier program did not note it.
     """
 
     size: int
     mtime_ns: int
     sha256: str = ""
+    ctime_ns: int = 0
 
 
 def stamps(roots: Iterable[str | Path]) -> dict[str, Stamp]:
@@ -44,7 +48,9 @@ def stamps(roots: Iterable[str | Path]) -> dict[str, Stamp]:
     for root in roots:
         for path in _below(Path(root)):
             status = path.stat()
-            found[str(path)] = Stamp(status.st_size, status.st_mtime_ns)
+            found[str(path)] = Stamp(
+                status.st_size, status.st_mtime_ns, ctime_ns=status.st_ctime_ns
+            )
     return found
 
 
@@ -78,7 +84,12 @@ def difference(before: Mapping[str, Stamp], now: Mapping[str, Stamp]) -> str | N
         return f"{Path(path).name} was removed"
     for path, stamp in now.items():
         old = before[path]
-        if (old.size, old.mtime_ns) == (stamp.size, stamp.mtime_ns):
+        # Permissions and backups change the ctime of a file, too: only of inputs the hash tells.
+        noted = old.ctime_ns if old.sha256 else 0
+        if (old.size, old.mtime_ns) == (stamp.size, stamp.mtime_ns) and noted in (
+            0,
+            stamp.ctime_ns,
+        ):
             continue
         if not old.sha256 or old.size != stamp.size or sha256(Path(path)) != old.sha256:
             return f"{Path(path).name} was changed"
