@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import acquisition
+from sgp._compaction import JOURNAL, compacted_since
 from sgp._hashes import sha256
 
-_JOURNAL, _COMPLETE = "journal.jsonl", "COMPLETE"
-# Lines that a compaction appends to a journal.
-_OF_COMPACTION = ("reopened", "compacted")
+_COMPLETE = "COMPLETE"
 
 
 class Stamp(NamedTuple):
@@ -74,7 +70,7 @@ def difference(before: Mapping[str, Stamp], now: Mapping[str, Stamp]) -> str | N
     that was compacted in between is the same, too.
     """
     before, now = dict(before), dict(now)
-    for path in [path for path in now if Path(path).name == _JOURNAL]:
+    for path in [path for path in now if Path(path).name == JOURNAL]:
         for same in list(_compacted(Path(path), before, now)):
             before.pop(same, None)
             now.pop(same, None)
@@ -84,7 +80,7 @@ def difference(before: Mapping[str, Stamp], now: Mapping[str, Stamp]) -> str | N
         return f"{Path(path).name} was removed"
     for path, stamp in now.items():
         old = before[path]
-        # Permissions and backups change the ctime of a file, too: only of inputs the hash tells.
+        # Permissions and backups change the ctime of a file, too: of inputs, the hash decides.
         noted = old.ctime_ns if old.sha256 else 0
         if (old.size, old.mtime_ns) == (stamp.size, stamp.mtime_ns) and noted in (
             0,
@@ -106,15 +102,8 @@ def _compacted(
     old = before.get(str(journal))
     if old is None or not now[str(journal)].size > old.size:
         return
-    try:
-        content = journal.read_bytes()
-        session = acquisition.Session.open(journal.parent)
-    except (OSError, acquisition.DataError):
-        return
-    known, later = content[: old.size], content[old.size :].splitlines()
-    if hashlib.sha256(known).hexdigest() != old.sha256 or not session.complete:
-        return
-    if any(json.loads(line).get("event") not in _OF_COMPACTION for line in later):
+    session = compacted_since(journal, old.sha256)
+    if session is None:
         return
     yield from (str(journal), str(journal.parent / _COMPLETE))
     for frame in session.recorded:
