@@ -97,8 +97,11 @@ from ._source.source_setup import source_setup as source_setup
 from ._source.with_sensor import sensor_notices as sensor_notices
 from ._source.with_sensor import with_sensor as with_sensor
 from ._staging import staged as staged
+from ._storage import check_publishing as check_publishing
 from ._storage import is_part_file as is_part_file
 from ._storage import make_folder as make_folder
+from ._storage import part_path as part_path
+from ._storage import publishing_if as publishing_if
 from ._storage import remove_part_files as remove_part_files
 from ._storage import storage_error as storage_error
 from ._storage import write_durably as write_durably

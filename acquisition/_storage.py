@@ -12,7 +12,7 @@ import hashlib
 import os
 import stat
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -69,6 +69,51 @@ def disk(path: Path, action: str) -> Iterator[None]:
         raise storage_error(path, action, error) from error
 
 
+def _always() -> None:
+    """Allow every file."""
+
+
+_permission: Callable[[], None] = _always
+
+
+@contextmanager
+def publishing_if(permission: Callable[[], None]) -> Iterator[None]:
+    """Ask for permission before each file that this process publishes in the block.
+
+    A worker that was suspended can so find out that another one has done its work in between.
+
+    Parameters
+    ----------
+    permission
+        Raises an error to refuse; called by whichever thread writes a file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import publishing_if, write_durably
+    >>> with publishing_if(lambda: print("may I?")):
+    ...     write_durably(Path("notes.txt"), b"owl")
+    may I?
+    """
+    global _permission  # all writers of this process, whatever their thread
+    before, _permission = _permission, permission
+    try:
+        yield
+    finally:
+        _permission = before
+
+
+def check_publishing() -> None:
+    """Ask for the permission of `publishing_if` to replace or remove the files of a result.
+
+    Examples
+    --------
+    >>> from acquisition import check_publishing
+    >>> check_publishing()
+    """
+    _permission()
+
+
 @contextmanager
 def published(path: Path) -> Iterator[Part]:
     """Provide a temporary file to write to; at the end make it durable and rename it.
@@ -83,6 +128,7 @@ def published(path: Path) -> Iterator[Part]:
         yield part
         with disk(path, "write"):
             os.fsync(part.descriptor)
+            check_publishing()
             if not part.is_there():
                 raise StorageError(f"{part.path}: was replaced by another program: try again")
             if sys.platform == "win32":  # Windows cannot rename an open file

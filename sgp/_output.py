@@ -78,17 +78,21 @@ def check_output(out: Path, arguments: Iterable[Any], *, force: bool) -> None:
     _check_apart(out, paths_of(arguments))
 
 
-def claim_folder(out: Path, record: str) -> Path:
+def claim_folder(out: Path, record: str, inputs: Iterable[Path] = ()) -> Path:
     """Prepare an output folder for writing: create it, or remove the files of an earlier result.
 
     Commands call this after the computation and before writing, so that a run that fails leaves an
-    earlier result as it was.
+    earlier result as it was, also if one of its ``inputs`` was changed.
 
     Raises
     ------
+    DataError
+        If an input was changed after the command had opened it.
     StorageError
         If the folder cannot be created or a file cannot be removed.
     """
+    input_hashes(inputs)
+    acquisition.check_publishing()
     acquisition.make_folder(out)
     acquisition.remove_part_files(out)
     for path in earlier_files(out, record):

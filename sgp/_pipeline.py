@@ -127,7 +127,7 @@ class StageRecords:
     def write(self, name: str, files_of: Callable[[Path], Result]) -> Result:
         """Let a function write the files of a stage; write their record, and return the result."""
         record = f"{name}.json"
-        result = files_of(claim_folder(self._out / name, record))
+        result = files_of(claim_folder(self._out / name, record, self._files))
         result.inputs = self._files
         path = self._out / name / record
         made = self._parameters | result.parameters

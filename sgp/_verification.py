@@ -10,6 +10,7 @@ from pathlib import Path
 
 import acquisition
 import rig
+from sgp._compaction import JOURNAL, compacted_since
 from sgp._console import shown
 from sgp._exit import UsageError
 from sgp._hashes import sha256
@@ -158,13 +159,14 @@ def _unreadable(path: Path) -> str | None:
 
 def _check_inputs(inputs: Mapping[tuple[str, str], Path], found: Verification) -> None:
     missing = []
+    compacted = set(_compacted(inputs))
     for (name, digest), record in shown("checking the inputs", [*inputs.items()]):
         places = _places(name, record)
-        if not places:
+        if not places and name not in compacted:
             missing.append(name)
             continue
         found.inputs += 1
-        if not any(_has(path, digest) for path in places):
+        if name not in compacted and not any(_has(path, digest) for path in places):
             text = f"has changed since the result was computed (record: {record})"
             found.notices.append(rig.Notice("input-changed", text, str(places[0]), "error"))
     found.inputs_missing = len(missing)
@@ -172,6 +174,18 @@ def _check_inputs(inputs: Mapping[tuple[str, str], Path], found: Verification) -
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
         text = f"not there, and so not compared: {missing[0]}{more}"
         found.notices.append(rig.Notice("input-missing", text, severity="info"))
+
+
+def _compacted(inputs: Mapping[tuple[str, str], Path]) -> Iterator[str]:
+    """Yield the names of inputs that a compaction of their session has replaced."""
+    for (name, digest), record in inputs.items():
+        if Path(name).name != JOURNAL:
+            continue
+        folder = Path(name).parent
+        for journal in _places(name, record):
+            if not _has(journal, digest) and (session := compacted_since(journal, digest)):
+                yield from (name, str(folder / "COMPLETE"))
+                yield from (str(folder / frame.line.file) for frame in session.recorded)
 
 
 def _places(name: str, record: Path) -> list[Path]:

@@ -28,7 +28,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def _recording(folder: Path, name: str = "src", count: int = 8) -> Path:
-    """Make a folder of uncompressed TIFFs with a mask; lights.txt is beside it."""
+    """Make a folder of uncompressed TIFFs with a mask; lights.txt is next to it."""
     source = folder / name
     source.mkdir(parents=True)
     for number, image in enumerate(images(directions(count)), 1):
@@ -263,7 +263,7 @@ def _batch_changed_between(folder: Path, change: Change, target: str) -> Outcome
 
 
 def _batch_same(folder: Path, change: Change) -> Outcome:
-    """Nothing is to be computed again, and the files are read at most once."""
+    """Nothing is computed again."""
     source = _recording(folder)
     _batch(folder, source)
     for path in source.iterdir():

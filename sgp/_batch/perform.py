@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import chdir, contextmanager, redirect_stderr
+from contextlib import chdir, contextmanager, redirect_stderr, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 from cyclopts import App, CycloptsError, Parameter
 
 import acquisition
+import rig
 from sgp._batch.files import Stamp, stamps
 from sgp._batch.task import Outcome, Stage, Task
 from sgp._exit import FAULT, error_text, exit_code
@@ -70,10 +72,12 @@ def _attempt(task: Task) -> Outcome:
     before: dict[str, Stamp] = {}
     try:
         acquisition.make_folder(task.log.parent)
-        with _logged(task.log), chdir(task.folder), _threads(task.threads):
+        with _claimed(task.log), chdir(task.folder), _threads(task.threads):
             return _stages(task, roots, before)
     except CycloptsError as error:
         return Outcome(usage_complaint(error, "sgp batch"), 2)
+    except _TakenOver as error:
+        return Outcome(str(error), FAULT)
     except MemoryError as error:
         text = "needs more memory than this process may have"
         return Outcome(
@@ -128,10 +132,28 @@ def _figures(metrics: Mapping[str, Any]) -> dict[str, int | float | None]:
     return {name: normals[name] for name in names if isinstance(normals.get(name), (int, float))}
 
 
+class _TakenOver(rig.SgpError):
+    """Another worker has begun the task since."""
+
+
 @contextmanager
-def _logged(path: Path) -> Iterator[None]:
-    with path.open("w", encoding="utf-8", errors="backslashreplace") as log, redirect_stderr(log):
-        yield
+def _claimed(path: Path) -> Iterator[None]:
+    """Write messages to a new log; as long as it has its name, the task is this worker's.
+
+    A cluster gives the task of a worker that does not answer to another one. If the first was only
+    suspended, it may wake up after the other one has finished, and must not replace its result.
+    """
+    path.unlink(missing_ok=True)
+    with path.open("x", encoding="utf-8", errors="backslashreplace") as log:
+
+        def check() -> None:
+            with suppress(OSError), path.open("rb") as now:  # opened: a network file system
+                if os.path.samestat(os.fstat(now.fileno()), os.fstat(log.fileno())):
+                    return
+            raise _TakenOver("another worker has begun this recording again: this one ends")
+
+        with redirect_stderr(log), acquisition.publishing_if(check):
+            yield
 
 
 @contextmanager

@@ -65,7 +65,7 @@ def normals(
     with normals_within(
         memory, seen, options, pixel, files=opened.files, out=out, force=force
     ) as stage:
-        folder = claim_folder(out, "normals.json")
+        folder = claim_folder(out, "normals.json", opened.files)
         result = write_normals_stage(folder, stage, maps, command="sgp normals", files=opened.files)
     result.inputs = opened.files
     result.parameters |= {"transfer": opened.source.transfer.record()}

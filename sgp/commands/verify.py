@@ -20,7 +20,7 @@ def verify(result: Input, *others: Input) -> Result:
     For example:
 
         sgp verify result
-        sgp verify archive/* --json
+        sgp verify archive/*
 
     Parameters
     ----------
