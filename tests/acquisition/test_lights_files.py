@@ -206,7 +206,7 @@ def test_lp_files_of_other_programs(
         pytest.param("2\na 0 0 1\n\nb 0 0 0\n", "line 4: a zero vector", id="zero"),
         pytest.param("1\na 0 nan 1\n", "line 2: a number is not finite", id="NaN"),
         pytest.param("1\na 0 inf 1\n", "line 2: a number is not finite", id="infinity"),
-        pytest.param("1\na 0 up 1\n", "line 2: '0 up 1' is not three", id="text"),
+        pytest.param("1\na 0 up 1\n", "line 2: 'a 0 up 1' is not 'file x y z'", id="text"),
         pytest.param("1\n0 0 1\n", "line 2: '0 0 1' is not 'file x y z'", id="no name"),
         pytest.param("2\na 0 0 1\na 0 1 1\n", "line 3: a is listed twice", id="same name"),
     ],
@@ -252,7 +252,8 @@ def test_tables_of_directions(tmp_path: Path, text: str) -> None:
         pytest.param("0 0 1\n\n0 0 0\n", "line 3: a zero vector", id="zero"),
         pytest.param("0 0 1\n0 0\n", "line 2: '0 0' is not three numbers", id="two numbers"),
         pytest.param("3\n0 0 1\n", "line 1: '3' is not three numbers", id="wrong count"),
-        pytest.param("x y z\n0 0 1\n", "line 1: 'x y z' is not", id="heading"),
+        pytest.param("a b c\n0 0 1\n", "line 1: 'a b c' is not", id="heading"),
+        pytest.param("0,0,1\n1,0,up\n", "line 2: '1,0,up' is not three", id="line as it is"),
         pytest.param("0 0 1\nnan 0 1\n", "line 2: a number is not finite", id="NaN"),
     ],
 )

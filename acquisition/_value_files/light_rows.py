@@ -1,0 +1,210 @@
+"""Rows of lights in text files of other programs: a name, a vector, and one further number."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path, PureWindowsPath
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from acquisition._errors import DataError
+from acquisition._suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
+from acquisition._values.lights import Array
+
+# The separator of a file is the first of these with which all its rows can be read. A comma is a
+# decimal comma unless it is the separator.
+_SEPARATORS: Final = (";", "\t", r",\s+", r"\s+", ",")
+_QUOTES: Final = "\"'"
+_IMAGES: Final = IMAGE_SUFFIXES | RAW_SUFFIXES
+_NUMBER: Final = re.compile(
+    r"[+-]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:e[+-]?[0-9]+)?|[+-]?(?:nan|inf(?:inity)?)", re.I
+)
+# Names of columns: x, lx, light_x, x_mm, x (mm) and so on.
+_AXIS: Final = re.compile(r"(?:.*[^a-z]|[dlnps])?([xyz])(?:[ _(\[]*[cm]?m[)\]]*)?")
+_NAME_COLUMNS: Final = ("name", "file", "filename", "image", "id", "led", "light")
+_INTENSITY_COLUMNS: Final = ("intensity", "strength", "brightness")
+
+
+class LightRow(NamedTuple):
+    """A row of a file of lights.
+
+    Parameters
+    ----------
+    line
+        Number of the line, from 1.
+    text
+        The line as it is.
+    name
+        Name of the image without its folder; empty without one.
+    vector
+        Three finite numbers.
+    further
+        The number after the vector; None without one.
+    stated
+        Whether the name of its column states that it is an intensity.
+    """
+
+    line: int
+    text: str
+    name: str
+    vector: tuple[float, ...]
+    further: float | None = None
+    stated: bool = False
+
+
+def light_rows(
+    lines: Sequence[tuple[int, str]], path: Path, *, named: bool = False
+) -> list[LightRow]:
+    """Return the rows of a file of lights, with or without a first line that names its columns.
+
+    Parameters
+    ----------
+    lines
+        Number and text of each line, at least one.
+    path
+        File, for messages.
+    named
+        Whether every row must have a name.
+
+    Raises
+    ------
+    DataError
+        If a line is no such row, or if it cannot be known whether a number belongs to a name or
+        follows a vector. The message names ``path`` and quotes the line.
+    """
+    best: list[_Row] = []
+    for separator in _SEPARATORS:
+        rows = [_Row(number, text, separator, path) for number, text in lines]
+        columns = [field.lstrip("#% ").casefold() for field in rows[0].fields]
+        axes = [match[1] if (match := _AXIS.fullmatch(name)) else "" for name in columns]
+        if all(axes.count(axis) == 1 for axis in "xyz"):
+            if len(rows) == 1:
+                raise rows[0].unlike("followed by lights")
+            return [_by_column(row, columns, axes) for row in rows[1:]]
+        if not best or _readable(rows) > _readable(best):
+            best = rows
+        if _readable(best) == len(lines):
+            break
+    count = _numbers_per_row(best, named=named)
+    return [row.light(count) for row in best]
+
+
+def same_length(vectors: Array) -> bool:
+    """Return whether vectors have one length, apart from 1 % and the rounding of their decimals."""
+    exponents = [Decimal(repr(float(v))).normalize().as_tuple().exponent for v in vectors.ravel()]
+    step = 10.0 ** min(0, *(each for each in exponents if isinstance(each, int)))
+    with np.errstate(over="ignore", invalid="ignore"):  # numbers are checked later
+        lengths = np.linalg.norm(vectors, axis=1)
+        return bool(np.ptp(lengths) <= max(2 * step, 0.01 * lengths.max()))
+
+
+class _Row:
+    """A line, its fields, and the numbers at its end."""
+
+    def __init__(self, line: int, text: str, separator: str, path: Path) -> None:
+        self.line, self.text, self.path = line, text, path
+        self._body = text.rstrip(" \t;,")
+        between = list(re.finditer(separator, self._body))
+        self._starts = [0, *(match.end() for match in between)]
+        ends = [*(match.start() for match in between), len(self._body)]
+        spans = zip(self._starts, ends, strict=True)
+        self.fields = [self._body[a:b].strip().strip(_QUOTES) for a, b in spans]
+        words = (i for i, field in enumerate(reversed(self.fields)) if not _NUMBER.fullmatch(field))
+        self.numbers = next(words, len(self.fields))
+
+    def name(self, count: int) -> str:
+        """Return what is before the last numbers, without a folder, which may be of Windows."""
+        before = self._body[: self._starts[-count]].rstrip(" \t;,").strip(_QUOTES)
+        return PureWindowsPath(before).name
+
+    def fits(self, count: int, *, named: bool) -> bool:
+        """Return whether so many numbers may follow the name.
+
+        Numbers in names are whole, and come before the suffix of an image.
+        """
+        if self.numbers < count or (named and self.numbers == count == len(self.fields)):
+            return False
+        begin = len(self.fields) - self.numbers
+        inside = self.fields[begin : len(self.fields) - count]
+        has_suffix = begin > 0 and PureWindowsPath(self.fields[begin - 1]).suffix.lower() in _IMAGES
+        return all(map(str.isdecimal, inside)) and not (inside and has_suffix)
+
+    def light(self, count: int) -> LightRow:
+        """Return the row if so many numbers follow its name."""
+        vector = self.vector(count)
+        further = _value(self.fields[-1]) if count == 4 else None
+        return self.checked(LightRow(self.line, self.text, self.name(count), vector, further))
+
+    def vector(self, count: int) -> tuple[float, ...]:
+        """Return the first three of the last numbers."""
+        first = len(self.fields) - count
+        return tuple(map(_value, self.fields[first : first + 3]))
+
+    def checked(self, row: LightRow) -> LightRow:
+        """Refuse numbers that are not finite."""
+        if not all(map(math.isfinite, (*row.vector, row.further or 0.0))):
+            raise DataError(
+                f"{self.path} line {self.line}: a number is not finite: remove that light or "
+                "measure it"
+            )
+        return row
+
+    def unlike(self, form: str) -> DataError:
+        """Return the error that the line is no row."""
+        return DataError(
+            f"{self.path} line {self.line}: '{self.text[:60]}' is not {form}: correct the line"
+        )
+
+
+def _readable(rows: Sequence[_Row]) -> int:
+    return sum(row.numbers >= 3 for row in rows)
+
+
+def _value(text: str) -> float:
+    return float(text.replace(",", "."))
+
+
+def _by_column(row: _Row, columns: Sequence[str], axes: Sequence[str]) -> LightRow:
+    """Return a row whose columns have names."""
+    if len(row.fields) != len(columns):
+        raise row.unlike(f"a row with {len(columns)} columns")
+    by_name = dict(zip(columns, row.fields, strict=True))
+    numbers = [row.fields[axes.index(axis)] for axis in "xyz"]
+    further = next((by_name[name] for name in _INTENSITY_COLUMNS if name in by_name), None)
+    if not all(map(_NUMBER.fullmatch, [*numbers, *([] if further is None else [further])])):
+        raise row.unlike("a row with numbers in these columns")
+    name = next((by_name[name] for name in _NAME_COLUMNS if name in by_name), "")
+    vector = tuple(map(_value, numbers))
+    value = None if further is None else _value(further)
+    name = PureWindowsPath(name).name
+    return row.checked(LightRow(row.line, row.text, name, vector, value, stated=True))
+
+
+def _numbers_per_row(rows: Sequence[_Row], *, named: bool) -> int:
+    """Return how many numbers follow the name of each row: 3, or 4.
+
+    If both are possible, names that differ decide, or else vectors of one length.
+    """
+    fits = {count: [row.fits(count, named=named) for row in rows] for count in (3, 4)}
+    counts = [count for count, each in fits.items() if all(each)]
+    if not counts:
+        wrong, count = max((each.index(False), -count) for count, each in fits.items())
+        form = "'file x y z'" if named else "three numbers"
+        form += " and a number" if count == -4 else ""
+        raise rows[wrong].unlike(form + (", as the lines before it are" if wrong else ""))
+    for decides in (
+        lambda count: same_length(np.array([row.vector(count) for row in rows])),
+        lambda count: len({row.name(count) for row in rows}) == len(rows),
+    ):
+        if len(counts) > 1:
+            counts = list(filter(decides, counts)) or counts
+    if len(counts) > 1:
+        raise DataError(
+            f"{rows[0].path} line {rows[0].line}: '{rows[0].text[:60]}' has a number that may "
+            "belong to the name or follow the vector: write the names with the suffixes of images"
+        )
+    return counts[0]
