@@ -17,7 +17,8 @@ from acquisition._values.lights import Array
 
 # The separator of a file is the first of these with which all its rows can be read. A comma is a
 # decimal comma unless it is the separator.
-_SEPARATORS: Final = (";", "\t", r",\s+", r"\s+", ",")
+_SPACE: Final = r"\s+"
+_SEPARATORS: Final = (";", "\t", r",\s+", _SPACE, ",")
 _QUOTES: Final = "\"'"
 _IMAGES: Final = IMAGE_SUFFIXES | RAW_SUFFIXES
 _NUMBER: Final = re.compile(
@@ -79,7 +80,8 @@ def light_rows(
     best: list[_Row] = []
     for separator in _SEPARATORS:
         rows = [_Row(number, text, separator, path) for number, text in lines]
-        columns = [field.lstrip("#% ").casefold() for field in rows[0].fields]
+        heading = _Row(rows[0].line, rows[0].text.lstrip("#% "), separator, path)
+        columns = [field.casefold() for field in heading.fields]
         axes = [match[1] if (match := _AXIS.fullmatch(name)) else "" for name in columns]
         if all(axes.count(axis) == 1 for axis in "xyz"):
             if len(rows) == 1:
@@ -107,6 +109,7 @@ class _Row:
 
     def __init__(self, line: int, text: str, separator: str, path: Path) -> None:
         self.line, self.text, self.path = line, text, path
+        self._spaced = separator == _SPACE
         self._body = text.rstrip(" \t;,")
         between = list(re.finditer(separator, self._body))
         self._starts = [0, *(match.end() for match in between)]
@@ -118,20 +121,26 @@ class _Row:
 
     def name(self, count: int) -> str:
         """Return what is before the last numbers, without a folder, which may be of Windows."""
-        before = self._body[: self._starts[-count]].rstrip(" \t;,").strip(_QUOTES)
-        return PureWindowsPath(before).name
+        last = len(self.fields) - count
+        # A number in a column before the name counts the rows.
+        names = (i for i in range(last) if not (self._spaced or self.fields[i].isdecimal()))
+        before = self._body[self._starts[next(names, 0)] : self._starts[last]]
+        return PureWindowsPath(before.rstrip(" \t;,").strip(_QUOTES)).name
 
     def fits(self, count: int, *, named: bool) -> bool:
         """Return whether so many numbers may follow the name.
 
-        Numbers in names are whole, and come before the suffix of an image.
+        A name is a whole number, or begins with another word. Words after that are of the name if
+        they are whole numbers, follow no suffix of an image and are separated by white space.
         """
-        if self.numbers < count or (named and self.numbers == count == len(self.fields)):
+        begin, end = len(self.fields) - self.numbers, len(self.fields) - count
+        if end < begin or (named and end == 0):
             return False
-        begin = len(self.fields) - self.numbers
-        inside = self.fields[begin : len(self.fields) - count]
-        has_suffix = begin > 0 and PureWindowsPath(self.fields[begin - 1]).suffix.lower() in _IMAGES
-        return all(map(str.isdecimal, inside)) and not (inside and has_suffix)
+        inside = self.fields[begin:end]
+        if begin == 0:
+            return len(inside) <= 1 and all(map(str.isdecimal, inside))
+        has_suffix = PureWindowsPath(self.fields[begin - 1]).suffix.lower() in _IMAGES
+        return not inside or (self._spaced and not has_suffix and all(map(str.isdecimal, inside)))
 
     def light(self, count: int) -> LightRow:
         """Return the row if so many numbers follow its name."""
@@ -205,6 +214,6 @@ def _numbers_per_row(rows: Sequence[_Row], *, named: bool) -> int:
     if len(counts) > 1:
         raise DataError(
             f"{rows[0].path} line {rows[0].line}: '{rows[0].text[:60]}' has a number that may "
-            "belong to the name or follow the vector: write the names with the suffixes of images"
+            "belong to the name or follow the vector: put a line with the names of columns before it"
         )
     return counts[0]

@@ -51,13 +51,14 @@ def parse_lp(text: str, path: Path) -> Lights:
             f"{path} line {first}: '{count[:40]}' is not a count: the first line of an .lp file "
             "must be the number of lights"
         )
-    if count.lstrip("0") != str(len(lines) - 1):
+    rows = light_rows(lines[1:], path, named=True) if len(lines) > 1 else []
+    if not rows or count.lstrip("0") != str(len(rows)):
         raise DataError(
             f"{path} line {first}: the count is {count[:40]}, but "
-            f"{pluralize(len(lines) - 1, 'light follows', 'lights follow')}: correct the count or "
+            f"{pluralize(len(rows), 'light follows', 'lights follow')}: correct the count or "
             "the rows"
         )
-    return _lights(light_rows(lines[1:], path, named=True), path)
+    return _lights(rows, path)
 
 
 def lp_text(lights: Lights) -> str:
@@ -99,20 +100,19 @@ def parse_directions(text: str, path: Path) -> Lights:
 def _lights(rows: Sequence[LightRow], path: Path) -> Lights:
     """Build lights from rows, with a notice for what the file leaves open."""
     names: dict[str, None] = {}
+    any_name = any(row.name for row in rows)
     for row in rows:
         if math.hypot(*row.vector) < 1e-9:
             raise DataError(
                 f"{path} line {row.line}: a zero vector is not a direction: remove that light"
             )
-        if row.name in names and any(other.name for other in rows):
-            raise DataError(
-                f"{path} line {row.line}: {row.name} is listed twice: remove one line"
-                if row.name
-                else f"{path} line {row.line}: '{row.text[:60]}' has no name: add it"
-            )
+        if any_name and not row.name:
+            raise DataError(f"{path} line {row.line}: '{row.text[:60]}' has no name: add it")
+        if any_name and row.name in names:
+            raise DataError(f"{path} line {row.line}: {row.name} is listed twice: remove one line")
         names[row.name] = None
     vectors = np.array([row.vector for row in rows])
-    lights = Lights(directions=vectors, ids=tuple(names) if any(names) else ())
+    lights = Lights(directions=vectors, ids=tuple(names) if any_name else ())
     lengths = np.linalg.norm(vectors, axis=1)
     intensities, warnings = _further(rows, lengths, path)
     if not same_length(vectors) or lengths.max() > _SHORTEST_MM:
@@ -140,8 +140,8 @@ def _further(
         if value <= 0 or not (stated or 1 / _UNLIKE < value < _UNLIKE):
             raise DataError(
                 f"{path} line {row.line}: '{row.text[:60]}' has the number {value:g} after the "
-                "vector, which is not an intensity near 1: remove these numbers, or divide "
-                "intensities by their mean"
+                "vector, which is not an intensity near 1: remove these numbers, or put a line "
+                "'name x y z intensity' before the lights"
             )
     text = f"the number after each vector ({_span(values)}) is used as intensity"
     notice = Notice("light-column-assumed", text, str(path))

@@ -132,7 +132,8 @@ def _counter(lowest: Numbered, highest: Numbered) -> int:
     digits = lowest.digits
     if highest.value < 10**_CAMERA_DIGITS:
         digits = min(digits, _CAMERA_DIGITS)
-    return 10**digits - (1 if lowest.value else 0)
+    highest_number: int = 10**digits - 1
+    return highest_number if lowest.value else highest_number + 1
 
 
 def shots_after(earlier: str, later: str) -> int | None:
