@@ -78,19 +78,20 @@ def light_rows(
         follows a vector. The message names ``path`` and quotes the line.
     """
     best: list[_Row] = []
+    refused: DataError | None = None
     for separator in _SEPARATORS:
         rows = [_Row(number, text, separator, path) for number, text in lines]
-        heading = _Row(rows[0].line, rows[0].text.lstrip("#% "), separator, path)
-        columns = [field.casefold() for field in heading.fields]
-        axes = [match[1] if (match := _AXIS.fullmatch(name)) else "" for name in columns]
-        if all(axes.count(axis) == 1 for axis in "xyz"):
-            if len(rows) == 1:
-                raise rows[0].unlike("followed by lights")
-            return [_by_column(row, columns, axes) for row in rows[1:]]
+        if columns := _columns(rows[0].text, separator):
+            try:
+                return _by_column(rows, columns)
+            except DataError as error:
+                refused = refused or error
         if not best or _readable(rows) > _readable(best):
             best = rows
         if _readable(best) == len(lines):
             break
+    if refused is not None:
+        raise refused
     count = _numbers_per_row(best, named=named)
     return [row.light(count) for row in best]
 
@@ -177,20 +178,34 @@ def _value(text: str) -> float:
     return float(text.replace(",", "."))
 
 
-def _by_column(row: _Row, columns: Sequence[str], axes: Sequence[str]) -> LightRow:
-    """Return a row whose columns have names."""
-    if len(row.fields) != len(columns):
-        raise row.unlike(f"a row with {len(columns)} columns")
-    by_name = dict(zip(columns, row.fields, strict=True))
-    numbers = [row.fields[axes.index(axis)] for axis in "xyz"]
-    further = next((by_name[name] for name in _INTENSITY_COLUMNS if name in by_name), None)
-    if not all(map(_NUMBER.fullmatch, [*numbers, *([] if further is None else [further])])):
-        raise row.unlike("a row with numbers in these columns")
-    name = next((by_name[name] for name in _NAME_COLUMNS if name in by_name), "")
-    vector = tuple(map(_value, numbers))
-    value = None if further is None else _value(further)
-    name = PureWindowsPath(name).name
-    return row.checked(LightRow(row.line, row.text, name, vector, value, stated=True))
+def _columns(text: str, separator: str) -> list[str]:
+    """Return the names of columns in a line, with ``x``, ``y`` and ``z``; none if it has others."""
+    names = _Row(0, text.lstrip("#% "), separator, Path()).fields
+    names = [match[1] if (match := _AXIS.fullmatch(n)) else n for n in map(str.casefold, names)]
+    return names if all(names.count(axis) == 1 for axis in "xyz") else []
+
+
+def _by_column(rows: Sequence[_Row], columns: Sequence[str]) -> list[LightRow]:
+    """Return the rows after a line that names their columns."""
+    if len(rows) == 1:
+        raise rows[0].unlike("followed by lights")
+    names = next((columns.index(name) for name in _NAME_COLUMNS if name in columns), None)
+    strength = next((columns.index(name) for name in _INTENSITY_COLUMNS if name in columns), None)
+    places = [columns.index(axis) for axis in "xyz"]
+    found = []
+    for row in rows[1:]:
+        if len(row.fields) != len(columns):
+            raise row.unlike(f"a row with {len(columns)} columns")
+        texts = [
+            row.fields[place] for place in (*places, *([] if strength is None else [strength]))
+        ]
+        if not all(map(_NUMBER.fullmatch, texts)):
+            raise row.unlike("a row with numbers in these columns")
+        x, y, z, *further = map(_value, texts)
+        name = "" if names is None else PureWindowsPath(row.fields[names]).name
+        value = further[0] if further else None
+        found.append(row.checked(LightRow(row.line, row.text, name, (x, y, z), value, stated=True)))
+    return found
 
 
 def _numbers_per_row(rows: Sequence[_Row], *, named: bool) -> int:
@@ -214,6 +229,6 @@ def _numbers_per_row(rows: Sequence[_Row], *, named: bool) -> int:
     if len(counts) > 1:
         raise DataError(
             f"{rows[0].path} line {rows[0].line}: '{rows[0].text[:60]}' has a number that may "
-            "belong to the name or follow the vector: put a line with the names of columns before it"
+            "belong to the name or follow the vector: put a line that names the columns before it"
         )
     return counts[0]
