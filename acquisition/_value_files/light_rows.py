@@ -19,6 +19,8 @@ from acquisition._values.lights import Array
 # decimal comma unless it is the separator.
 _SPACE: Final = r"\s+"
 _SEPARATORS: Final = (";", "\t", r",\s+", _SPACE, ",")
+# Longer than a path and its numbers.
+_LONGEST: Final = 5000
 _QUOTES: Final = "\"'"
 _IMAGES: Final = IMAGE_SUFFIXES | RAW_SUFFIXES
 _NUMBER: Final = re.compile(
@@ -77,23 +79,25 @@ def light_rows(
         If a line is no such row, or if it cannot be known whether a number belongs to a name or
         follows a vector. The message names ``path`` and quotes the line.
     """
-    best: list[_Row] = []
+    form = "'file x y z'" if named else "three numbers"
+    tried: list[_Row] = []
     refused: DataError | None = None
     for separator in _SEPARATORS:
-        rows = [_Row(number, text, separator, path) for number, text in lines]
-        if columns := _columns(rows[0].text, separator):
+        if columns := _columns(lines[0][1], separator):
             try:
-                return _by_column(rows, columns)
+                return _by_column([_Row(*line, separator, path) for line in lines], columns)
             except DataError as error:
                 refused = refused or error
-        if not best or _readable(rows) > _readable(best):
-            best = rows
-        if _readable(best) == len(lines):
-            break
-    if refused is not None:
-        raise refused
-    count = _numbers_per_row(best, named=named)
-    return [row.light(count) for row in best]
+        rows: list[_Row] = []
+        for line in lines:
+            rows.append(_Row(*line, separator, path))
+            if rows[-1].numbers < 3:
+                break
+        else:
+            count = _numbers_per_row(rows, form, named=named)
+            return [row.light(count) for row in rows]
+        tried = max(tried, rows, key=len)
+    raise refused or tried[-1].unlike(form, later=len(tried) > 1)
 
 
 def same_length(vectors: Array) -> bool:
@@ -110,6 +114,8 @@ class _Row:
 
     def __init__(self, line: int, text: str, separator: str, path: Path) -> None:
         self.line, self.text, self.path = line, text, path
+        if len(text) > _LONGEST:
+            raise DataError(f"{path} line {line}: {len(text)} characters: correct the line")
         self._spaced = separator == _SPACE
         self._body = text.rstrip(" \t;,")
         between = list(re.finditer(separator, self._body))
@@ -163,15 +169,13 @@ class _Row:
             )
         return row
 
-    def unlike(self, form: str) -> DataError:
-        """Return the error that the line is no row."""
+    def unlike(self, form: str, *, later: bool = False) -> DataError:
+        """Return the error that the line is no row, or not one like those before it."""
+        as_before = ", as the lines before it are" if later else ""
         return DataError(
-            f"{self.path} line {self.line}: '{self.text[:60]}' is not {form}: correct the line"
+            f"{self.path} line {self.line}: '{self.text[:60]}' is not {form}{as_before}: correct "
+            "the line"
         )
-
-
-def _readable(rows: Sequence[_Row]) -> int:
-    return sum(row.numbers >= 3 for row in rows)
 
 
 def _value(text: str) -> float:
@@ -180,7 +184,7 @@ def _value(text: str) -> float:
 
 def _columns(text: str, separator: str) -> list[str]:
     """Return the names of columns in a line, with ``x``, ``y`` and ``z``; none if it has others."""
-    names = _Row(0, text.lstrip("#% "), separator, Path()).fields
+    names = _Row(0, text[:_LONGEST].lstrip("#% "), separator, Path()).fields
     names = [match[1] if (match := _AXIS.fullmatch(n)) else n for n in map(str.casefold, names)]
     return names if all(names.count(axis) == 1 for axis in "xyz") else []
 
@@ -208,7 +212,7 @@ def _by_column(rows: Sequence[_Row], columns: Sequence[str]) -> list[LightRow]:
     return found
 
 
-def _numbers_per_row(rows: Sequence[_Row], *, named: bool) -> int:
+def _numbers_per_row(rows: Sequence[_Row], form: str, *, named: bool) -> int:
     """Return how many numbers follow the name of each row: 3, or 4.
 
     If both are possible, names that differ decide, or else vectors of one length.
@@ -217,9 +221,8 @@ def _numbers_per_row(rows: Sequence[_Row], *, named: bool) -> int:
     counts = [count for count, each in fits.items() if all(each)]
     if not counts:
         wrong, count = max((each.index(False), -count) for count, each in fits.items())
-        form = "'file x y z'" if named else "three numbers"
         form += " and a number" if count == -4 else ""
-        raise rows[wrong].unlike(form + (", as the lines before it are" if wrong else ""))
+        raise rows[wrong].unlike(form, later=wrong > 0)
     for decides in (
         lambda count: same_length(np.array([row.vector(count) for row in rows])),
         lambda count: len({row.name(count) for row in rows}) == len(rows),
