@@ -44,7 +44,7 @@ def read_images(
     max_pixels: int = MAX_PIXELS,
     transfer: TransferCurve | None = None,
 ) -> Source:
-    """Read a plain folder: its largest series of numbered images, in natural order."""
+    """Read a plain folder: its largest series of numbered images, in their order."""
     files, twins = without_twins(_checked_files(folder))
     masks = [path for path in files if _is_mask(path)]
     images, references = split_references([path for path in files if path not in masks])
