@@ -149,6 +149,8 @@ class _Watcher:
         self._files = WatchedFolder(
             watch.folder, watch.settle_s, self._say, watch.max_pixels, watch.pair_s
         )
+        for notice in () if lights is None else lights.warnings:
+            self._say(notice)
         self._recorded: dict[str, int] = {}
         self._earlier: frozenset[str] = frozenset()
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels

@@ -44,7 +44,7 @@ def read_images(
     max_pixels: int = MAX_PIXELS,
     transfer: TransferCurve | None = None,
 ) -> Source:
-    """Read a plain folder: its largest series of numbered images, in natural order."""
+    """Read a plain folder: its largest series of numbered images, in their order."""
     files, twins = without_twins(_checked_files(folder))
     masks = [path for path in files if _is_mask(path)]
     images, references = split_references([path for path in files if path not in masks])
@@ -81,12 +81,12 @@ def read_lp_folder(
     ]
     listed: dict[str, Path | None] = {}
     for name in lights.ids:
-        found = next((table[same(name)] for same, table in tables if same(name) in table), [None])
+        found = next((table[same(name)] for same, table in tables if same(name) in table), [])
         if len(found) > 1:
             raise DataError(
                 f"{lp}: {name} may be {found[0].name} or {found[1].name}: list the name of the file"
             )
-        listed[name] = found[0]
+        listed[name] = found[0] if found else None
     present = [path for path in listed.values() if path is not None]
     if present and len(set(present)) < len(listed):
         absent = next((name for name, path in listed.items() if path is None), lights.ids[-1])

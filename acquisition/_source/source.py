@@ -119,7 +119,7 @@ class Source:
     kind
         ``session``, ``diligent``, ``lp`` (images with an .lp) or ``images``.
     frames
-        All frames that count, at least one; frames from a folder of images in natural order.
+        All frames that count, at least one; those of a folder of images in order of their numbers.
     lights
         One light for each of `light_ids`, in that order and with those ids; None if not known.
     mask

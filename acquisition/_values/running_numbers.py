@@ -22,6 +22,8 @@ _CLOCK_DIGITS: Final = 17
 _MOST_DIGITS: Final = 7
 # Cameras count to 9999, also where they write more digits (DSC09999).
 _CAMERA_DIGITS: Final = 4
+# Frame numbers of 16 bits.
+_MOST_OF_BITS: Final = 65_535
 # Numbers of two digits are those of LEDs rather than of a counter that restarts.
 _COUNTER_DIGITS: Final = 3
 # A series that contains every fourth number, or more of them, is one recording.
@@ -91,20 +93,16 @@ def start_of(numbers: Sequence[Numbered]) -> tuple[int, bool]:
     ones. They do if the series is then dense, at least a fourth of its numbers; and may do if it
     then covers less than a fifth of the counter. Otherwise the place is 0.
     """
-    digits = numbers[0].digits if numbers else 0
-    if len(numbers) < 2 or not 1 < digits <= _MOST_DIGITS:
+    if len(numbers) < 2 or not (counter := _counter(numbers[0], numbers[-1])):
         return 0, True
-    if any(number.digits != digits for number in numbers):
-        return 0, True  # no leading zeros: no counter of a camera
     gap, start = max(
         (later.value - earlier.value, place)
         for place, (earlier, later) in enumerate(pairwise(numbers), 1)
     )
-    numbers_of_counter = _counter(numbers[0], numbers[-1])
-    span = numbers_of_counter - gap
-    if span * _WIDEST > numbers_of_counter:
+    span = counter - gap
+    if span * _WIDEST > counter:
         return 0, True
-    return start, digits >= _COUNTER_DIGITS and span <= _SPARSEST * len(numbers)
+    return start, numbers[-1].digits >= _COUNTER_DIGITS and span <= _SPARSEST * len(numbers)
 
 
 def turnover(numbers: Sequence[Numbered]) -> int:
@@ -119,7 +117,7 @@ def turnover(numbers: Sequence[Numbered]) -> int:
 def steps_between(earlier: Numbered, later: Numbered) -> int:
     """Return how many shots later a running number is; the numbers of a counter restart."""
     step = later.value - earlier.value
-    if earlier.digits == later.digits >= _COUNTER_DIGITS:
+    if max(earlier.digits, later.digits) >= _COUNTER_DIGITS:
         counter = _counter(*sorted((earlier, later), key=lambda number: number.value))
         around = step - counter if step > 0 else step + counter
         if abs(around) * _WIDEST <= counter:
@@ -128,11 +126,20 @@ def steps_between(earlier: Numbered, later: Numbered) -> int:
 
 
 def _counter(lowest: Numbered, highest: Numbered) -> int:
-    """Return how many numbers a counter has: to 9999 from 0, or from 1 if no number is 0."""
-    digits = lowest.digits
+    """Return how many numbers a counter has; 0 if these numbers are not of one that restarts.
+
+    A counter runs to 9999 from 0, or from 1 if no number is 0, or over 16 bits. The number of its
+    digits is constant, except for 16 bits.
+    """
+    digits = highest.digits
+    if lowest.value == 0 and highest.value == _MOST_OF_BITS:
+        return _MOST_OF_BITS + 1
+    if lowest.digits != digits or not 1 < digits <= _MOST_DIGITS:
+        return 0
     if highest.value < 10**_CAMERA_DIGITS:
         digits = min(digits, _CAMERA_DIGITS)
-    return 10**digits - (1 if lowest.value else 0)
+    highest_number: int = 10**digits - 1
+    return highest_number if lowest.value else highest_number + 1
 
 
 def shots_after(earlier: str, later: str) -> int | None:
@@ -201,8 +208,11 @@ def _unrolled(numbers: Sequence[Numbered]) -> list[int]:
 def _contradiction(lights: Sequence[int], images: Sequence[int]) -> int | None:
     """Return the first place at which numbers contradict the order; None if there is none.
 
-    Another first number is no contradiction, nor are numbers of which none agree.
+    Another first number is no contradiction, nor are numbers of which none agree, or numbers of
+    lights that are too sparse for running numbers, such as angles.
     """
+    if max(lights) - min(lights) >= _SPARSEST * len(lights):
+        return None
     offsets = [light - image for light, image in zip(lights, images, strict=True)]
     if 0 in offsets and any(offsets):
         return next(place for place, offset in enumerate(offsets) if offset)

@@ -95,6 +95,7 @@ def run(
         if dry_run:
             return rehearsed(opened, chosen, chosen.shots())
         prepared = Preparation()
+        prepared.warnings += () if stored_lights is None else stored_lights.warnings
         if left_out:
             dead = {"leds": list(left_out), "reason": "listed as dead"}
             prepared.events.append(("left_out", dead))
