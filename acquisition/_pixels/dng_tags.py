@@ -179,12 +179,14 @@ def _places(
     tags: Tags, top: int, left: int, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return rows and columns in the active area, from which blocks and ramps count."""
-    area = [int(value) for value in tags.get(_AREA, (0, 0))]
+    area = [int(value) for value in tags.get(_AREA, (0, 0, 0, 0))]
+    if len(area) != 4:
+        raise UnreadableError("ActiveArea in the file is damaged: copy the file again")
     return top - area[0] + np.arange(shape[0]), left - area[1] + np.arange(shape[1])
 
 
 def _size(size: tuple[float, ...], count: int, name: str) -> tuple[int, int]:
-    rows, columns = (int(value) for value in size[:2])
+    rows, columns = (int(value) for value in (*size, 0, 0)[:2])
     if rows < 1 or columns < 1 or rows * columns != count:
         raise UnreadableError(
             f"{name} has {count} values, not {rows} x {columns}: the file is damaged, copy it again"
