@@ -6,8 +6,6 @@ from dataclasses import replace
 from functools import partial
 from math import isfinite, isnan, isqrt
 
-import numpy as np
-
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._pixels.images import Image
 from acquisition._pixels.pile_up import PileUp, find_pile_up, planes_of
@@ -74,7 +72,7 @@ def _notice(source: Source, pile: PileUp, level: float | None) -> Notice:
 
 
 def _marked(side: int, levels: tuple[float, ...], white: float, pixels: Image) -> Image:
-    marked = np.array(pixels)
+    marked = pixels.copy()
     for plane, level in zip(planes_of(marked, side), levels, strict=True):
         if not isnan(level):
             plane[plane >= level] = white
