@@ -33,9 +33,9 @@ _BRIGHTER: Final = 20
 _BRIGHTEST_FLOATS: Final = 1024
 # Largest values of converters; there no other image has to decide.
 _CONVERTER_ENDS: Final = (2**10 - 1, 2**12 - 1, 2**14 - 1)
-# Samples of a pile-up in another image say nothing if they are in shadow, darker than an eighth.
+# Samples of a pile-up say nothing in another image where they are in shadow, below a 64th.
 # An even area has one value there; half of the samples allow for gloss and few grey values.
-_DARK: Final = 8
+_DARK: Final = 64
 _SAME: Final = 0.5
 _WITNESSES: Final = 8
 # Images in memory at a time; and samples that are counted at a time, in eight bytes each.
