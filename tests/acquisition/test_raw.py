@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from datetime import UTC, datetime
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from acquisition._import.image import read_for_import, read_shot_data
 from acquisition._import.watch import watch_folder
 from acquisition._import.watch_shots import Watch, lights_in_order
 from acquisition._pixels.images import read_image, write_png
-from acquisition._pixels.raw import read_raw, with_one_white_level
+from acquisition._pixels.raw import read_raw
 from acquisition._session.verify import verify_session
 from acquisition._source.reader import read_source
 from acquisition._suffixes import is_raw
@@ -222,20 +221,24 @@ def test_what_cannot_be_read_as_stated_is_refused(
         read_raw(path)
 
 
-def test_white_levels_of_colours_are_used() -> None:
-    colours = np.tile([[0, 1], [3, 2]], (20, 30))
-    raw = SimpleNamespace(
-        white_level=4095,
-        num_colors=3,
-        camera_white_level_per_channel=[3000, 4000, 3500, 0],
-        raw_colors_visible=colours,
-    )
-    pixels, white = with_one_white_level(raw, SENSOR)
-    assert white == 4000
-    limits = np.array([3000, 4000, 3500, 4000])[colours]
-    np.testing.assert_array_equal(pixels, np.where(limits <= SENSOR, 4000, SENSOR))
-    raw.camera_white_level_per_channel = [3900] * 4
-    assert with_one_white_level(raw, SENSOR)[1] == 3900
+@pytest.mark.parametrize(
+    ("stated", "block"),
+    [
+        pytest.param((3000, 4000, 3500), [[3000, 4000], [4000, 3500]], id="of colours"),
+        pytest.param((3000, 4000, 3900, 3500), [[3000, 4000], [3900, 3500]], id="of positions"),
+        pytest.param((3000, 4000), [[3000, 3000], [3000, 3000]], id="unclear"),
+    ],
+)
+def test_white_levels_of_colours_are_used(
+    tmp_path: Path, stated: tuple[int, ...], block: list[list[int]]
+) -> None:
+    path = tmp_path / "a.dng"
+    path.write_bytes(dng(SENSOR, other=[tag(50717, SHORT, stated)]))
+    raw = read_raw(path)
+    assert raw.white_level_dn == np.max(block)
+    saturated = np.tile(block, (20, 30)) <= SENSOR
+    np.testing.assert_array_equal(raw.pixels >= raw.white_level_dn, saturated)
+    np.testing.assert_array_equal(raw.pixels[~saturated], SENSOR[~saturated])
 
 
 @pytest.fixture
