@@ -307,7 +307,7 @@ def _shots(source: Source, record: RecordingNotes | None) -> list[PlannedShot]:
 def _read(frame: Frame, source: Source) -> ImportedImage:
     if is_raw(frame.path):
         return read_for_import(frame.path, max_pixels=frame.max_pixels)
-    return imported_image(frame.path, frame.read(), read_shot_data(frame.path))
+    return imported_image(frame.path, frame.read_stored(), read_shot_data(frame.path))
 
 
 def _write_maps(source: Source, folder: Path) -> None:

@@ -22,11 +22,12 @@ Tags = Mapping[int, tuple[float, ...]]
 Levels = npt.NDArray[np.float64]
 
 _SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT = 254, 259, 262, 277, 330, 339
-_BLOCK_SIZE, _BLOCK, _VERSION, _PLANES = 33421, 33422, 50706, 50710
-_REPEAT, _BLACK, _DELTA_H, _DELTA_V, _AREA = 50713, 50714, 50715, 50716, 50829
+_BLOCK_SIZE, _BLOCK, _VERSION = 33421, 33422, 50706
+_REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE = 50713, 50714, 50715, 50716, 50717
+_AREA = 50829
 _READ: Final = {
     *(_SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT, _BLOCK_SIZE, _BLOCK),
-    *(_VERSION, _PLANES, _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _AREA),
+    *(_VERSION, _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE, _AREA),
 }
 # Code and size of the types of TIFF; rationals are two numbers.
 _TYPES: Final = {
@@ -175,16 +176,47 @@ def black_levels(
     return block if repeats else levels
 
 
+def white_levels(tags: Tags, top: int, left: int, letters: npt.NDArray[np.str_]) -> Levels | None:
+    """Return the white levels of the block of a colour filter; None if the file states only one.
+
+    Parameters
+    ----------
+    tags
+        Tags of the full image.
+    top, left
+        Row and column of the file at which the block begins.
+    letters
+        ``(K, K)``, the colours of the block.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        ``(K, K)``, DN. Three levels are those of red, green and blue; as many as the block has
+        positions are theirs; of another number, the lowest holds for all.
+    """
+    stated = np.array(tags.get(_WHITE, ()), np.float64)
+    if len(stated) < 2:
+        return None
+    if len(stated) == 3 and set(letters.ravel()) <= set("RGB"):
+        return stated[np.vectorize("RGB".index)(letters)]
+    if len(stated) == letters.size:
+        y, x = _places(tags, top, left, letters.shape)
+        return stated.reshape(letters.shape)[y % len(letters)][:, x % len(letters)]
+    return np.full(letters.shape, stated.min())
+
+
 def _places(
     tags: Tags, top: int, left: int, shape: tuple[int, ...]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return rows and columns in the active area, from which blocks and ramps count."""
-    area = [int(value) for value in tags.get(_AREA, (0, 0))]
+    area = [int(value) for value in tags.get(_AREA, (0, 0, 0, 0))]
+    if len(area) != 4:
+        raise UnreadableError("ActiveArea in the file is damaged: copy the file again")
     return top - area[0] + np.arange(shape[0]), left - area[1] + np.arange(shape[1])
 
 
 def _size(size: tuple[float, ...], count: int, name: str) -> tuple[int, int]:
-    rows, columns = (int(value) for value in size[:2])
+    rows, columns = (int(value) for value in (*size, 0, 0)[:2])
     if rows < 1 or columns < 1 or rows * columns != count:
         raise UnreadableError(
             f"{name} has {count} values, not {rows} x {columns}: the file is damaged, copy it again"

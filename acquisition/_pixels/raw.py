@@ -14,8 +14,16 @@ import numpy.typing as npt
 import rawpy
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._pixels.black_level import level_black
-from acquisition._pixels.dng_tags import Tags, black_levels, check_dng, filter_block, read_dng_tags
+from acquisition._pixels.dng_tags import (
+    Levels,
+    Tags,
+    black_levels,
+    check_dng,
+    filter_block,
+    read_dng_tags,
+    white_levels,
+)
+from acquisition._pixels.levels import level_black, level_white
 from acquisition._storage import library_path
 from rig import (
     MAX_PIXELS,
@@ -114,17 +122,22 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
             raise UnreadableError("the file has no pixels and is damaged: copy it again")
         colours = _colours(raw, pattern.shape)
         top, left = sizes.top_margin, sizes.left_margin
-        letters = filter_block(tags, top, left)
+        coloured = raw.num_colors > 1
+        letters = filter_block(tags, top, left) if coloured else None
         if letters is None:
             letters = np.array(list(raw.color_desc.decode("ascii")))[colours]
-        side, coloured = len(letters), raw.num_colors > 1
+        side = len(letters)
         levels = black_levels(tags, top, left, pixels.shape, side)
         if levels is None:
             levels = np.asarray(raw.black_level_per_channel, np.float64)[colours]
         black = float(levels.mean())
-        pixels, white = _with_one_white_level(raw, pixels)
+        whites = white_levels(tags, top, left, letters)
+        if whites is None:
+            whites = _white_levels(raw, colours)
+        white = float(whites.max())
     if not 0 <= black < white:
         raise DataError(f"{path}: black level {black:g} is not below white level {white:g}")
+    pixels = level_white(pixels, whites)
     if len(levels) > side:
         pixels = level_black(pixels, levels, black, white)
         levels = np.full((side, side), black)
@@ -179,18 +192,13 @@ def _colours(raw: rawpy.RawPy, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     return colours
 
 
-def _with_one_white_level(
-    raw: rawpy.RawPy, pixels: npt.NDArray[np.uint16]
-) -> tuple[npt.NDArray[np.uint16], float]:
-    """Return pixels with the highest white level of the colours where they are saturated."""
+def _white_levels(raw: rawpy.RawPy, colours: npt.NDArray[np.uint8]) -> Levels:
+    """Return the white levels of a block by the numbers of its colours, DN."""
     white = float(raw.white_level)
-    # LibRaw has 0 for colours of which the file states no level of its own.
-    stated = np.array(raw.camera_white_level_per_channel or [0], np.float64)
-    whites = np.where(stated > 0, np.minimum(stated, white), white)
-    if (whites == whites[0]).all():
-        return pixels, float(whites[0])
-    white = float(whites.max())
-    return np.where(pixels >= whites[raw.raw_colors_visible], np.uint16(white), pixels), white
+    stated = np.array(raw.camera_white_level_per_channel or [0] * 4, np.float64)
+    # LibRaw has 0 for a second green like the first, and for colours without a level of their own.
+    stated = np.where(stated > 0, stated, stated[1])
+    return np.where(stated > 0, np.minimum(stated, white), white)[colours]
 
 
 def _shot_metadata(raw: rawpy.RawPy) -> tuple[float | None, float | None, datetime | None]:

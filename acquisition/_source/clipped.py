@@ -6,8 +6,6 @@ from dataclasses import replace
 from functools import partial
 from math import isfinite, isnan, isqrt
 
-import numpy as np
-
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._pixels.images import Image
 from acquisition._pixels.pile_up import PileUp, find_pile_up, planes_of
@@ -30,18 +28,16 @@ def with_clipped(source: Source) -> Source:
     if pile is None:
         return source
     level = max(value for value in pile.levels if not isnan(value))
-    one = all(value == level or isnan(value) for value in pile.levels) and level == max(pile.tops)
+    one = pile.brightest <= level and len({v for v in pile.levels if not isnan(v)}) == 1
     notice = _notice(source, pile, level if one else None)
     warnings = (*source.warnings, notice)
     if one and source.transfer == LINEAR:
         return replace(source, white_level=level, warnings=warnings)
-    white = source.white_level if isfinite(source.white_level) else max(pile.tops)
-    return replace(
-        source,
-        white_level=white,
-        frames=tuple(_raised(frame, side, pile.levels, white) for frame in source.frames),
-        warnings=warnings,
-    )
+    white = source.white_level if isfinite(source.white_level) else max(level, pile.brightest)
+    mark = partial(_marked, side, pile.levels, white)
+    # Rows that are read one by one would be read as stored.
+    frames = [replace(frame, mark_clipped=mark, check_rows=None) for frame in source.frames]
+    return replace(source, white_level=white, frames=tuple(frames), warnings=warnings)
 
 
 def _read(frame: Frame) -> Image | None:
@@ -75,13 +71,9 @@ def _notice(source: Source, pile: PileUp, level: float | None) -> Notice:
     return Notice("clipped-below-white", text, where, "info")
 
 
-def _raised(frame: Frame, side: int, levels: tuple[float, ...], white: float) -> Frame:
-    return replace(frame, load=partial(_read_raised, frame, side, levels, white), check_rows=None)
-
-
-def _read_raised(frame: Frame, side: int, levels: tuple[float, ...], white: float) -> Image:
-    pixels = np.array(frame.read())
-    for plane, level in zip(planes_of(pixels, side), levels, strict=True):
+def _marked(side: int, levels: tuple[float, ...], white: float, pixels: Image) -> Image:
+    marked = pixels.copy()
+    for plane, level in zip(planes_of(marked, side), levels, strict=True):
         if not isnan(level):
             plane[plane >= level] = white
-    return pixels
+    return marked

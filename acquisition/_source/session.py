@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._pixels.black_level import level_black
 from acquisition._pixels.images import Image, read_image
+from acquisition._pixels.levels import level_black
 from acquisition._pixels.mask_files import read_mask
 from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_MASK, TRUE_NORMALS
 from acquisition._session.manifest import CameraRecord

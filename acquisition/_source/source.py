@@ -55,6 +55,8 @@ class Frame:
         None for files that must be read as a whole.
     gain_db
         Analogue gain, decibels; None if not known.
+    mark_clipped
+        Function that raises clipped samples to the white level; None if they have that value.
     """
 
     path: Path
@@ -67,11 +69,25 @@ class Frame:
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
     check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
     gain_db: float | None = None
+    mark_clipped: Callable[[Image], Image] | None = field(default=None, repr=False)
 
     __repr__ = short_repr
 
     def read(self) -> Image:
-        """Return the pixels as stored, without subtracting the black level and without scaling.
+        """Return the pixels without subtracting the black level and without scaling.
+
+        Clipped samples have the white level.
+
+        Raises
+        ------
+        DataError
+            As `read_stored`.
+        """
+        pixels = self.read_stored()
+        return pixels if self.mark_clipped is None else self.mark_clipped(pixels)
+
+    def read_stored(self) -> Image:
+        """Return the pixels as stored.
 
         Raises
         ------

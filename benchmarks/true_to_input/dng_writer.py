@@ -14,9 +14,9 @@ _CODE = {"R": 0, "G": 1, "B": 2}
 _LINEAR_RAW = 34892
 
 
-def white(level: int) -> tuple[Any, ...]:
+def white(*levels: int) -> tuple[Any, ...]:
     """Return the tag WhiteLevel."""
-    return (50717, "I", 1, level, True)
+    return (50717, "I", len(levels), levels, True)
 
 
 def black(levels: Any) -> list[tuple[Any, ...]]:

@@ -140,11 +140,12 @@ def _dng_series(
     scale: float = 0.9,
     full: int = 4095,
     clip: Any = None,
+    whites: Sequence[int] = (),
     **options: Any,
 ) -> Path:
     """Write DNG files of the relief; ``clip`` is the value at which the sensor is full."""
     dark = _at(levels, *np.mgrid[:H, :W]).astype(np.float64)
-    extra = [white(full), *black(levels)]
+    extra = [white(*(whites or (full,))), *black(levels)]
     if rows is not None:
         dark = dark + rows[:, None]
         extra.append(delta(rows, rows=True))
@@ -438,6 +439,20 @@ CASES = (
         "white level of each green found",
         lambda folder: _stated(
             _dng_series(folder, scale=1.7, full=16383, clip=[[15000, 15311], [14900, 15000]])
+        ),
+        listed=False,
+    ),
+    _case(
+        "raw_white_of_colours",
+        "stated level of each colour used",
+        lambda folder: _judged(
+            _dng_series(
+                folder,
+                scale=1.3,
+                full=16383,
+                clip=[[6000, 16383], [16383, 9000]],
+                whites=(6000, 16383, 9000),
+            )
         ),
         listed=False,
     ),

@@ -1,4 +1,4 @@
-"""Samples with different black levels, shifted to one."""
+"""Samples with different black or white levels, changed so that one level holds for all."""
 
 from __future__ import annotations
 
@@ -6,6 +6,20 @@ import numpy as np
 import numpy.typing as npt
 
 _ROWS = 256
+
+
+def level_white(
+    pixels: npt.NDArray[np.uint16], whites: npt.NDArray[np.float64]
+) -> npt.NDArray[np.uint16]:
+    """Raise saturated samples to the highest white level of a block ``(K, K)`` that repeats."""
+    white = whites.max()
+    if (whites == white).all():
+        return pixels
+    level = pixels.copy()
+    for y, x in np.ndindex(*whites.shape):
+        plane = level[y :: whites.shape[0], x :: whites.shape[1]]
+        plane[plane >= whites[y, x]] = white
+    return level
 
 
 def level_black(
