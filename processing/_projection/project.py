@@ -127,11 +127,13 @@ def project(
         middle = (low + high) / 2
         points -= middle
         low, high = low - middle, high - middle
+    normals = None if geometry.normals is None else geometry.normals @ turn.T
     raster = _raster(low, high, size, pixel_mm, camera)
     if geometry.faces is not None:
-        drawn = draw_mesh(points, geometry.faces, raster, smooth=smooth, on_progress=on_progress)
+        drawn = draw_mesh(
+            points, geometry.faces, raster, smooth=smooth, given=normals, on_progress=on_progress
+        )
     else:
-        normals = None if geometry.normals is None else geometry.normals @ turn.T
         surfels = fit_surfels(points, normals, neighbours, on_progress)
         on_progress("drawing points", 0, 1)
         drawn = draw_points(surfels, raster)
