@@ -38,7 +38,7 @@ class Geometry:
         ``(F, 3)`` int32 vertex indices, counter-clockwise as seen from outside; None for points.
     normals
         ``(V, 3)`` float64 unit vectors of points, ``(F, 3, 3)`` float32 ones of the corners of
-        faces, NaN where there is none, or None.
+        faces, NaN where unknown, or None.
     warnings
         Faces and points that were changed or left out.
 

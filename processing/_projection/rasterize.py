@@ -67,7 +67,7 @@ def draw_mesh(
         Blend the area-weighted normals of the corners over a face; otherwise faces are flat.
         Normals are not blended across the sharp edges of a part.
     given
-        ``(F, 3, 3)`` normals of the corners in the file, NaN where there is none, which replace
+        ``(F, 3, 3)`` normals of the corners in the file, NaN where unknown, which replace
         blended ones if they fit the faces; or None.
     on_progress
         Receives the stage ``projecting``, in steps of about the same duration.
