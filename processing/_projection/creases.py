@@ -112,7 +112,7 @@ def _angle(a: npt.NDArray[np.floating], b: npt.NDArray[np.floating]) -> Double:
 
 
 def blended_with_given(
-    given: Float, blended: Float, vertices: Double, faces: Whole
+    given: npt.NDArray[np.floating], blended: Float, vertices: Double, faces: Whole
 ) -> tuple[Float, float]:
     """Return the normals of the file where they fit the faces, else blended ones.
 
@@ -142,5 +142,6 @@ def blended_with_given(
     # Normals of the true surface are far nearer to the blended ones than those of the faces are.
     if off > 0.5 * coarse + _ROUNDING_DEG:
         return blended, off
-    near = known & ((np.where(known[..., None], given, 0) * face).sum(axis=-1) > 0.5)
+    close = np.asarray((np.where(known[..., None], given, 0) * face).sum(axis=-1) > 0.5)
+    near = known & close
     return np.where(near[..., None], given, blended).astype(np.float32), 0.0

@@ -51,7 +51,7 @@ class Geometry:
 
     vertices: Double
     faces: Whole | None = None
-    normals: Double | None = None
+    normals: npt.NDArray[np.floating] | None = None
     warnings: tuple[Notice, ...] = ()
 
     __repr__ = short_repr
@@ -172,7 +172,7 @@ def _corner_normals(
         return None
     with np.errstate(all="ignore"):
         unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return unit.astype(np.float32)[faces]
+    return np.asarray(unit, np.float32)[faces]
 
 
 def _coarse(points: Double) -> tuple[Notice, ...]:

@@ -354,7 +354,7 @@ def _covered(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], drawn: Mas
     rows, columns = -(-drawn.shape[0] // size), -(-drawn.shape[1] // size)
     cells = np.zeros((rows, columns), np.bool_)
     cells[row // size, column // size] = True
-    inner = binary_erosion(cells, np.ones((3, 3)))
+    inner = binary_erosion(cells, np.ones((3, 3), np.bool_))
     pixels = np.zeros((rows * size, columns * size), np.bool_)
     pixels[: drawn.shape[0], : drawn.shape[1]] = drawn
     share = pixels.reshape(rows, size, columns, size).mean(axis=(1, 3))

@@ -44,7 +44,7 @@ def draw_mesh(
     raster: Raster,
     *,
     smooth: bool = True,
-    given: Float | None = None,
+    given: npt.NDArray[np.floating] | None = None,
     on_progress: Progress = no_progress,
 ) -> Drawn:
     """Draw the nearest face at each pixel's centre.
@@ -144,7 +144,7 @@ def draw_mesh(
 
 
 def _normals_of_corners(
-    vertices: Double, faces: Whole, blended: Float, given: Float | None
+    vertices: Double, faces: Whole, blended: Float, given: npt.NDArray[np.floating] | None
 ) -> tuple[Float, Whole, list[Notice]]:
     """Return unit normals, their numbers at the corners of the faces, and notices."""
     notices = []
