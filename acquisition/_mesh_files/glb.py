@@ -115,6 +115,9 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], memoryview]:
         raise UnreadableError("truncated: shorter than its header says: get the complete file")
     if data[length:].strip(b"\0\r\n\t "):
         raise UnreadableError(f"it has {len(data) - length} bytes more than its header states")
+    # Each primitive has this key; a million of them would take long to parse.
+    if data.count(b'"attributes"', 20, 20 + size) > _MOST_PARTS + _MOST_NODES:
+        raise _too_many()
     content = parse_json(data[20 : 20 + size])
     if not isinstance(content, dict):
         raise UnreadableError("its JSON is not an object")
@@ -125,6 +128,10 @@ def _chunks(data: bytes) -> tuple[dict[str, Any], memoryview]:
     if kind != _BIN or size > len(rest) - 8:
         raise UnreadableError("truncated: its lengths go beyond its end: get the complete file")
     return content, rest[8 : 8 + size]
+
+
+def _too_many() -> UnreadableError:
+    return UnreadableError(f"more than {_MOST_PARTS} primitives: save it as one mesh")
 
 
 def _check_extensions(content: dict[str, Any]) -> None:
@@ -232,7 +239,7 @@ def _check_sizes(content: dict[str, Any], accessors: Accessors, shown: dict[int,
             )
         )
     if sum(parts) > _MOST_PARTS:
-        raise UnreadableError(f"more than {_MOST_PARTS} primitives: save it as one mesh")
+        raise _too_many()
     copies = [
         (
             as_count(nodes[n]["mesh"]),

@@ -53,7 +53,7 @@ def read_body(data: memoryview, order: str, elements: tuple[Element, ...]) -> di
         raise
     counts = [len(line.split()) for line in text.splitlines() if line.strip()]
     widths = np.concatenate([_widths(one, tables) for one in elements] or [np.zeros(0, np.int64)])
-    if len(counts) != len(widths) or (counts != widths).any():
+    if len(counts) != len(widths) or counts != widths.tolist():
         _check_rows(text, elements)
     if sum(counts) > widths.sum():
         raise UnreadableError(

@@ -114,7 +114,8 @@ def _cut_ears(places: Whole, polygon: Whole, lengths: Whole, begins: Whole, poin
 
 @numba.njit(cache=True)
 def _turn(x: Double, y: Double, a: int, b: int, c: int) -> float:
-    return (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
+    turn: float = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
+    return turn
 
 
 @numba.njit(cache=True)

@@ -6,6 +6,7 @@ import re
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import MeshFile
 from acquisition._mesh_files.numbers import numbers_of
@@ -31,7 +32,7 @@ def read_stl(data: bytes) -> MeshFile:
         return _text(data)
     if len(data) < _HEAD:
         raise UnreadableError("truncated: shorter than its header says: get the complete file")
-    solids = []
+    solids: list[npt.NDArray[np.float32]] = []
     rest = memoryview(data)
     while not solids or bytes(rest).strip(_FILL):
         count = int.from_bytes(rest[80:84], "little")

@@ -75,7 +75,7 @@ def _separated(lines: list[bytes]) -> tuple[list[bytes], list[Notice]]:
 
 
 def _begin_of_normals(table: Double) -> int | None:
-    """Return the first of the three columns that are unit vectors; None if there are none.
+    """Return the first of the three columns that are unit vectors, or None.
 
     Colours, intensities and other values may come before or after them.
     """

@@ -571,7 +571,7 @@ def _zero() -> str:
 CASES = (
     Case("obj_negative_two", 2, "drawn whole", _judged("a.obj", _two_blocks, names=GOOD_FILE)),
     Case("obj_index_zero", 2, "refused with the line", _judged("a.obj", _zero, names=["line"])),
-    Case("obj_vn", 2, "given normals used", _judged("a.obj", _vn, limit=1.2)),
+    Case("obj_vn", 2, "given normals used", _judged("a.obj", _vn, limit=2)),
     Case(
         "ply_concave", 2, "700 mm2",
         lambda folder: _area(_write(folder, "a.ply", _concave_ply()), 700),
@@ -609,7 +609,7 @@ CASES = (
     Case("obj_vn_stale", 2, "not used, stated", _judged(
         "a.obj", lambda: _vn(25, 1.0), codes=["vertex-normals-doubtful"]), False),
     Case("ply_vertex_normals", 2, "given normals used",
-         _judged("a.ply", _ply_normals, limit=1.2), False),
+         _judged("a.ply", _ply_normals, limit=2), False),
     Case("obj_concave", 2, "700 mm2", lambda folder: _area(
         _write(folder, "a.obj", obj(CONCAVE[[2, 3, 4, 0, 1]], ["f 5 4 3 2 1"])), 700), False),
     Case("off_comb", 2, "700 mm2", _comb, False),
