@@ -11,13 +11,14 @@ from typing import Final
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._import.frames import camera_metadata, camera_of, write_imported
-from acquisition._import.image import ImportedImage, ShotData
+from acquisition._import.image import ImportedImage
 from acquisition._import.watch_files import Recorded, WatchedFolder
 from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
 from acquisition._import.watch_names import running_number
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
-from acquisition._pixels.images import image_form
+from acquisition._pixels.image_facts import ImageFacts
 from acquisition._pixels.sample_bits import high_bits_notice, high_bits_of, white_level_of
+from acquisition._pixels.shot_facts import ShotFacts
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine
@@ -28,8 +29,8 @@ from acquisition._session.session import Session
 from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
+from acquisition._source.series_facts import orientation_notices
 from acquisition._source.transfer_notice import transfer_notices
-from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
@@ -154,6 +155,7 @@ class _Watcher:
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels
         self._copies: set[str] = set()
         self._first: ImportedImage | None = None
+        self._facts: ImageFacts | None = None  # of the first image of this watch
         self._writer: SessionWriter | None = None
         if is_session(out):
             self._continue_session()
@@ -221,9 +223,8 @@ class _Watcher:
             # Each image states all 16 bits; how many are in use was decided for the session.
             full = camera.bit_depth == 16 and camera.white_dn in map(white_level_of, (10, 12, 14))
             self._first = ImportedImage(
-                path=session.frames[0].path,
+                facts=ImageFacts(session.frames[0].path, ShotFacts()),
                 pixels=session.frames[0].read(),
-                data=ShotData(),
                 bit_depth=camera.bit_depth,
                 cfa=camera.cfa,
                 black_level_dn=camera.black_level_dn,
@@ -329,6 +330,11 @@ class _Watcher:
         """Return the writer; the first image determines the camera of the session."""
         if self._first is None:
             self._first = image
+        if self._facts is None:
+            self._facts = image.facts
+            for notice in orientation_notices(image.facts, image.path.name):
+                self._say(notice)
+        image.facts.check_alike(self._facts)
         image.check_like(self._first)
         transfer = self._transfer(image)
         if self._writer is None:
@@ -356,12 +362,10 @@ class _Watcher:
 
     def _transfer(self, image: ImportedImage) -> TransferCurve:
         """Return the transfer curve of an image, which must be that of the session."""
+        stated = image.facts.transfer
         if self._watch.transfer is not None:
             curve, why = self._watch.transfer, "given"
-        elif is_raw(image.path):
-            curve, why = LINEAR, "camera RAW"
         else:
-            stated = image_form(image.path, max_pixels=self._watch.max_pixels).transfer
             curve, why = stated.curve, stated.origin
             white, name = image.white_level_dn, image.path.name
             for notice in transfer_notices(curve, why, white, name) if self._writer is None else ():

@@ -21,6 +21,7 @@ from acquisition._source.exclude import exclude
 from acquisition._source.exported import with_export_notes
 from acquisition._source.image_folder import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.recording_json import RECORD_FILE
+from acquisition._source.series_facts import with_time_errors
 from acquisition._source.session import read_session
 from acquisition._source.source import MaskOrigin, Source
 from acquisition._source.transfer_notice import transfer_notices
@@ -211,7 +212,8 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
                 str(source.path),
             ),
         )
-    return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)
+    lights = with_time_errors(replace(lights.take(indices), ids=ids), source.frames)
+    return replace(source, lights=lights, warnings=warnings)
 
 
 def _of_the_left(lights: Lights, ids: Sequence[str], left: Sequence[str]) -> Lights:

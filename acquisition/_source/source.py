@@ -55,6 +55,8 @@ class Frame:
         None for files that must be read as a whole.
     gain_db
         Analogue gain, decibels; None if not known.
+    exposure_sigma
+        Relative standard deviation of `exposure_us`, where differing times are stated rounded.
     """
 
     path: Path
@@ -67,6 +69,7 @@ class Frame:
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
     check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
     gain_db: float | None = None
+    exposure_sigma: float = 0.0
 
     __repr__ = short_repr
 
