@@ -219,11 +219,14 @@ def write_imported(
 
 def camera_metadata(image: ImportedImage) -> dict[str, Any]:
     """Return the camera metadata of an image as details of an event."""
+    shot = image.facts.shot
     return {
-        "iso": image.facts.shot.iso,
+        "iso": shot.iso,
+        "f_number": shot.f_number,
+        "orientation": shot.orientation,
         "black_levels_dn": list(image.black_levels_dn),
-        "vendor": image.facts.shot.vendor,
-        "model": image.facts.shot.model,
+        "vendor": shot.vendor,
+        "model": shot.model,
     }
 
 

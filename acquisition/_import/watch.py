@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._import.frames import camera_metadata, camera_of, write_imported
@@ -31,6 +33,7 @@ from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
 from acquisition._source.series_facts import orientation_notices
 from acquisition._source.transfer_notice import transfer_notices
+from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
@@ -155,7 +158,6 @@ class _Watcher:
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels
         self._copies: set[str] = set()
         self._first: ImportedImage | None = None
-        self._facts: ImageFacts | None = None  # of the first image of this watch
         self._writer: SessionWriter | None = None
         if is_session(out):
             self._continue_session()
@@ -222,9 +224,14 @@ class _Watcher:
             camera = session.manifest.camera
             # Each image states all 16 bits; how many are in use was decided for the session.
             full = camera.bit_depth == 16 and camera.white_dn in map(white_level_of, (10, 12, 14))
+            first = session.frames[0]
+            facts = ImageFacts(first.path, _shot_of(begun or {}))
+            if not is_raw(Path(first.line.origin or "")):
+                dtype = np.dtype(np.uint8 if camera.bit_depth == 8 else np.uint16)
+                facts = replace(facts, shape=first.shape, dtype=dtype)
             self._first = ImportedImage(
-                facts=ImageFacts(session.frames[0].path, ShotFacts()),
-                pixels=session.frames[0].read(),
+                facts,
+                first.read(),
                 bit_depth=camera.bit_depth,
                 cfa=camera.cfa,
                 black_level_dn=camera.black_level_dn,
@@ -330,11 +337,9 @@ class _Watcher:
         """Return the writer; the first image determines the camera of the session."""
         if self._first is None:
             self._first = image
-        if self._facts is None:
-            self._facts = image.facts
             for notice in orientation_notices(image.facts, image.path.name):
                 self._say(notice)
-        image.facts.check_alike(self._facts)
+        image.facts.check_alike(self._first.facts)
         image.check_like(self._first)
         transfer = self._transfer(image)
         if self._writer is None:
@@ -398,3 +403,12 @@ class _Watcher:
             self._writer.complete()
         self._writer.close()
         return WatchResult(Session.open(self._out), self._missing, tuple(self._said))
+
+
+def _shot_of(details: dict[str, Any]) -> ShotFacts:
+    """Return the settings of the first image that the event of a watch has recorded."""
+    return ShotFacts(
+        iso=details.get("iso"),
+        f_number=details.get("f_number"),
+        orientation=details.get("orientation"),
+    )

@@ -98,7 +98,9 @@ class ImageFacts:
                     f"{self.path}: {what} {form.format(one)} (Exif {tag}), but {first.path.name} "
                     f"has {form.format(two)}: record all images with one {what}"
                 )
-        if mine.orientation != other.orientation:
+        if None not in (mine.orientation, other.orientation) and (
+            mine.orientation != other.orientation
+        ):
             raise DataError(
                 f"{self.path}: Orientation tag {mine.orientation}, but {first.path.name} has "
                 f"{other.orientation}: turn the pixels of all images alike; if the camera did not "

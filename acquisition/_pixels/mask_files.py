@@ -50,7 +50,7 @@ def read_mask_of(path: Path, images: ImageFacts, size: tuple[int, int]) -> npt.N
         a mask of the turned images: a mask of the stored pixels has the Orientation tag of the
         images, or its size shows that it is not turned.
     """
-    turned = images.shot.orientation
+    turned = images.shot.orientation or 1
     own = image_facts(path, max_pixels=max(MAX_PIXELS, size[0] * size[1])).shot.orientation
     sideways = own == 1 and turned > 4 and size[0] != size[1]
     if own != turned and not sideways:

@@ -39,7 +39,8 @@ class ShotFacts:
     f_number
         Aperture, as focal length over diameter.
     orientation
-        How a viewer turns the stored pixels, 1 (not at all) to 8: TIFF 6.0, tag 274.
+        How a viewer turns the stored pixels, 1 (not at all, also without a tag) to 8: TIFF 6.0,
+        tag 274.
     taken
         Time of the shot by the camera's clock, which has no time zone; UTC is assumed.
     vendor, model
@@ -50,7 +51,7 @@ class ShotFacts:
     shutter_us: float | None = None
     iso: float | None = None
     f_number: float | None = None
-    orientation: int = 1
+    orientation: int | None = None
     taken: datetime | None = None
     vendor: str = ""
     model: str = ""
@@ -71,13 +72,13 @@ def shot_facts(tags: Tags) -> ShotFacts:
     iso = _positive(tags.get(ISO_RATING))
     if iso in (None, _ISO_ELSEWHERE):
         iso = _positive(tags.get(ISO_SPEED)) or _positive(tags.get(INDEX)) or iso
-    orientation = tags.get(ORIENTATION)
+    orientation = _positive(tags.get(ORIENTATION))
     return ShotFacts(
         exposure_us=exposure_us,
         shutter_us=shutter_us,
         iso=iso,
         f_number=_positive(tags.get(F_NUMBER)) or _power(tags.get(APERTURE), 0.5),
-        orientation=int(orientation) if orientation in range(1, 9) else 1,
+        orientation=int(orientation) if orientation and orientation < 9 else 1,
         taken=_time(tags.get(TAKEN)),
         vendor=str(tags.get(MAKE, "")),
         model=str(tags.get(MODEL, "")),

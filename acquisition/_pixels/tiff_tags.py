@@ -33,7 +33,7 @@ class _Form(NamedTuple):
     """Byte order and sizes of a TIFF structure: of the count of entries, of an entry, of a word."""
 
     order: str
-    count: str
+    number: str
     word: str
 
     @property
@@ -92,8 +92,8 @@ def _entries(file: BinaryIO, form: _Form, begin: int) -> tuple[list[_Entry], int
     if not begin:
         raise ValueError("no such directory")
     file.seek(begin)
-    size = struct.calcsize(f"{form.order}{form.count}")
-    (count,) = struct.unpack(f"{form.order}{form.count}", file.read(size))
+    size = struct.calcsize(f"{form.order}{form.number}")
+    (count,) = struct.unpack(f"{form.order}{form.number}", file.read(size))
     if count > _MOST_ENTRIES:
         raise ValueError("a damaged directory")
     entry, word = form.entry, struct.Struct(f"{form.order}{form.word}")

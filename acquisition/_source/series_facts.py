@@ -114,7 +114,7 @@ def reference_times(
 
 def orientation_notices(first: ImageFacts, where: str) -> tuple[Notice, ...]:
     """Return the notice of images that a viewer turns; nothing if it does not."""
-    if first.shot.orientation == 1:
+    if first.shot.orientation in (1, None):
         return ()
     text = (
         f"the images have the Orientation tag {first.shot.orientation}, by which viewers turn "
