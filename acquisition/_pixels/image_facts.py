@@ -32,8 +32,8 @@ _OF_EXR = {
     ISO_RATING: "Exif:PhotographicSensitivity",
     ORIENTATION: "Orientation",
 }
-# Statements of one aperture or sensitivity differ by less.
-_SAME = 0.01
+# Statements of one aperture or sensitivity differ by less; steps of a third of a stop by 12 %.
+_SAME = 0.03
 _RAW_TYPE: np.dtype[np.generic] = np.dtype(np.uint16)
 _RAW_CURVE = StatedCurve(LINEAR, "camera RAW", stated=True)
 

@@ -151,7 +151,10 @@ def images_source(
     facts = {file: image_facts(file, max_pixels=max_pixels) for file in files}
     first = facts[series[0]]
     for each in facts.values():
-        each.check_alike(first)
+        # Without light, neither the aperture nor the place of the camera matters.
+        dark = references.get(each.path) == "dark"
+        shot = replace(each.shot, f_number=None, orientation=None) if dark else each.shot
+        replace(each, shot=shot).check_alike(first)
         if transfer is None:
             _check_curve(each, first)
     raw = read_raw(first.path, max_pixels=max_pixels) if is_raw(first.path) else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -57,12 +58,12 @@ def exposure_times(images: Sequence[ImageFacts], where: Path) -> ExposureTimes:
     DataError
         If an image states no time, although the times of others differ.
     """
-    if all(image.shot.shutter_us for image in images):
-        stated = [image.shot.shutter_us for image in images]
-        tag, sigma = "ShutterSpeedValue", [0.0] * len(images)
-    else:
-        stated = [image.shot.exposure_us or image.shot.shutter_us for image in images]
-        tag, sigma = "ExposureTime", [_rounding(image.shot.exposure_us) for image in images]
+    fine = all(image.shot.shutter_us for image in images)
+    tag = "ShutterSpeedValue" if fine else "ExposureTime"
+    stated = [
+        image.shot.shutter_us if fine else image.shot.exposure_us or image.shot.shutter_us
+        for image in images
+    ]
     known = [time for time in stated if time is not None]
     nothing = (0.0,) * len(images)
     if not known:
@@ -88,13 +89,14 @@ def exposure_times(images: Sequence[ImageFacts], where: Path) -> ExposureTimes:
         f"exposure times of {_seconds(shortest)} to {_seconds(longest)} ({tag}) are applied to "
         f"{pluralize(len(images), 'image')}"
     )
+    sigma = nothing if fine else _rounding_errors(known)
     if any(sigma):
         text += (
-            f"; cameras round the times that they state, by up to {math.sqrt(3) * max(sigma):.1%}, "
-            "which is part of the errors of the lights"
+            "; cameras round the times that they state, here by "
+            f"{max(sigma):.1%} (standard deviation), which is part of the errors of the lights"
         )
     notice = Notice("exposure-times-applied", text, str(where), "info")
-    return ExposureTimes(tuple(stated), tuple(sigma), (notice,))
+    return ExposureTimes(tuple(stated), sigma, (notice,))
 
 
 def reference_times(
@@ -151,14 +153,23 @@ def with_time_errors(lights: Lights, frames: Sequence[Frame]) -> Lights:
     return replace(lights, errors=replace(errors, intensity_std=np.hypot(own, strength)))
 
 
-def _rounding(exposure_us: float | None) -> float:
+def _rounding_errors(times_us: Sequence[float]) -> tuple[float, ...]:
+    """Return the relative standard deviation of each stated time against the most frequent one.
+
+    The error of that one is shared by all images, and so is part of the albedo.
+    """
+    usual = Counter(times_us).most_common(1)[0][0]
+    return tuple(
+        0.0 if time == usual else math.hypot(_rounding(time), _rounding(usual)) for time in times_us
+    )
+
+
+def _rounding(exposure_us: float) -> float:
     """Return the standard deviation of a stated time relative to the true one.
 
-    A time that is a marking is rounded from a power of 2^(1/3) s by a camera with a shutter, such
-    as 1/64 to 1/60, and exact for others: it is uncertain evenly between the two.
+    Cameras with a shutter round powers of 2^(1/3) s to markings, such as 1/64 to 1/60; for others
+    these times are exact. A time that is a marking is uncertain evenly between the two.
     """
-    if exposure_us is None:
-        return 0.0
     seconds = exposure_us / 1e6
     value = 1 / seconds if seconds < 0.29 else seconds
     if not any(abs(value / marking - 1) < 1e-4 for marking in _MARKINGS):
