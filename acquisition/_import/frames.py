@@ -9,12 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from acquisition._errors import DataError
-from acquisition._import.image import (
-    ImportedImage,
-    imported_image,
-    read_for_import,
-    read_shot_data,
-)
+from acquisition._import.image import ImportedImage, imported_image, read_for_import
+from acquisition._pixels.image_facts import image_facts
 from acquisition._pixels.images import write_exr
 from acquisition._pixels.mask_files import write_mask
 from acquisition._plan.planned_shot import PlannedShot
@@ -208,12 +204,12 @@ def write_imported(
     ``exposure_us``, if given, replaces the exposure from the file. Errors are those of
     `SessionWriter.write_frame`.
     """
-    taken = image.data.taken
+    taken = image.facts.shot.taken
     return writer.write_frame(
         shot,
         image.pixels,
         report=CameraReport(
-            exposure_us=image.data.exposure_us if exposure_us is None else exposure_us,
+            exposure_us=image.facts.shot.time_us if exposure_us is None else exposure_us,
             timestamp_ns=None if taken is None else round(taken.timestamp()) * 10**9,
         ),
         origin=image.path.name,
@@ -222,11 +218,14 @@ def write_imported(
 
 def camera_metadata(image: ImportedImage) -> dict[str, Any]:
     """Return the camera metadata of an image as details of an event."""
+    shot = image.facts.shot
     return {
-        "iso": image.data.iso,
+        "iso": shot.iso,
+        "f_number": shot.f_number,
+        "orientation": shot.orientation,
         "black_levels_dn": list(image.black_levels_dn),
-        "vendor": image.data.vendor,
-        "model": image.data.model,
+        "vendor": shot.vendor,
+        "model": shot.model,
     }
 
 
@@ -239,8 +238,8 @@ def camera_of(image: ImportedImage) -> dict[str, Any]:
         "channels": 3 if image.pixels.ndim == 3 else 1,
         "bit_depth": image.bit_depth,
         "cfa": image.cfa,
-        "vendor": image.data.vendor,
-        "model": image.data.model,
+        "vendor": image.facts.shot.vendor,
+        "model": image.facts.shot.model,
         "black_level_dn": image.black_level_dn,
         "white_level_dn": image.white_level_dn,
         "black_levels_dn": image.black_levels_dn if len(set(image.black_levels_dn)) > 1 else None,
@@ -307,7 +306,8 @@ def _shots(source: Source, record: RecordingNotes | None) -> list[PlannedShot]:
 def _read(frame: Frame, source: Source) -> ImportedImage:
     if is_raw(frame.path):
         return read_for_import(frame.path, max_pixels=frame.max_pixels)
-    return imported_image(frame.path, frame.read_stored(), read_shot_data(frame.path))
+    facts = image_facts(frame.path, max_pixels=frame.max_pixels)
+    return imported_image(facts, frame.read_stored())
 
 
 def _write_maps(source: Source, folder: Path) -> None:

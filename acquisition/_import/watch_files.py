@@ -176,7 +176,7 @@ class WatchedFolder:
             settled = self.age_s(name) >= self._settle_s and file.state[0] > 0
             image = self._read(name) if settled else None
             if image is not None:
-                taken = image.data.taken
+                taken = image.facts.shot.taken
                 taken_s = None if taken is None else taken.timestamp()
                 file.arrival = Arrival(name, file.state[1] / 1e9, taken_s)
                 if sum(other.image is not None for other in self._files.values()) < _KEPT:

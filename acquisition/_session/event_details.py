@@ -157,6 +157,8 @@ class _Reopened(_AtLeast):
 
 class _FromFiles(_AtLeast):
     iso: float | None = None
+    f_number: float | None = None
+    orientation: int | None = None
     black_levels_dn: list[float] = []
     vendor: str = ""
     model: str = ""

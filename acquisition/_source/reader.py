@@ -15,6 +15,7 @@ from acquisition._source.exclude import exclude
 from acquisition._source.exported import with_export_notes
 from acquisition._source.image_folder import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.recording_json import RECORD_FILE
+from acquisition._source.series_facts import with_time_errors
 from acquisition._source.session import read_session
 from acquisition._source.source import MaskOrigin, Source
 from acquisition._source.transfer_notice import transfer_notices
@@ -192,7 +193,8 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
             f"({lights.ids[indices[0]]} to {ids[0]} and so on)"
         )
         warnings += (Notice("lights-matched-by-order", text, str(source.path)),)
-    return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)
+    lights = with_time_errors(replace(lights.take(indices), ids=ids), source.frames)
+    return replace(source, lights=lights, warnings=warnings)
 
 
 def _match(

@@ -57,6 +57,8 @@ class Frame:
         Analogue gain, decibels; None if not known.
     mark_clipped
         Function that raises clipped samples to the white level; None if they have that value.
+    exposure_sigma
+        Relative standard deviation of `exposure_us`, where differing times are stated rounded.
     """
 
     path: Path
@@ -70,6 +72,7 @@ class Frame:
     check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
     gain_db: float | None = None
     mark_clipped: Callable[[Image], Image] | None = field(default=None, repr=False)
+    exposure_sigma: float = 0.0
 
     __repr__ = short_repr
 

@@ -299,7 +299,7 @@ def exposures_in_spheres(folder: Path) -> Outcome:
     times = np.where(np.arange(COUNT) % 2, 1.0, 0.25)
     for i, light in enumerate(LIGHTS):
         glint = np.exp(((mirrored * light).sum(-1) - 1) / 0.0008) * inside
-        image = np.clip((glint * 3 + 0.02) * times[i], 0, 1)
+        image = np.clip((glint * 3 + np.where(inside, 0.01, 0.2)) * times[i], 0, 1)
         tif(source / f"ball_{i:02d}.tif", image, exposure_tag(times[i] / 60))
     cv2.imwrite(str(source / "mask.png"), inside.astype(np.uint8) * 255)
     answer = sgp("calibrate", "spheres", source, "--out", folder / "lights.json")
@@ -308,7 +308,7 @@ def exposures_in_spheres(folder: Path) -> Outcome:
     from acquisition import read_lights
 
     found = read_lights(folder / "lights.json").unit_directions
-    error = np.rad2deg(np.arccos(np.clip((found * LIGHTS).sum(1), -1, 1))).mean()
+    error = np.rad2deg(np.linalg.norm(np.cross(found, LIGHTS), axis=1)).mean()
     return judge(answer, float(error), limit=1.0, codes=APPLIED)
 
 
@@ -587,9 +587,9 @@ _LISTED: tuple[tuple[str, str, Callable[[Path], Outcome]], ...] = (
     ("import_exposures", "exposure times applied", imported_exposures),
     ("import_iso", "refused by name", imported_setting),
     ("raw_same", "unchanged", raw_series),
-    ("raw_black", "levels of each file", partial(raw_series, black=two(256, 512, 4, 9), codes=("raw-levels-differ",))),
-    ("raw_blackall", "levels of each file", partial(raw_series, black=lambda i: 200 + 40 * i, codes=("raw-levels-differ",))),
-    ("raw_white", "levels of each file", partial(raw_series, white=two(4095, 16383, 2, 7), black=two(256, 1024, 2, 7), codes=("raw-levels-differ",))),
+    ("raw_black", "levels of each file", partial(raw_series, black=two(256, 512, 4, 9))),
+    ("raw_blackall", "levels of each file", partial(raw_series, black=lambda i: 200 + 40 * i)),
+    ("raw_white", "levels of each file", partial(raw_series, white=two(4095, 16383, 2, 7), black=two(256, 1024, 2, 7))),
     ("raw_pattern", "refused by name", lambda folder: raw_series(folder, "IMG_0003", "GRBG", pattern=two("RGGB", "GRBG", 2, 7))),
     ("raw_shutter", "exposure times applied", partial(raw_series, codes=APPLIED, **_RAW_HALF)),
     ("raw_iso", "refused by name", lambda folder: raw_series(folder, "IMG_0002", "ISO", iso=two(100, 50, 1, 6, 8), gains=_HALVES)),
