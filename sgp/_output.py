@@ -21,7 +21,6 @@ from sgp._recordings import CALIBRATIONS, recordings_of
 from sgp._result import Result, dumps, plain
 
 P = ParamSpec("P")
-_OTHER = object()
 
 
 def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
@@ -245,7 +244,7 @@ def write_record(
 
     ``defaults`` are the values of parameters that were not given.
     """
-    unchanged = [name for name, value in parameters.items() if defaults.get(name, _OTHER) == value]
+    unchanged = [one for one in parameters if one in defaults and defaults[one] == parameters[one]]
     calibrations = paths_of(parameters.get(name) for name in CALIBRATIONS)
     recordings = recordings_of(result.inputs, calibrations)
     files = [file for file in output_files(result.outputs.values()) if path.parent in file.parents]

@@ -83,6 +83,6 @@ def read_identity(path: str | Path) -> Identity | None:
         stated.place,
         stated.notes,
         stated.rights,
-        stated.started_utc.isoformat(),
+        stated.started_utc.isoformat(timespec="seconds"),
         stated.simulated,
     )

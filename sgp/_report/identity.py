@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import acquisition
@@ -18,12 +18,16 @@ _TERMS: Final = {
 }
 
 
-def identity_list(identity: acquisition.Identity) -> Html:
-    """Return the texts of a recording that are not empty, with their terms."""
+def identity_list(identity: acquisition.Identity, results: Sequence[str] = ()) -> Html:
+    """Return the texts of a recording that are not empty, with their terms.
+
+    ``results`` are the names of the results, if the page has others.
+    """
     texts = ((term, str(getattr(identity, key))) for key, term in _TERMS.items())
     rows = ((tag("dt", term), tag("dd", _lines(text))) for term, text in texts if text)
     origin = (tag("dt", "Origin"), tag("dd", "SIMULATED")) if identity.simulated else ()
-    return tag("dl", origin, (cell for row in rows for cell in row), class_="identity")
+    named = (tag("dt", "Results"), tag("dd", ", ".join(results))) if results else ()
+    return tag("dl", named, origin, (cell for row in rows for cell in row), class_="identity")
 
 
 def _lines(text: str) -> list[str]:

@@ -181,7 +181,10 @@ def _recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> 
 def _page(parts: Sequence[_Part], *, maps: bool = True) -> str:
     """Return the page; without ``maps``, all of it but the encoded maps."""
     folders = [part for part in parts if part.folder]
-    identities = list(dict.fromkeys(one for part in folders for one in part.identities))
+    identities: dict[acquisition.Identity, list[str]] = {}
+    for part in folders:
+        for one in part.identities:
+            identities.setdefault(one, []).append(part.name)
     name = marked(", ".join(part.name for part in folders), identities)
     shown = [(part, part.maps) for part in parts if part.maps]
     planes = [
@@ -201,7 +204,10 @@ def _page(parts: Sequence[_Part], *, maps: bool = True) -> str:
             "header",
             tag("h1", name),
             tag("p", _lead(parts), class_="lead"),
-            map(identity_list, identities),
+            (
+                identity_list(one, names if len(folders) > 1 else ())
+                for one, names in identities.items()
+            ),
         ),
         tag(
             "main",

@@ -260,3 +260,11 @@ def test_what_is_not_a_record_is_refused(tmp_path: Path, text: str) -> None:
 def test_a_missing_record(tmp_path: Path) -> None:
     with pytest.raises(MissingPathError, match="no such file"):
         read_record(tmp_path / "normals.json")
+
+
+def test_parameters_with_default_values_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "normals.json"
+    given = {"method": "best", "order": 8, "crop": None, "white": np.ones(3)}
+    defaults = {"method": "best", "order": 4, "crop": None}
+    write_record(path, "sgp any", given, Result(), defaults=defaults)
+    assert read_record(path).defaults == ("method", "crop")
