@@ -24,7 +24,8 @@ _LONGEST: Final = 5000
 _QUOTES: Final = "\"'"
 _IMAGES: Final = IMAGE_SUFFIXES | RAW_SUFFIXES
 _NUMBER: Final = re.compile(
-    r"[+-]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:e[+-]?[0-9]+)?|[+-]?(?:nan|inf(?:inity)?)", re.I
+    r"[+-]?(?:[0-9]+(?:\.[0-9]*|,[0-9]+)?|\.[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?(?:nan|inf(?:inity)?)",
+    re.I,
 )
 # Names of columns: x, lx, light_x, x_mm, x (mm) and so on.
 _AXIS: Final = re.compile(r"(?:.*[^a-z]|[dlnps])?([xyz])(?:[ _(\[]*[cm]?m[)\]]*)?")

@@ -206,7 +206,7 @@ def _unrolled(numbers: Sequence[Numbered]) -> list[int]:
 
 
 def _contradiction(lights: Sequence[int], images: Sequence[int]) -> int | None:
-    """Return the first place at which numbers contradict the order; None if there is none.
+    """Return the first place at which numbers contradict the order; None without one.
 
     Another first number is no contradiction, nor are numbers of which none agree, or numbers of
     lights that are too sparse for running numbers, such as angles.

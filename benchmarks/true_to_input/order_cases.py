@@ -179,7 +179,8 @@ def _fifth(folder: Path, count: int, what: str) -> Outcome:
     names = [f"img_{i:02d}.png" for i in range(count)]
     gains = varied if what == "intensity" else None
     lp = _lp(names, extra=[f"{value:.3f}" for value in values])
-    return _folder(folder, names, lp=lp, gains=gains, names=["line", "img_00.png"])
+    stated = ["light-column-assumed"]
+    return _folder(folder, names, lp=lp, gains=gains, names=["line", "img_00.png"], codes=stated)
 
 
 def _positions(folder: Path, *, radius_only: bool = False) -> Outcome:

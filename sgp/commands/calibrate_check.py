@@ -71,11 +71,14 @@ def check(
         raise UsageError(f"{a} and {b} are the same file: give two calibrations")
     if b is None:
         config = rig_with_positions(rig)
-        compared = calibration.compare_with_rig(acquisition.read_lights(a), config)
+        first = acquisition.read_lights(a)
+        stated = first.warnings
+        compared = calibration.compare_with_rig(first, config)
         inputs, title = [a], f"against the rig {config.name}"
         equal = []
     else:
         first, second = acquisition.read_lights(a), acquisition.read_lights(b)
+        stated = (*first.warnings, *second.warnings)
         compared = calibration.compare_lights(first, second)
         # Calibrations in different folders mostly have the same file name.
         labels = [str(a), str(b)] if a.name == b.name else [a.name, b.name]
@@ -97,7 +100,7 @@ def check(
     limits = any(limit is not None for limit in (limit_deg, limit_mm, limit_percent))
     return Result(
         metrics=_metrics(compared, beyond, order),
-        warnings=list(compared.warnings),
+        warnings=[*stated, *compared.warnings],
         summary=[
             f"{rigs.pluralize(len(compared.ids), 'light')} {title}, the worst first",
             *_rows(compared, beyond, order, intensities=intensities),

@@ -137,7 +137,7 @@ def export(
     return Result(
         outputs={path.name: path for path in written},
         metrics=metrics,
-        warnings=list(prepared.warnings),
+        warnings=[*(() if chosen is None else chosen.warnings), *prepared.warnings],
         summary=[
             f"{out}: {rig.pluralize(images, 'image')}, {notes.values} values, "
             f"subtracted: {notes.subtracted}"

@@ -238,6 +238,7 @@ def test_lp_written(tmp_path: Path) -> None:
         pytest.param("0.0, 0.0, 1.0\r\n0.6,0.0,0.8\r\n", id="commas between"),
         pytest.param("0 0 1\n0,6 0 0,8\n", id="decimal commas"),
         pytest.param("0,0,1\n3,0,4\n", id="whole numbers between commas"),
+        pytest.param("0 ,0 ,1\n3 ,0 ,4\n", id="spaces before commas"),
         pytest.param("0;0;1\n0,6;0;0,8\n", id="semicolons"),
         pytest.param("0, 0, 1\n0,6, 0, 0,8\n", id="commas with spaces and decimal commas"),
         pytest.param("x\ty\tz\n0\t0\t1\n0.6\t0\t0.8\n", id="tabs and a heading"),

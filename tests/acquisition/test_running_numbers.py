@@ -128,6 +128,7 @@ FILES = names("IMG_%04d", 1, 2, 3, 4)
         pytest.param(names("light_%d", 0, 1, 2, 3), [0, 1, 2, 3], id="from 0"),
         pytest.param(names("light_%04d", 9998, 9999, 1, 2), [0, 1, 2, 3], id="restarted"),
         pytest.param(names("az%d", 270, 0, 90, 180), [0, 1, 2, 3], id="angles"),
+        pytest.param(names("DSC_%d", 5101, 5102, 5104, 5105), [0, 1, 2, 3], id="of spheres"),
         pytest.param(["left", "right", "top", "bottom"], [0, 1, 2, 3], id="no numbers"),
         pytest.param(["L00", "L01", "L02", "L03"], [0, 1, 2, 3], id="no names"),
         pytest.param(names("light_%d", 1, 2, 3, 5), None, id="a number without image"),
