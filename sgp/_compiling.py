@@ -7,7 +7,7 @@ from contextlib import ExitStack
 import rig
 from sgp._console import busy, note
 
-_TEXT = "compiling kernels for this computer, once; this takes up to two minutes"
+_TEXT = "compiling kernels for this computer, once; this can take some minutes"
 
 
 class Compiling(rig.KernelWatch):

@@ -122,7 +122,7 @@ PROCESSING: Final = (
 
 # Nodes that do not act on samples, and those that the rig sets and reports by itself.
 UNRECORDED: Final = re.compile(
-    r"\w*(?:Selector|Status|StatusAll|Temperature|Count|Available)|(?:Acquisition|Action|Chunk|Event"
-    r"|ExposureTime|File|Gain|Gev|Line|Ptp|Stream|TL|Timestamp|Transfer|Trigger|User)\w*"
-    r"|(?:Counter|Timer)Value\w*|Device(?!ScanType|Tap)\w*"
+    r"\w*(?:Selector|Status|StatusAll|Temperature|Count|Available)|(?:Exposure|Gain)(?:Time)?(?:Abs"
+    r"|Raw)?|(?:Acquisition|Action|Chunk|Event|File|Gev|Line|Ptp|Stream|TL|Timestamp|Transfer|"
+    r"Trigger|User)\w*|(?:Counter|Timer)Value\w*|Device(?!ScanType|Tap)\w*"
 )
