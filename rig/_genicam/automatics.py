@@ -84,6 +84,8 @@ def _set_level(nodes: Nodes, name: str, kind: Processing) -> bool:
     if not nodes.has(name) or not nodes.is_number(name):
         return False
     low, high = nodes.limits(name)
+    if not kind.knows(low, high):
+        return False
     before, neutral = nodes.number(name), min(max(kind.neutral, low), high)
     if before != neutral and nodes.can_set(name):
         nodes.set_number(name, neutral)

@@ -263,10 +263,24 @@ def test_nodes_that_are_off_are_not_written(nodes):
     "BinningHorizontalMode", "LUTSelector", "GainSelector", "BalanceRatioSelector",
     "DeviceScanType", "SensorShutterMode", "AcquisitionFrameRateEnable", "ChunkModeActive",
     "UserSetDefault", "DeviceLinkThroughputLimitMode", "AutoFunctionROIUseBrightness",
+    "DefectPixelTableValid", "DefectCorrectionReady", "KneePointCount",
     "GevSCPSDoNotFragment", "TriggerDelay", "ExposureTime", "BlackLevel", "Width", "OffsetX",
 ])  # fmt: skip
 def test_nodes_that_do_not_process_samples_are_left_alone(name):
     assert not any(kind.has_switch(name) or kind.has_level(name) for kind in PROCESSING)
+
+
+@pytest.mark.parametrize("name", [
+    "DefectCorrectStaticEnable", "DefectCorrectDynamicEnable", "DefectCorrectionEnable",
+    "DefectPixelCorrection", "DefectPixelCorrectionEnable", "DefectPixelCorrectionMode",
+    "DefectivePixelCorrection", "DefectMaskEnable", "BslDefectPixelCorrectionMode",
+    "mvDefectivePixelEnable", "pgrDefectPixelCorrectionEnable", "defectivePixelReplacementMode",
+    "GammaEnable", "GammaEnabled", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable",
+    "TestPattern", "TestImageSelector", "GainAutoBalance", "BlackLevelAutoBalance", "ReverseY",
+    "HorizontalFlipEnable", "KneePointEnable",
+])  # fmt: skip
+def test_names_of_many_makers_are_known(name):
+    assert any(kind.has_switch(name) for kind in PROCESSING)
 
 
 def test_binning_is_turned_off_and_the_field_of_view_kept():
@@ -281,6 +295,16 @@ def test_binning_is_turned_off_and_the_field_of_view_kept():
     assert set(turn_off_automatics(nodes)) == {"BinningHorizontal", "DecimationVertical"}
     sizes = [nodes.number(name) for name in ("Width", "OffsetX", "Height")]
     assert sizes == [600, 40, 1000], "at most what the sensor has"
+
+
+@pytest.mark.parametrize("node", [
+    amount("BalanceRatio", 1500, 1, 16376, kind="Integer"), amount("Saturation", 128, 0, 255),
+    amount("Hue", 128, 0, 255), amount("Contrast", 50, 0, 100), amount("Brightness", 80, 0, 255),
+], ids=lambda node: node.name)  # fmt: skip
+def test_a_level_whose_neutral_value_only_the_maker_knows_is_recorded(node):
+    nodes = Nodes(Memory((node,)).node_map, "c7")
+    assert turn_off_automatics(nodes) == ()
+    assert camera_settings(nodes) == {node.name: node.value}
 
 
 def test_settings_are_those_that_can_be_written_and_locked_processing():
