@@ -66,6 +66,7 @@ from ._guard import read_bounded as read_bounded
 from ._guard import read_head as read_head
 from ._in_threads import in_threads as in_threads
 from ._kernel_cache import kernel_folder as kernel_folder
+from ._kernel_folder import private_folder as private_folder
 from ._kernel_watch import KernelWatch as KernelWatch
 from ._kernel_watch import watch_kernels as watch_kernels
 from ._memory import memory_budget as memory_budget

@@ -8,10 +8,17 @@ from pathlib import Path
 
 
 def private_folder() -> Path | None:
-    """Return a folder among the temporary files that no other user can write, or None.
+    """Return a private folder among the temporary files; None if no safe one can be made.
 
     A kernel that is read back is code: a folder that another user has made, or can write or
     replace, is not used.
+
+    Examples
+    --------
+    >>> from rig import private_folder
+    >>> folder = private_folder()
+    >>> folder is None or folder.is_dir()
+    True
     """
     if not hasattr(os, "geteuid"):  # Windows keeps temporary files with those of the user
         return None

@@ -9,12 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from numba.core import config, event
+from numba.core import config as _config
+from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 
 from rig._kernel_folder import private_folder
 from rig._kernel_watch import state_compiling, state_uncached
 
+config: Any = _config
 _DIGEST = hashlib.sha256().digest_size
 
 
@@ -41,7 +43,7 @@ def count_compilations() -> None:
     event.register("numba:compile", _Count())
 
 
-class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc] # numba has no types
+class _CheckedFiles(IndexDataCacheFile):
     """Files that end with their SHA-256: damaged machine code could do anything."""
 
     def _dump(self, obj: object) -> bytes:
@@ -56,7 +58,7 @@ class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc] # numba has no ty
         return pickle.loads(data)
 
 
-class _KernelCache(FunctionCache):  # type: ignore[misc] # numba has no types
+class _KernelCache(FunctionCache):
     """A cache that never ends the work."""
 
     def __init__(self, function: Callable[..., object]) -> None:
@@ -87,7 +89,7 @@ class _KernelCache(FunctionCache):  # type: ignore[misc] # numba has no types
             state_uncached(f"{self.cache_path} cannot be written ({error.strerror})")
 
 
-class _Count(event.Listener):  # type: ignore[misc] # numba has no types
+class _Count(event.Listener):
     def __init__(self) -> None:
         self._active = 0
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 
-import rig
+from rig import KernelWatch
 from sgp._console import busy, note
 
-_TEXT = "compiling kernels for this computer, once; this takes up to two minutes"
+_TEXT = "compiling kernels for this computer, once; this can take some minutes"
 
 
-class Compiling(rig.KernelWatch):
+class Compiling(KernelWatch):
     """Reports on stderr that kernels are compiled, or that they cannot be kept."""
 
     def __init__(self) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import acquisition
 from sgp._console import shown
+from sgp._plot_folder import choose_plot_folder
 
 # matplotlib is imported where it draws: the commands' help texts must not wait for it.
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def write_overview(
 
 def sheet(title: str, panels: Sequence[Panel], columns: int | None = None) -> Figure:
     """Return the figure that `write_overview` writes; ``figure.axes`` begins with the panels."""
+    choose_plot_folder()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 import simulator
 from sgp._overview import write_figure
+from sgp._plot_folder import choose_plot_folder
 
 Picture = npt.NDArray[np.float32]
 
@@ -35,6 +36,7 @@ def write_contact_sheet(path: Path, renderings: Mapping[str, simulator.Rendering
     renderings
         Renderings by name; all of the same size.
     """
+    choose_plot_folder()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle

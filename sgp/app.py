@@ -370,8 +370,9 @@ def capture() -> None:
 
 def _run_in_process(app: App) -> int:
     """Run the command line of this process, which reports kernels that are compiled."""
-    import rig
+    # An overwritten package is then reported as such.
+    from rig import watch_kernels
     from sgp._compiling import Compiling
 
-    rig.watch_kernels(Compiling())
+    watch_kernels(Compiling())
     return run(app, sys.argv[1:])

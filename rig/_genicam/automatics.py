@@ -50,15 +50,15 @@ def turn_off_automatics(nodes: Nodes) -> tuple[str, ...]:
 
 
 def camera_settings(nodes: Nodes) -> dict[str, Setting]:
-    """Return the settings of the camera that this program does not make, by node.
+    """Return the settings of the camera that this program does not make itself, by node.
 
-    These are the nodes that can be written, and those of processing that cannot.
+    These are the nodes that can be written now, and those of processing, also if they cannot.
     """
     settings: dict[str, Setting] = {}
     for name in nodes.names():
         processing = any(kind.has_switch(name) or kind.has_level(name) for kind in PROCESSING)
-        recorded = nodes.can_set(name) and not UNRECORDED.fullmatch(name)
-        if nodes.has(name) and (processing or recorded):
+        recorded = processing or nodes.can_set(name)
+        if recorded and nodes.has(name) and not UNRECORDED.fullmatch(name):
             with contextlib.suppress(CameraError):  # for instance an undefined enumeration value
                 settings[name] = nodes.value(name)
     return settings
@@ -84,6 +84,8 @@ def _set_level(nodes: Nodes, name: str, kind: Processing) -> bool:
     if not nodes.has(name) or not nodes.is_number(name):
         return False
     low, high = nodes.limits(name)
+    if not kind.knows(low, high):
+        return False
     before, neutral = nodes.number(name), min(max(kind.neutral, low), high)
     if before != neutral and nodes.can_set(name):
         nodes.set_number(name, neutral)

@@ -6,6 +6,7 @@ prefix of a maker, such as ``Bsl`` or ``mv``, is ignored.
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from typing import Final, Literal
@@ -42,6 +43,11 @@ class Processing:
         Whether an enumeration must have such a symbol; others may be no switch.
     entries
         Pattern of the entries of the selector that are concerned, empty for all.
+    signed
+        Whether the value 0 is neutral only in a range with negative values.
+    highest
+        Largest upper limit of a range in which the neutral value is known: in a wider one, the
+        number is no factor but has a scale that only the maker knows, for instance 1024 for 1.
     """
 
     effect: str
@@ -52,6 +58,8 @@ class Processing:
     symbols: tuple[str, ...] = OFF
     required: bool = False
     entries: str = ""
+    signed: bool = False
+    highest: float = math.inf
 
     def has_switch(self, name: str) -> bool:
         """Return whether a boolean or enumeration of this name belongs to it."""
@@ -62,6 +70,10 @@ class Processing:
         """Return whether a number of this name belongs to it."""
         pattern = f"{_PREFIX}(?:{self.levels})(?:Abs)?"
         return bool(self.levels) and re.fullmatch(pattern, name) is not None
+
+    def knows(self, low: float, high: float) -> bool:
+        """Return whether the neutral value of a level with this range is known."""
+        return (low < 0 or not self.signed) and high <= self.highest
 
 
 PROCESSING: Final = (
@@ -80,17 +92,21 @@ PROCESSING: Final = (
     Processing("bends the curve", "Gamma", "Gamma", 1.0),
     Processing(
         "bends the curve",
-        r"LUT|LookUpTable|\w*Tone(?:Mapping|Curve)?|Contrast(?:Enhancement)?|Companding|Knee\w*"
+        r"LUT|LookUpTable|\w*Tone(?:Mapping|Curve)?|Contrast(?:Enhancement)?|Companding|Knee(?:Point)?s?"
         r"|\w*(?:HDR|WDR|(?:High|Wide)DynamicRange)|Multi(?:ple)?Slope|Linear(?:ity)?(?=Correction)",
     ),
-    Processing("bends the curve", levels="Contrast|Brightness", locked="stated"),
+    Processing(
+        "bends the curve", levels="Contrast|(?<=Bsl)Brightness", locked="stated", signed=True
+    ),
     Processing(
         "mixes the colours",
         "LightSource(?:Preset|Selector)|ProcessedRaw|ISP|Isp|WhiteBalance|Saturation|Hue"
         "|Color(?:Transformation|Space|Matrix|Enhancement|Balance)?|R(?:gb|GB)Transform(?:ation)?",
     ),
-    Processing("mixes the colours", levels="Hue", locked="stated"),
-    Processing("mixes the colours", levels="Saturation", neutral=1.0, locked="stated"),
+    Processing("mixes the colours", levels="Hue", locked="stated", signed=True),
+    Processing(
+        "mixes the colours", levels="Saturation", neutral=1.0, locked="stated", highest=16.0
+    ),
     Processing(
         "mixes neighbours",
         "Sharp(?:ness|ening)(?:Enhancement)?|EdgeEnhancement|NoiseReduction|Denois(?:e|ing)"
@@ -99,16 +115,21 @@ PROCESSING: Final = (
         "Sharp(?:ness|ening)(?:Enhancement)?|NoiseReduction|Denois(?:e|ing)",
         locked="stated",
     ),
-    Processing("replaces defects by neighbours", r"(?:[Dd]efect|(?:Bad|Dead|Hot)Pixel)\w*"),
+    Processing(
+        "replaces defects by neighbours",
+        "(?:[Dd]efect(?:ive)?(?:Pixel)?|(?:Bad|Dead|Hot)Pixel)"
+        "(?:Correct(?:ion)?(?:Static|Dynamic)?|Replacement|Mask)?",
+    ),
     Processing("scales pixels", "FlatField|Ffc|FFC|(?:Lens)?Shading|Vignetting", locked="stated"),
-    Processing("scales colours", levels="BalanceRatio", neutral=1.0, locked="stated"),
+    Processing("scales colours", levels="BalanceRatio", neutral=1.0, locked="stated", highest=64.0),
     Processing("scales samples", levels="DigitalShift|BitShift|DigitalGain", locked="stated"),
     Processing(
         "scales samples", levels="Gain", locked="stated", entries="(?:Digital|Red|Green|Blue)"
     ),
     Processing(
         "mirrors or turns",
-        r"Reverse[XY]|(?:Image)?(?:Mirror|Flip|Rotation)\w*|(?:Lens)?Distortion",
+        "Reverse[XY]|(?:Image|Horizontal|Vertical)?(?:Mirror|Flip|Rotation)"
+        "(?:Horizontal|Vertical|X|Y)?|(?:Lens)?Distortion",
     ),
     Processing(
         "adds samples",
@@ -122,7 +143,7 @@ PROCESSING: Final = (
 
 # Nodes that do not act on samples, and those that the rig sets and reports by itself.
 UNRECORDED: Final = re.compile(
-    r"\w*(?:Selector|Status|StatusAll|Temperature|Count|Available)|(?:Acquisition|Action|Chunk|Event"
-    r"|ExposureTime|File|Gain|Gev|Line|Ptp|Stream|TL|Timestamp|Transfer|Trigger|User)\w*"
-    r"|(?:Counter|Timer)Value\w*|Device(?!ScanType|Tap)\w*"
+    r"\w*(?:Selector|Status|StatusAll|Temperature|Count|Available)|(?:Exposure|Gain)(?:Time)?(?:Abs"
+    r"|Raw)?|(?:Acquisition|Action|Chunk|Event|File|Gev|Line|Ptp|Stream|TL|Timestamp|Transfer|"
+    r"Trigger|User)\w*|(?:Counter|Timer)Value\w*|Device(?!ScanType|Tap)\w*"
 )

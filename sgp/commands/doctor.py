@@ -10,14 +10,18 @@ import stat
 import sys
 import sysconfig
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 import acquisition
 import rig
 from sgp._entry import PACKAGES, foreign_package
+from sgp._options import SourceOptions
 from sgp._result import Result
 from sgp._user_config import chosen_rig, config_path, default_rig
 
@@ -46,7 +50,7 @@ class _Found:
 _Findings = Iterator[tuple[_State, str]]
 
 
-def doctor() -> Result:
+def doctor(*, compile_kernels: Annotated[bool, Parameter("--compile")] = False) -> Result:
     """Check versions, compiler, camera drivers, serial ports, disk, memory and name clashes.
 
     No port is opened and no LED is switched. The exit code is 3 if a check found an error; warnings
@@ -55,8 +59,16 @@ def doctor() -> Result:
     For example:
 
         sgp doctor
+
+    Parameters
+    ----------
+    compile_kernels
+        Compile the kernels of the common commands now, which takes some minutes, so that no command
+        waits for them later: simulated scenes are recorded and processed in a temporary folder.
     """
     found = [one for name, check in _CHECKS.items() for one in _guarded(name, check)]
+    if compile_kernels:
+        found += _guarded("kernels", _compile)
     counts = {state: sum(one.state == state for one in found) for state in ("error", "warning")}
     several = [f"{n} {state}{'s' * (n > 1)}" for state, n in counts.items() if n]
     return Result(
@@ -176,6 +188,22 @@ def _kernels() -> _Findings:
         yield "warning", f"{folder}: {error.strerror}: compiled kernels cannot be kept: free space"
     else:
         yield "ok", f"compiled kernels are kept in {folder} and folders like it"
+
+
+def _compile() -> _Findings:
+    """Use the common commands once."""
+    from sgp.commands.compare import compare
+    from sgp.commands.demo import demo
+    from sgp.commands.normals import normals
+
+    began_s = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="sgp-") as place:
+        folder = Path(place)
+        demo(out=folder / "demo")
+        options = SourceOptions(lights=folder / "demo" / "lights.json", distant=True)
+        normals(folder / "demo" / "recording", out=folder / "far", options=options)
+        compare(folder / "far", folder / "demo" / "normals")
+    yield "ok", f"those of the common commands are compiled: {time.monotonic() - began_s:.0f} s"
 
 
 def _gentl() -> _Findings:

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 
 from rig import CameraError, FoundCamera
-from rig._genicam.automatics import turn_off_automatics
+from rig._genicam.automatics import camera_settings, turn_off_automatics
 from rig._genicam.nodes import Nodes
+from rig._genicam.processing import PROCESSING
 from rig._genicam.settings import EXPOSURE, Settings
 from rig._genicam.setup import CameraOptions, set_up
 from rig._genicam.trigger import TriggerControl
@@ -255,6 +256,69 @@ def test_nodes_that_are_off_are_not_written(nodes):
     memory = Memory(nodes)
     turn_off_automatics(Nodes(memory.node_map, "c7"))
     assert not {node.name for node in nodes if "RO" in node.xml} & set(memory.written)
+
+
+@pytest.mark.parametrize("name", [
+    "AcquisitionMode", "TriggerMode", "LineMode", "PixelFormat", "ReadoutMode", "ADCBitDepth",
+    "BinningHorizontalMode", "LUTSelector", "GainSelector", "BalanceRatioSelector",
+    "DeviceScanType", "SensorShutterMode", "AcquisitionFrameRateEnable", "ChunkModeActive",
+    "UserSetDefault", "DeviceLinkThroughputLimitMode", "AutoFunctionROIUseBrightness",
+    "DefectPixelTableValid", "DefectCorrectionReady", "KneePointCount",
+    "GevSCPSDoNotFragment", "TriggerDelay", "ExposureTime", "BlackLevel", "Width", "OffsetX",
+])  # fmt: skip
+def test_nodes_that_do_not_process_samples_are_left_alone(name):
+    assert not any(kind.has_switch(name) or kind.has_level(name) for kind in PROCESSING)
+
+
+@pytest.mark.parametrize("name", [
+    "DefectCorrectStaticEnable", "DefectCorrectDynamicEnable", "DefectCorrectionEnable",
+    "DefectPixelCorrection", "DefectPixelCorrectionEnable", "DefectPixelCorrectionMode",
+    "DefectivePixelCorrection", "DefectMaskEnable", "BslDefectPixelCorrectionMode",
+    "mvDefectivePixelEnable", "pgrDefectPixelCorrectionEnable", "defectivePixelReplacementMode",
+    "GammaEnable", "GammaEnabled", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable",
+    "TestPattern", "TestImageSelector", "GainAutoBalance", "BlackLevelAutoBalance", "ReverseY",
+    "HorizontalFlipEnable", "KneePointEnable",
+])  # fmt: skip
+def test_names_of_many_makers_are_known(name):
+    assert any(kind.has_switch(name) for kind in PROCESSING)
+
+
+def test_binning_is_turned_off_and_the_field_of_view_kept():
+    whole = {"kind": "Integer", "step": 1}
+    nodes = Nodes(Memory((
+        amount("BinningHorizontal", 2, 1, 4, **whole),
+        amount("DecimationVertical", 3, 1, 4, **whole),
+        amount("Width", 300, 1, 1000, **whole),
+        amount("OffsetX", 20, 0, 1000, **whole),
+        amount("Height", 400, 1, 1000, **whole),
+    )).node_map, "c7")  # fmt: skip
+    assert set(turn_off_automatics(nodes)) == {"BinningHorizontal", "DecimationVertical"}
+    sizes = [nodes.number(name) for name in ("Width", "OffsetX", "Height")]
+    assert sizes == [600, 40, 1000], "at most what the sensor has"
+
+
+@pytest.mark.parametrize("node", [
+    amount("BalanceRatio", 1500, 1, 16376, kind="Integer"), amount("Saturation", 128, 0, 255),
+    amount("Hue", 128, 0, 255), amount("Contrast", 50, 0, 100), amount("Brightness", 80, 0, 255),
+], ids=lambda node: node.name)  # fmt: skip
+def test_a_level_whose_neutral_value_only_the_maker_knows_is_recorded(node):
+    nodes = Nodes(Memory((node,)).node_map, "c7")
+    assert turn_off_automatics(nodes) == ()
+    assert camera_settings(nodes) == {node.name: node.value}
+
+
+def test_settings_are_those_that_can_be_written_and_locked_processing():
+    nodes = Nodes(Memory((
+        choice("ReadoutMode", "Normal", "Fast"),
+        amount("Slope", 1 / 3, 0, 1),
+        switch("ShadingEnable", on=True, access="RO"),
+        switch("LineStatus", on=True),
+        amount("DeviceTemperature", 41.5, -50, 150, access="RO"),
+        amount("ExposureTime", 100, 1, 1000),
+        command("UserSetSave"),
+    )).node_map, "c7")  # fmt: skip
+    expected = {"ReadoutMode": "Normal", "Slope": 0.333333, "ShadingEnable": True}
+    assert camera_settings(nodes) == expected
 
 
 TRIGGER = (
