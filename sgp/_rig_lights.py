@@ -1,15 +1,71 @@
-"""Whether calibrated lights contradict the LED positions of a rig file."""
+"""The LED positions of a rig file: as lights, and compared with calibrated lights."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import acquisition
 import calibration
 import rig
 from sgp._exit import UsageError
+from sgp._options import RIG_LIGHTS
 from sgp._user_config import chosen_rig, default_rig
+
+
+class GivenLights(NamedTuple):
+    """Lights that an option gives, the file with them, and notices."""
+
+    lights: acquisition.Lights
+    file: Path
+    notices: tuple[rig.Notice, ...] = ()
+
+
+def given_lights(
+    lights: Path, recordings: Sequence[Path] = (), option: Path | None = None
+) -> GivenLights:
+    """Return the lights that ``--lights`` gives: those of a file, or of a rig.
+
+    The rig is that of ``--rig``, or else the configured one if it recorded the sessions.
+
+    Raises
+    ------
+    MissingPathError, DataError
+        If the file or a session cannot be read.
+    RigError
+        If the rig is not found or invalid.
+    UsageError
+        If no rig is given, it did not record the sessions, or it has no positions of LEDs.
+    """
+    if lights != RIG_LIGHTS:
+        return GivenLights(acquisition.read_lights(lights), lights)
+    name = chosen_rig(option)
+    config = rig_with_positions(option)
+    for recording in recordings if option is None else ():
+        recorded_on = _recorded_on(recording)
+        if recorded_on not in ("", config.name):
+            raise UsageError(
+                f"--lights rig: {recording} was recorded on the rig {recorded_on}, and the "
+                f"configured rig is {config.name}: give the rig file with --rig"
+            )
+    text = (
+        f"the lights are the LEDs of the rig {config.name} at the positions of its rig file, with "
+        f"standard deviations of {config.led_positions_sigma_mm:g} mm in x, y and z; their "
+        "strengths are unknown and count as equal, unless --semi-calibrated or `sgp calibrate "
+        "intensities` estimates them"
+    )
+    notice = rig.Notice("lights-of-rig", text, str(rig.find_rig_file(name)), "info")
+    return GivenLights(acquisition.lights_of_rig(config), Path(name), (notice,))
+
+
+def _recorded_on(recording: Path) -> str:
+    """Return the name of the rig that recorded a session; empty if there is none."""
+    if not (recording / "session.toml").is_file():
+        return ""
+    recorded = acquisition.Session.open(recording, damaged_frames=True).manifest.rig
+    return "" if recorded is None else recorded.name
 
 
 def rig_notices(
@@ -56,7 +112,7 @@ def _positioned_rig(option: Path | None, recorded_on: str) -> rig.RigConfig | No
 
 
 def rig_with_positions(option: Path | None) -> rig.RigConfig:
-    """Return the rig that ``--rig`` names.
+    """Return the rig that ``--rig`` names, or else the configured one.
 
     Raises
     ------
@@ -68,8 +124,8 @@ def rig_with_positions(option: Path | None) -> rig.RigConfig:
     config = rig.find_rig_config(chosen_rig(option))
     if not config.led_positions_mm:
         raise UsageError(
-            f"--rig {option}: the rig {config.name} has no led_positions_mm to compare with: add "
-            "them to its rig file"
+            f"the rig {config.name} has no led_positions_mm: add them to its rig file, or give "
+            "another one with --rig"
         )
     return config
 
