@@ -180,7 +180,7 @@ class RecordingOptions:
         the lights have directions instead of positions.
     rig
         Rig file (.toml) whose led_positions_mm are the lights with --lights rig, or are compared
-        with the lights of --spheres; default: the configured rig if it recorded the session.
+        with the lights of --spheres; default: the rig that recorded the session, if it is known.
     distant
         Treat lights with positions as distant lights: use their directions only.
     gamma

@@ -28,7 +28,8 @@ def given_lights(
 ) -> GivenLights:
     """Return the lights that ``--lights`` gives: those of a file, or of a rig.
 
-    The rig is that of ``--rig``, or else the configured one if it recorded the sessions.
+    The rig is that of ``--rig``, or else what the sessions recorded of theirs, or else the
+    configured one.
 
     Raises
     ------
@@ -37,18 +38,25 @@ def given_lights(
     RigError
         If the rig is not found or invalid.
     UsageError
-        If no rig is given, it did not record the sessions, or it has no positions of LEDs.
+        If no rig is known, it did not record the sessions, or it has no positions of LEDs.
     """
     if lights != RIG_LIGHTS:
         return GivenLights(acquisition.read_lights(lights), lights)
-    name = chosen_rig(option)
-    config = rig_with_positions(option)
-    for recording in recordings if option is None else ():
-        recorded_on = _recorded_on(recording)
-        if recorded_on not in ("", config.name):
+    manifests = [path / "session.toml" for path in recordings] if option is None else []
+    recorded = [
+        (path, acquisition.Session.open(path.parent, damaged_frames=True).manifest.rig)
+        for path in manifests
+        if path.is_file()
+    ]
+    known = [(path, one) for path, one in recorded if one is not None]
+    file, config = next(((path, one) for path, one in known if one.led_positions_mm), (None, None))
+    if file is None or config is None:
+        file, config = Path(chosen_rig(option)), rig_with_positions(option)
+    for path, other in known:
+        if other.name != config.name:
             raise UsageError(
-                f"--lights rig: {recording} was recorded on the rig {recorded_on}, and the "
-                f"configured rig is {config.name}: give the rig file with --rig"
+                f"--lights rig: {path.parent} was recorded on the rig {other.name}, and the "
+                f"positions are those of the rig {config.name}: give the rig file with --rig"
             )
     text = (
         f"the lights are the LEDs of the rig {config.name} at the positions of its rig file, with "
@@ -56,16 +64,8 @@ def given_lights(
         "strengths are unknown and count as equal, unless --semi-calibrated or `sgp calibrate "
         "intensities` estimates them"
     )
-    notice = rig.Notice("lights-of-rig", text, str(rig.find_rig_file(name)), "info")
-    return GivenLights(acquisition.lights_of_rig(config), Path(name), (notice,))
-
-
-def _recorded_on(recording: Path) -> str:
-    """Return the name of the rig that recorded a session; empty if there is none."""
-    if not (recording / "session.toml").is_file():
-        return ""
-    recorded = acquisition.Session.open(recording, damaged_frames=True).manifest.rig
-    return "" if recorded is None else recorded.name
+    notice = rig.Notice("lights-of-rig", text, str(file), "info")
+    return GivenLights(acquisition.lights_of_rig(config), file, (notice,))
 
 
 def rig_notices(

@@ -16,7 +16,8 @@ from sgp._options import RIG_LIGHTS
 from sgp._rig_lights import given_lights
 
 PLACES = [[300, 0, 300], [0, 310, 300], [-280, 0, 300], [0, -305, 310]]
-GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_4"
+GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
+NEWEST = GOLDEN.with_name("golden_session_4")
 
 
 def rig_file(path: Path, name: str = "desk", *lines: str) -> Path:
@@ -63,11 +64,22 @@ def test_the_rig_of_a_session(
     if name:
         lines = [f"led_positions_mm = {PLACES}"] if positions else []
         monkeypatch.setenv("SGP_RIG", str(rig_file(tmp_path / "r.toml", name, *lines)))
+    # Sessions up to version 3 have no positions.
     if said:
         with pytest.raises(UsageError, match=said):
             given_lights(RIG_LIGHTS, [GOLDEN])
     else:
         assert len(given_lights(RIG_LIGHTS, [GOLDEN]).lights) == 4
+
+
+def test_a_session_knows_the_positions_of_its_rig(tmp_path: Path) -> None:
+    given = given_lights(RIG_LIGHTS, [NEWEST])
+    assert given.lights.positions_mm is not None
+    assert given.lights.positions_mm[:, 1].tolist() == [0, 10, 20, 30]
+    assert "2.5 mm" in given.notices[0].text
+    # A rig file that is given replaces them.
+    other = rig_file(tmp_path / "r.toml", "desk", f"led_positions_mm = {PLACES}")
+    assert given_lights(RIG_LIGHTS, [NEWEST], other).file == other
 
 
 def test_a_folder_of_images_under_the_lights_of_a_rig(sgp, tmp_path: Path) -> None:
