@@ -49,9 +49,9 @@ def given_lights(
         if path.is_file()
     ]
     known = [(path, one) for path, one in recorded if one is not None]
-    file, config = next(((path, one) for path, one in known if one.led_positions_mm), (None, None))
-    if file is None or config is None:
-        file, config = Path(chosen_rig(option)), rig_with_positions(option)
+    positioned = [(path, one) for path, one in known if one.led_positions_mm]
+    file = positioned[0][0] if positioned else Path(chosen_rig(option))
+    config = positioned[0][1] if positioned else rig_with_positions(option)
     for path, other in known:
         if other.name != config.name:
             raise UsageError(

@@ -33,7 +33,7 @@ _READ: Final = (1, 2, 3, FORMAT_VERSION)
 _WRITTEN: Final = (2, 3, FORMAT_VERSION)
 # Keys that version 2 added to version 1, and version 4 to version 3, by table. Version 3 added
 # events and one key. Version 4 also has another form of the lights.
-_ADDED_2: Final = {
+_ADDED_2: Final[dict[str, tuple[str, ...]]] = {
     "plan": (
         "exposures_by_led",
         "flats",
@@ -44,7 +44,9 @@ _ADDED_2: Final = {
     "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
 _ADDED_3: Final = "transfer"
-_ADDED_4: Final = {"rig": ("led_positions_mm", "led_positions_sigma_mm")}
+_ADDED_4: Final[dict[str, tuple[str, ...]]] = {
+    "rig": ("led_positions_mm", "led_positions_sigma_mm")
+}
 
 # Devices and driver of the simulator, by the names that they report.
 _SIMULATED_DRIVER: Final = "simulated"
