@@ -12,7 +12,7 @@ import calibration
 import rig
 from sgp._exit import UsageError
 from sgp._options import RIG_LIGHTS
-from sgp._user_config import chosen_rig, default_rig
+from sgp._user_config import chosen_rig, default_rig, how_to_configure
 
 
 class GivenLights(NamedTuple):
@@ -50,13 +50,19 @@ def given_lights(
     ]
     known = [(path, one) for path, one in recorded if one is not None]
     positioned = [(path, one) for path, one in known if one.led_positions_mm]
+    if not positioned and option is None and default_rig() is None:
+        raise UsageError(
+            "--lights rig: the rig is not known: give its rig file with --rig if the command has "
+            f"this option, or {how_to_configure()}"
+        )
     file = positioned[0][0] if positioned else Path(chosen_rig(option))
     config = positioned[0][1] if positioned else rig_with_positions(option)
     for path, other in known:
         if other.name != config.name:
             raise UsageError(
                 f"--lights rig: {path.parent} was recorded on the rig {other.name}, and the "
-                f"positions are those of the rig {config.name}: give the rig file with --rig"
+                f"positions are those of the rig {config.name}: give the rig file with --rig, or "
+                "configure this rig"
             )
     text = (
         f"the lights are the LEDs of the rig {config.name} at the positions of its rig file, with "

@@ -53,7 +53,7 @@ def test_lights_of_a_rig(tmp_path: Path) -> None:
         pytest.param("dome", True, "", id="the rig of the session"),
         pytest.param("desk", True, "recorded on the rig dome", id="another rig"),
         pytest.param("dome", False, "has no led_positions_mm", id="no positions"),
-        pytest.param("", True, "--rig is missing", id="no rig"),
+        pytest.param("", True, "the rig is not known", id="no rig"),
     ],
 )
 def test_the_rig_of_a_session(
