@@ -117,6 +117,7 @@ from ._value_files.near_lights import LightAxes as LightAxes
 from ._value_files.near_lights import NearLights as NearLights
 from ._value_files.near_lights import is_near_lights as is_near_lights
 from ._value_files.near_lights import read_near_lights as read_near_lights
+from ._value_files.rig_lights import lights_of_rig as lights_of_rig
 from ._value_files.sensor_json import read_sensor as read_sensor
 from ._value_files.sensor_json import write_sensor as write_sensor
 from ._value_files.transfer import read_transfer as read_transfer

@@ -30,8 +30,11 @@ _PEAK: Final = 4.0
 # Vectors of a map with a curve become unit by undoing it: the mean error of their length falls by
 # this factor. That of a map without one, or with vectors of other lengths, hardly changes.
 _FALLS: Final = 3.0
-# The error of the length by rounding to 8 bits is below this.
-_ROUNDED: Final = 0.004
+# The mean error of the length by rounding to 8 bits is below this.
+_ROUNDED: Final = 0.003
+# That of JPEG files of low quality is below this.
+_LOSSY: Final = 0.05
+_MOST_TRIED: Final = 1 << 13
 # Components of two channels contradict a constant third one by more codes than rounding.
 _CODES: Final = 2.0
 _SAME: Final = 1e-5
@@ -42,7 +45,7 @@ class NormalEncoding(NamedTuple):
 
     Parameters
     ----------
-    flat_z
+    lacks_z
         Whether the third component is missing and follows from the others.
     curve
         Transfer curve of the values, or None.
@@ -51,12 +54,15 @@ class NormalEncoding(NamedTuple):
     zeros
         Decoded values of x and of y that mean zero while all others keep their values; NaN if there
         is no such value.
+    off_unit
+        Mean difference of the lengths from 1, for vectors that no encoding explains.
     """
 
-    flat_z: bool = False
+    lacks_z: bool = False
     curve: TransferCurve | None = None
     zero: float | None = 0.0
     zeros: tuple[float, float] = (np.nan, np.nan)
+    off_unit: float = 0.0
 
     def apply(self, vectors: Float) -> None:
         """Change decoded vectors ``(..., 3)`` in place; their lengths are not yet 1."""
@@ -67,14 +73,14 @@ class NormalEncoding(NamedTuple):
         for component, zero in enumerate(self.zeros):
             part = vectors[..., component]
             part[np.abs(part - np.float32(zero)) < _SAME] = 0
-        if self.flat_z:
+        if self.lacks_z:
             x, y = vectors[..., 0], vectors[..., 1]
             vectors[..., 2] = np.sqrt(np.maximum(1 - x * x - y * y, 0))
 
     def notices(self, where: str) -> list[Notice]:
         """Return notices about what differs from the usual encoding."""
         texts = []
-        if self.flat_z:
+        if self.lacks_z:
             texts.append("blue is the same everywhere, so z is computed from red and green")
         if self.curve is not None:
             kind = self.curve.exponent
@@ -85,7 +91,12 @@ class NormalEncoding(NamedTuple):
             texts.append(
                 f"the 8-bit code of zero is {code}, not 127.5: vectors then have unit length"
             )
-        if self.zero is None and not np.isfinite(self.zeros).any():
+        if self.off_unit > _LOSSY:
+            texts.append(
+                f"the lengths of the vectors differ from 1 by {self.off_unit:.1%} on average: they "
+                "were filtered, or are in an unknown encoding"
+            )
+        elif self.zero is None and not np.isfinite(self.zeros).any():
             texts.append(
                 "whether the 8-bit code of zero is 127.5, 127 or 128 is not visible: the surface "
                 "may be tilted by 0.2 degrees in both directions"
@@ -105,17 +116,24 @@ def normal_encoding(vectors: Float) -> NormalEncoding:
     drawn = vectors[(np.abs(vectors - vectors[:, :1]) > _SAME).any(1)].astype(np.float64)
     if not len(drawn):
         return NormalEncoding()
-    flat_z = _lacks_z(drawn)
-    curve, zero = None, 0.0
-    if not flat_z:
-        keys = np.rint((drawn + 1) * 65535).astype(np.int64) @ [1 << 40, 1 << 20, 1]
-        distinct = drawn[np.unique(keys, return_index=True)[1]]
-        curve = _curve(distinct)
-        zero = 0.0 if curve is not None else _zero(distinct)
-    zeros = (np.nan, np.nan)
-    if not curve and not zero:
-        zeros = _peak(drawn[:, 0]), _peak(drawn[:, 1])
-    return NormalEncoding(flat_z, curve, zero, zeros)
+    lacks_z = _lacks_z(drawn)
+    zeros = _peak(drawn[:, 0]), _peak(drawn[:, 1])
+    if lacks_z:
+        return NormalEncoding(lacks_z=True, zeros=zeros)
+    keys = np.rint((drawn + 1) * 65535).astype(np.int64) @ [1 << 40, 1 << 20, 1]
+    distinct = drawn[np.unique(keys, return_index=True)[1]]
+    possible = _zeros(distinct)
+    if len(possible) == 1:
+        zero = possible[0]
+        return NormalEncoding(zero=zero) if zero else NormalEncoding(zeros=zeros)
+    curve = None if possible else _curve(distinct)
+    if curve is not None:
+        return NormalEncoding(curve=curve)
+    codes = distinct * _HALF + _HALF
+    eight_bits = np.abs(codes - np.rint(codes)).max() < 0.01
+    return NormalEncoding(
+        zero=None if eight_bits else 0.0, zeros=zeros, off_unit=_off_unit(distinct)
+    )
 
 
 def _lacks_z(vectors: Double) -> bool:
@@ -133,11 +151,12 @@ def _curve(vectors: Double) -> TransferCurve | None:
 
     def error(curve: TransferCurve | None) -> float:
         read = vectors if curve is None else curve.light(values) * 2 - 1
-        return float(np.abs(np.linalg.norm(read, axis=1) - 1).mean())
+        return _off_unit(read)
 
+    vectors = vectors[:: 1 + len(vectors) // _MOST_TRIED]
     values = np.clip(vectors / 2 + 0.5, 0, 1)
     plain = error(None)
-    if plain < _FALLS * _ROUNDED:
+    if plain < _ROUNDED:
         return None
     exponents = np.geomspace(0.4, 2.6, 61)
     errors = [error(TransferCurve.power(float(each))) for each in exponents]
@@ -147,21 +166,24 @@ def _curve(vectors: Double) -> TransferCurve | None:
     return best if error(best) < plain / _FALLS else None
 
 
-def _zero(vectors: Double) -> float | None:
-    """Return the decoded value of zero, or None if several encodings explain z as well."""
+def _off_unit(vectors: Double) -> float:
+    return float(np.abs(np.linalg.norm(vectors, axis=1) - 1).mean())
+
+
+def _zeros(vectors: Double) -> list[float]:
+    """Return the decoded values of zero with which rounding explains z best, none without one."""
     length = np.linalg.norm(vectors, axis=1)
     codes = vectors[(length > 0.5) & (length < 1.5)] * _HALF + _HALF
     steps = np.diff(np.unique(codes))
     half = float(steps[steps > _SAME].min(initial=1.0)) / 2
-    wrong = {
-        zero: min(_unexplained(codes, zero, scale, half) for scale in _CODES_PER_UNIT)
+    wrong = [
+        min(_unexplained(codes, zero, scale, half) for scale in _CODES_PER_UNIT)
         for zero in _CODES_OF_ZERO
-    }
-    first, second, *_ = sorted(wrong, key=lambda zero: wrong[zero])
-    if wrong[first] <= _UNEXPLAINED * len(codes) and wrong[second] >= wrong[first] + _MORE:
-        return first / _HALF - 1
-    eight_bits = np.abs(codes - np.rint(codes)).max(initial=0) < 0.01
-    return None if eight_bits else 0.0
+    ]
+    if min(wrong) > _UNEXPLAINED * len(codes):
+        return []
+    close = [count < min(wrong) + _MORE for count in wrong]
+    return [zero / _HALF - 1 for zero, kept in zip(_CODES_OF_ZERO, close, strict=True) if kept]
 
 
 def _unexplained(codes: Double, zero: float, scale: float, half: float) -> int:

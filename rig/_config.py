@@ -35,6 +35,8 @@ class RigConfig(BaseModel):
     led_positions_mm
         Position of each LED, ``(x, y, z)`` in the frame of the upright image, either for every LED
         or for none. The self-test needs them to detect swapped LEDs.
+    led_positions_sigma_mm
+        Standard deviation of each coordinate of these positions; that of a tape measure by default.
     trigger
         What starts an exposure: ``software``, a command from this program to the camera; ``board``,
         a pulse from the LED board on a wire.
@@ -61,6 +63,7 @@ class RigConfig(BaseModel):
     settle_ms: Annotated[float, Field(ge=0, le=1000)] = 2.0
     dead_leds: tuple[Annotated[int, Field(strict=True)], ...] = ()
     led_positions_mm: tuple[tuple[_Millimetres, _Millimetres, _Millimetres], ...] = ()
+    led_positions_sigma_mm: Annotated[float, Field(gt=0, le=1000)] = 10.0
     trigger: Literal["software", "board"] = "software"
     exposure_active: bool = False
     frame_period_ms: Annotated[float, Field(ge=0, le=60_000)] = 0.0

@@ -111,11 +111,17 @@ def _rig(kind: object, tokens: Sequence[Token]) -> Path:
     return path.absolute() if str(path) == path.name != text else path
 
 
+# What an option for lights gives for those of the rig file.
+RIG_LIGHTS = Path("rig")
 RigOption = Annotated[Path | None, Parameter(converter=_rig)]
 _INPUT = object()
 # Files or folders that must exist when the command starts.
 Input = Annotated[Path, _INPUT]
 OptionalInput = Annotated[Path | None, _INPUT]
+_LIGHTS = object()
+# A file with lights, or the word ``rig`` for those of the rig file.
+LightsInput = Annotated[Path, _LIGHTS]
+OptionalLights = Annotated[Path | None, _LIGHTS]
 Inputs = Annotated[tuple[Path, ...], _INPUT]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Real = Annotated[float, Parameter(converter=_real)]
@@ -159,7 +165,8 @@ class RecordingOptions:
     Parameters
     ----------
     lights
-        Lights file: lights.json, .lp, CSV or DiLiGenT text; default: the lights of the source.
+        Lights file: lights.json, .lp, CSV or DiLiGenT text; or rig: the LEDs at led_positions_mm of
+        the rig file; default: the lights of the source.
     camera
         Camera file (camera.json, or one of OpenCV, COLMAP, AliceVision, or a 3x3 matrix); required
         if the lights have positions.
@@ -172,8 +179,8 @@ class RecordingOptions:
         With --spheres: radius of the spheres in mm, as for `sgp calibrate spheres`; without it,
         the lights have directions instead of positions.
     rig
-        With --spheres: rig file (.toml) whose led_positions_mm the lights are compared with;
-        default: the configured rig if the session was recorded with it.
+        Rig file (.toml) whose led_positions_mm are the lights with --lights rig, or are compared
+        with the lights of --spheres; default: the rig that recorded the session, if it is known.
     distant
         Treat lights with positions as distant lights: use their directions only.
     gamma
@@ -197,7 +204,7 @@ class RecordingOptions:
         Refuse images with more pixels than this, before decoding them.
     """
 
-    lights: OptionalInput = None
+    lights: OptionalLights = None
     camera: OptionalInput = None
     mask: OptionalInput = None
     spheres: bool = False
@@ -292,7 +299,9 @@ def inputs_of(command: Callable[..., object], arguments: Mapping[str, object]) -
     for name, value in arguments.items():
         if is_dataclass(value):
             yield from inputs_of(type(value), vars(value))
-        elif _INPUT in getattr(hints.get(name), "__metadata__", ()):
+            continue
+        kind = getattr(hints.get(name), "__metadata__", ())
+        if _INPUT in kind or (_LIGHTS in kind and value != RIG_LIGHTS):
             yield from (one for one in _several(value) if isinstance(one, Path))
 
 

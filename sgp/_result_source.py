@@ -11,7 +11,7 @@ from pydantic import JsonValue
 import acquisition
 from sgp._exit import UsageError
 from sgp._hashes import sha256
-from sgp._options import RecordingOptions
+from sgp._options import RIG_LIGHTS, RecordingOptions
 from sgp._record import ResultRecord, read_record
 from sgp._recordings import CALIBRATIONS
 from sgp._stages import Recording, open_recording, with_scale
@@ -121,6 +121,8 @@ def _options(path: Path, found: NormalsResult, max_pixels: int) -> dict[str, Any
             chosen[field.name] = tuple(value)
         elif field.name in ("distant", "gamma", "downscale"):
             chosen[field.name] = value
+    if chosen.get("lights") == RIG_LIGHTS and known.get("rig") is not None:
+        chosen["rig"] = Path(str(known["rig"]))
     disagreed = found.record.metrics.get("excluded")
     if isinstance(disagreed, list):
         chosen["exclude"] = (*chosen.get("exclude", ()), *map(str, disagreed))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -69,7 +69,7 @@ def store_sigma(
     return StoredSigma(sigma, notices)
 
 
-def _limited(sigma_deg: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+def _limited(sigma_deg: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     return np.minimum(sigma_deg.astype(np.float32), np.float32(processing.UNIFORM_DEG))
 
 

@@ -13,8 +13,14 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import RecordingOptions, SourceOptions, transfer_files, transfer_of
-from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
+from sgp._options import (
+    RIG_LIGHTS,
+    RecordingOptions,
+    SourceOptions,
+    transfer_files,
+    transfer_of,
+)
+from sgp._rig_lights import given_lights, led_positions, rig_notices, rig_with_positions
 from sgp._spheres import SphereLights, light_by_spheres
 
 _FEWEST_IMAGES = 3
@@ -24,6 +30,7 @@ def open_source(
     path: Path,
     *,
     lights: Path | None = None,
+    rig_option: Path | None = None,
     camera: Path | None = None,
     mask: Path | None = None,
     gamma: str = "auto",
@@ -35,21 +42,24 @@ def open_source(
     """Read a source with the files given as options; return it and all its files, for hashing.
 
     ``others`` are files that the command reads itself; they may be in the folder of the source.
-    ``without`` names images that are left out.
+    ``without`` names images that are left out, and ``rig_option`` the rig of ``--lights rig``.
 
     Raises
     ------
-    MissingPathError, DataError
-        If a file is missing, cannot be read, or does not match the images.
+    MissingPathError, DataError, RigError, UsageError
+        If a file is missing, cannot be read, or does not match the images; as `given_lights`.
     """
+    given_by = None if lights is None else given_lights(lights, [path], rig_option)
     source = acquisition.read_source(
         path,
-        lights=None if lights is None else acquisition.read_lights(lights),
+        lights=None if given_by is None else given_by.lights,
         mask_path=mask,
         transfer=transfer_of(gamma),
         without=without,
         max_pixels=max_pixels,
     )
+    if given_by is not None:
+        lights = given_by.file
     if camera is not None:
         given_camera = acquisition.read_camera(camera, source.size)
         doubts = acquisition.lens_notices(source, given_camera)
@@ -115,12 +125,16 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     if options.radius_mm and not options.spheres:
         raise UsageError("--radius-mm is the radius of spheres: give --spheres as well")
     if options.rig is not None:
-        if not options.spheres:
-            raise UsageError("--rig is compared with the lights of spheres: give --spheres as well")
+        if not options.spheres and options.lights != RIG_LIGHTS:
+            raise UsageError(
+                "--rig is for the lights of its LEDs, or to compare those of spheres: give "
+                "--lights rig, or --spheres"
+            )
         rig_with_positions(options.rig)  # a mistake is reported before the images are read
     source, files = open_source(
         path,
         lights=options.lights,
+        rig_option=options.rig,
         camera=options.camera,
         mask=options.mask,
         gamma=options.gamma,

@@ -31,6 +31,10 @@ def rig_record(rig: Rig) -> dict[str, Any]:
             if value is not None and name not in _WHERE
         }
         or None,
+        "led_positions_mm": config.led_positions_mm or None,
+        "led_positions_sigma_mm": config.led_positions_sigma_mm
+        if config.led_positions_mm
+        else None,
     }
 
 

@@ -17,7 +17,8 @@ def check_same(
 ) -> None:
     """Refuse to mix frames of different rigs, cameras or plans in one session.
 
-    More LEDs may be listed as dead than before, but not fewer.
+    More LEDs may be listed as dead than before, but not fewer. The positions of the LEDs may have
+    been measured since.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def check_same(
         If anything differs; the message names each difference.
     """
     differences = [
-        *_differences("rig", stored.rig, _with_dead_of(stored.rig, current.rig)),
+        *_differences("rig", stored.rig, _with_what_may_differ(stored.rig, current.rig)),
         *_differences("camera", stored.camera, current.camera),
         *(() if plan is None else _differences("plan", stored.plan, plan)),
     ]
@@ -48,10 +49,12 @@ def check_same(
         )
 
 
-def _with_dead_of(stored: RigRecord | None, current: RigRecord | None) -> RigRecord | None:
-    if stored is None or current is None or not set(stored.dead_leds) <= set(current.dead_leds):
+def _with_what_may_differ(stored: RigRecord | None, current: RigRecord | None) -> RigRecord | None:
+    if stored is None or current is None:
         return current
-    return current.model_copy(update={"dead_leds": stored.dead_leds})
+    names = ["led_positions_mm", "led_positions_sigma_mm"]
+    names += ["dead_leds"] if set(stored.dead_leds) <= set(current.dead_leds) else []
+    return current.model_copy(update={name: getattr(stored, name) for name in names})
 
 
 def _kinds(differences: list[tuple[str, str]]) -> dict[str, None]:

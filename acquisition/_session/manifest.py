@@ -22,6 +22,7 @@ from acquisition._session.value_records import (
     Size,
     Table,
     TransferRecord,
+    Vector,
 )
 from acquisition._software import SOFTWARE, software_version
 from acquisition._toml import parse_toml, validated
@@ -31,18 +32,26 @@ FORMAT_VERSION: Final = 4
 _READ: Final = (1, 2, 3, FORMAT_VERSION)
 # Versions that this program can write: a session of an older version keeps its version.
 _WRITTEN: Final = (2, 3, FORMAT_VERSION)
-# Keys that version 2 added to version 1, by table. Version 4 also has another form of the lights.
-_ADDED_2: Final = {
-    "plan": (
-        "exposures_by_led",
-        "flats",
-        "max_clipped_fraction",
-        "retakes",
-        "sequence",
-    ),
-    "rig": ("dead_leds", "mounting", "options", "trigger"),
+# Keys that a version added, by table; "" is the file itself. Version 4 also has another form of the
+# lights.
+_ADDED: Final[dict[int, dict[str, tuple[str, ...]]]] = {
+    2: {
+        "plan": (
+            "exposures_by_led",
+            "flats",
+            "max_clipped_fraction",
+            "retakes",
+            "sequence",
+        ),
+        "rig": ("dead_leds", "mounting", "options", "trigger"),
+    },
+    3: {"": ("transfer",)},
+    4: {
+        "": ("origin", "echoes"),
+        "rig": ("led_positions_mm", "led_positions_sigma_mm"),
+        "camera": ("black_levels_dn",),
+    },
 }
-_ADDED_LATER: Final = {"transfer": 3, "origin": 4, "echoes": 4}
 
 # Devices and driver of the simulator, by the names that they report.
 _SIMULATED_DRIVER: Final = "simulated"
@@ -65,6 +74,7 @@ class RigRecord(Table):
     ``mounting`` is the camera's mounting if its frames are not upright, ``dead_leds`` are the dead
     LEDs of the rig file, and ``trigger`` is the device that starts an exposure. ``options`` are the
     options of the rig file that configure camera and board; those that locate them are left out.
+    ``led_positions_mm`` are the positions of all LEDs with their standard deviation, if known.
     """
 
     name: str
@@ -77,6 +87,8 @@ class RigRecord(Table):
     dead_leds: tuple[_Index, ...] = ()
     trigger: Literal["software", "board"] = "software"
     options: dict[str, JsonValue] | None = None
+    led_positions_mm: tuple[Vector, ...] | None = None
+    led_positions_sigma_mm: Annotated[float, Field(gt=0)] | None = None
 
     @property
     def simulated(self) -> bool:
@@ -274,13 +286,9 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
             f"{path}: format version {version!r} is unknown, this program reads "
             f"{_listed(_READ)}; use the version that wrote it"
         )
-    if version < 2:
-        _refuse_added(values, path)
-    for key, since in _ADDED_LATER.items():
-        if version < since and key in values:
-            raise DataError(
-                f"{path}: unknown key '{key}': format version {version} does not have it"
-            )
+    for since, tables in _ADDED.items():
+        if version < since:
+            _refuse_added(values, path, tables)
     if version < 4 and "lights" in values:
         columns = validated(_OldLights, {"lights": values["lights"]}, path).lights
         with _named(path):
@@ -306,12 +314,16 @@ def _listed(versions: tuple[int, ...]) -> str:
     return f"{', '.join(map(str, versions[:-1]))} and {versions[-1]}"
 
 
-def _refuse_added(values: dict[str, Any], path: Path) -> None:
-    """Refuse keys that a session of version 1 cannot have."""
-    for table, keys in _ADDED_2.items():
-        entries = values.get(table)
+def _refuse_added(
+    values: dict[str, Any], path: Path, added_keys: dict[str, tuple[str, ...]]
+) -> None:
+    """Refuse keys by table that a session of this version cannot have."""
+    version = values["format_version"]
+    for table, keys in added_keys.items():
+        entries = values.get(table) if table else values
         added = [key for key in keys if isinstance(entries, dict) and key in entries]
         if added:
+            key = f"{table}.{added[0]}".lstrip(".")
             raise DataError(
-                f"{path}: unknown key '{table}.{added[0]}': format version 1 does not have it"
+                f"{path}: unknown key '{key}': format version {version} does not have it"
             )

@@ -6,13 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from acquisition import DataError, LightErrors, Lights, led_id, led_of
+from acquisition import DataError, LightErrors, Lights, led_of, lights_of_rig
 from calibration._comparison.compare import LightComparison, compare_lights
-from calibration._comparison.motion import Array
 from rig import RigConfig, check_type, pluralize
 
-# Standard deviation of a coordinate that was measured with a tape measure.
-_TAPE_MM = 10.0
 # Spheres up to 150 mm from the origin see a light at 450 mm in directions that differ by this.
 _PARALLAX_DEG = 20.0
 
@@ -20,8 +17,8 @@ _PARALLAX_DEG = 20.0
 def compare_with_rig(lights: Lights, config: RigConfig) -> LightComparison:
     """Compare calibrated lights with the positions of the LEDs in a rig file.
 
-    The positions of a rig file may have been measured with a tape measure: they have a standard
-    deviation of 10 mm in x, y and z. A calibration without errors is exact in comparison. Of
+    The positions of a rig file have the standard deviation ``led_positions_sigma_mm`` in x, y and
+    z, by default that of a tape measure. A calibration without errors is exact in comparison. Of
     directions only the order is judged, and rotations of the whole by more than 20 degrees: they
     were measured at the spheres, not at the origin.
 
@@ -55,8 +52,7 @@ def compare_with_rig(lights: Lights, config: RigConfig) -> LightComparison:
     """
     check_type("lights", lights, Lights, "acquisition.read_lights(path) returns one")
     check_type("config", config, RigConfig, "rig.find_rig_config(name) returns one")
-    if not config.led_positions_mm:
-        raise DataError(f"the rig {config.name} has no led_positions_mm: add them to its rig file")
+    stated = replace(lights_of_rig(config), calibrated=None)
     leds = []
     for name in lights.ids:
         led = led_of(name)
@@ -69,27 +65,19 @@ def compare_with_rig(lights: Lights, config: RigConfig) -> LightComparison:
     if len(set(leds)) < len(leds):
         twice = next(led for led in leds if leds.count(led) > 1)
         raise DataError(f"two lights belong to LED {twice}: give lights with one id per LED")
-    places = np.array(config.led_positions_mm)[leds]
-    names = tuple(map(led_id, leds))
+    measured = replace(stated.take(leds), intensities=lights.intensities)
     if not lights.near:
-        return _of_directions(lights, places, names)
-    tape = np.broadcast_to(_TAPE_MM**2 * np.eye(3), (len(leds), 3, 3))
-    measured = Lights(
-        positions_mm=places,
-        ids=names,
-        intensities=lights.intensities,
-        errors=LightErrors(covariances=tape),
-    )
-    return compare_lights(measured, replace(lights, ids=names, errors=_stated(lights)))
+        return _of_directions(lights, measured)
+    return compare_lights(measured, replace(lights, ids=measured.ids, errors=_stated(lights)))
 
 
-def _of_directions(lights: Lights, places: Array, names: tuple[str, ...]) -> LightComparison:
+def _of_directions(lights: Lights, places: Lights) -> LightComparison:
     """Compare directions, which were not measured at the origin, but at the spheres.
 
     They may differ from those of the rig file by many degrees, in part like a common rotation.
     """
-    measured = Lights(positions_mm=places, ids=names, intensities=lights.intensities).distant()
-    compared = compare_lights(measured, replace(lights, ids=names, errors=None))
+    measured = replace(places, errors=None).distant()
+    compared = compare_lights(measured, replace(lights, ids=places.ids, errors=None))
     if compared.motion is None or compared.motion.angle_deg > _PARALLAX_DEG:
         return compared
     kept = (one for one in compared.warnings if one.code != "lights-moved-together")

@@ -56,8 +56,8 @@ def prior_outliers(off: Double, spread: Double, labels: Labels) -> Mask:
             # Imported here: it takes .2 s, and few surfaces have a prior.
             from scipy.spatial import KDTree
 
-            nearest = KDTree(places).query(places[far], 2)[1][:, 1]
-            far[far] = ~far[nearest]
+            nearest = np.asarray(KDTree(places).query(places[far], 2)[1])
+            far[far] = ~far[nearest[:, 1]]
         found[at] = far
     return found
 

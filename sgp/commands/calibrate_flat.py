@@ -9,16 +9,17 @@ import calibration
 import rig
 from sgp._calibration_metrics import FlatMetrics
 from sgp._console import Stages
-from sgp._options import Gamma, Input, Inputs, OptionalInput, Pixels, Real
+from sgp._options import Gamma, Inputs, LightsInput, OptionalInput, Pixels, Real
 from sgp._output import check_output, claim_folder, provenance
 from sgp._result import Result, plain
+from sgp._rig_lights import given_lights
 from sgp._stages import open_source
 
 
 def flat(
     source: Inputs,
     *,
-    lights: Input,
+    lights: LightsInput,
     out: Path,
     camera: OptionalInput = None,
     mask: OptionalInput = None,
@@ -63,8 +64,9 @@ def flat(
         Write into an output folder that already contains files.
     """
     check_output(out, (source, lights, camera, mask), force=force)
-    known = acquisition.read_lights(lights)
-    sources, files = list[acquisition.Source](), [lights]
+    given = given_lights(lights, source)
+    known = given.lights
+    sources, files = list[acquisition.Source](), [given.file]
     for path in source:
         opened, read = open_source(
             path, camera=camera, mask=mask, gamma=gamma, max_pixels=max_pixels
@@ -81,7 +83,7 @@ def flat(
         )
     result = Result(
         metrics=_metrics(found),
-        warnings=list(found.warnings),
+        warnings=found.warnings,
         summary=_lines(found),
         inputs=list(dict.fromkeys(files)),
     )

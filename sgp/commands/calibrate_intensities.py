@@ -18,8 +18,8 @@ from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import (
     Gamma,
-    Input,
     Inputs,
+    LightsInput,
     OptionalInput,
     Pixels,
     Positive,
@@ -29,6 +29,7 @@ from sgp._options import (
 )
 from sgp._output import check_file
 from sgp._result import Result
+from sgp._rig_lights import given_lights
 from sgp._spheres import write_calibration
 from sgp._stages import open_source
 
@@ -39,7 +40,7 @@ _LISTED = 8
 def intensities(
     source: Inputs,
     *,
-    lights: Input,
+    lights: LightsInput,
     out: Path,
     camera: OptionalInput = None,
     mask: OptionalInput = None,
@@ -114,9 +115,10 @@ def intensities(
     if ball is not None and (height_mm or mask is not None or even):
         raise UsageError("--height-mm, --mask and --even describe a card: do not give --ball")
     outline = () if ball is None else tuple(numbers("--ball", ball, 3))
-    positions = acquisition.read_lights(lights)
+    given = given_lights(lights, source)
+    positions = given.lights
     surfaces: list[calibration.MatteSurface] = []
-    files, warnings, curves = [lights], [*positions.warnings], list[dict[str, Any]]()
+    files, warnings, curves = [given.file], [*positions.warnings], list[dict[str, Any]]()
     for path, height in zip(source, height_mm or (0.0,) * len(source), strict=True):
         opened, read = open_source(
             path, camera=camera, mask=mask, gamma=gamma, flat=flat, max_pixels=max_pixels

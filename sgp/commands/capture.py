@@ -15,9 +15,10 @@ from sgp._capture.steps import MeterOptions, Preparation, accept, checked_wiring
 from sgp._capture.steps import dry_run as rehearsed
 from sgp._capture.talk import CaptureTalk
 from sgp._console import Stages, note
-from sgp._options import Input, OptionalInput, RigOption
+from sgp._options import Input, OptionalInput, OptionalLights, RigOption
 from sgp._output import check_folder
 from sgp._result import Result
+from sgp._rig_lights import given_lights
 from sgp._user_config import chosen_operator, chosen_rig
 from sgp.commands.capture_plan import chosen_plan
 
@@ -36,7 +37,7 @@ def run(
     notes: str = "",
     rights: str = "",
     camera: OptionalInput = None,
-    lights: OptionalInput = None,
+    lights: OptionalLights = None,
     sensor: OptionalInput = None,
     skip_check: bool = False,
     dry_run: bool = False,
@@ -75,7 +76,8 @@ def run(
     camera
         Camera file to store with the session.
     lights
-        File of calibrated lights to store with the session.
+        Lights to store with the session: a file of calibrated lights, or rig for the LEDs at
+        led_positions_mm of the rig file.
     sensor
         sensor.json of `sgp calibrate sensor` to store with the session: noise, black level and
         white level; default: that of the rig file, if it names one.
@@ -87,7 +89,7 @@ def run(
     rig_name, operator_name = chosen_rig(rig), chosen_operator(operator)
     check_folder(out)
     goal = metering.goal()
-    stored_lights = None if lights is None else acquisition.read_lights(lights)
+    given = None if lights is None else given_lights(lights, option=rig)
     measured = _measured_sensor(sensor, rig_name)
     with rigs.open_rig(rig_name) as opened:
         model = None if camera is None else acquisition.read_camera(camera, _upright_size(opened))
@@ -95,7 +97,7 @@ def run(
         if dry_run:
             return rehearsed(opened, chosen, chosen.shots())
         prepared = Preparation()
-        prepared.warnings += () if stored_lights is None else stored_lights.warnings
+        prepared.warnings += () if given is None else given.lights.warnings
         if left_out:
             dead = {"leds": list(left_out), "reason": "listed as dead"}
             prepared.events.append(("left_out", dead))
@@ -137,7 +139,7 @@ def run(
                 calibrations=acquisition.Calibrations(
                     camera_model=model,
                     sensor=None if measured is None else measured.noise_model(),
-                    lights=stored_lights,
+                    lights=None if given is None else given.lights,
                 ),
                 hooks=talk.hooks,
             )

@@ -15,10 +15,12 @@ from sgp._console import Stages, note
 from sgp._exit import UsageError
 from sgp._metrics import ExportMetrics
 from sgp._options import (
+    RIG_LIGHTS,
     Gamma,
     Input,
     Leds,
     OptionalInput,
+    OptionalLights,
     Pixels,
     Positive,
     Whole,
@@ -27,6 +29,7 @@ from sgp._options import (
 )
 from sgp._output import check_folder, earlier_files, writes_folder
 from sgp._result import Result
+from sgp._rig_lights import given_lights
 from sgp._stages import not_used
 from sgp._user_config import chosen_operator
 from sgp.commands.capture_info import info
@@ -81,7 +84,7 @@ def export(
     out: Path,
     values: Literal["raw", "linear"] = "raw",
     bracket: Bracket = 0,
-    lights: OptionalInput = None,
+    lights: OptionalLights = None,
     mask: OptionalInput = None,
     force: bool = False,
 ) -> Result:
@@ -118,7 +121,8 @@ def export(
     force
         Write into a folder that contains an earlier export.
     """
-    chosen = None if lights is None else acquisition.read_lights(lights)
+    given = None if lights is None else given_lights(lights, [session])
+    chosen = None if given is None else given.lights
     prepared = acquisition.prepare_export(
         session, layout, values=values, bracket=bracket, lights=chosen, mask_path=mask
     )
@@ -137,12 +141,12 @@ def export(
     return Result(
         outputs={path.name: path for path in written},
         metrics=metrics,
-        warnings=[*(() if chosen is None else chosen.warnings), *prepared.warnings],
+        warnings=[*(() if given is None else given.lights.warnings), *prepared.warnings],
         summary=[
             f"{out}: {rig.pluralize(images, 'image')}, {notes.values} values, "
             f"subtracted: {notes.subtracted}"
         ],
-        inputs=[*prepared.inputs, *(path for path in (lights,) if path is not None)],
+        inputs=[*prepared.inputs, *([] if given is None else [given.file])],
     )
 
 
@@ -150,7 +154,7 @@ def import_(
     source: Input,
     *,
     out: Path,
-    lights: OptionalInput = None,
+    lights: OptionalLights = None,
     camera: OptionalInput = None,
     working_distance_mm: Positive | None = None,
     light_axes: Literal["opencv", "opengl", "house"] | None = None,
@@ -281,7 +285,7 @@ def import_(
         if working_distance_mm is not None:
             model = replace(model, working_distance_mm=working_distance_mm)
     near = None
-    if lights is not None and acquisition.is_near_lights(lights):
+    if lights not in (None, RIG_LIGHTS) and acquisition.is_near_lights(lights):
         distance = None if model is None else model.working_distance_mm
         if distance is None and light_axes != "house":
             missing = "--camera" if model is None else "--working-distance-mm"
@@ -289,7 +293,8 @@ def import_(
         near = acquisition.read_near_lights(lights, model, axes=light_axes)
     elif light_axes is not None:
         raise UsageError("--light-axes requires a calibration of near lights as --lights")
-    chosen = None if lights is None or near else acquisition.read_lights(lights)
+    lit_by = None if lights is None or near else given_lights(lights)
+    chosen = None if lit_by is None else lit_by.lights
     opened = opened_with(near.lights if near else chosen, model)
     with Stages() as progress:
         acquisition.import_frames(opened, out, labels, on_progress=progress)
@@ -298,6 +303,7 @@ def import_(
     others = [name for name in opened.ignored if (source / name).resolve() not in used]
     unused = [not_used(source, others)] if others else []
     stated = [] if near is None else [near.notice]
+    stated += [] if lit_by is None else lit_by.notices
     result.warnings[:0] = [*stated, *opened.warnings, *unused]
     return result
 
@@ -328,7 +334,7 @@ def _import_watched(
 ) -> Result:
     if not (out / "session.toml").is_file():
         check_folder(out)
-    chosen = None if lights is None else acquisition.read_lights(lights)
+    chosen = None if lights is None else given_lights(lights).lights
     printed: list[str] = []
 
     def report(line: str) -> None:

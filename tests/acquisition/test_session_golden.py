@@ -121,6 +121,8 @@ def write(folder: Path) -> None:
             firmware="1.0",
             leds=4,
             mounting=Mounting(rotation_deg=90, mirror=True),
+            led_positions_mm=tuple((300.0, 10.0 * led, 320.5) for led in range(4)),
+            led_positions_sigma_mm=2.5,
         ),
         camera=CameraRecord(
             width=8,

@@ -7,9 +7,16 @@ import pytest
 
 from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg, tangent_basis
 from calibration import StackNoise
-from processing import Reason, SampleKind, normal_uncertainty, photometric_stereo
+from processing import (
+    UNIFORM_DEG,
+    Reason,
+    SampleKind,
+    normal_uncertainty,
+    photometric_stereo,
+)
 from processing._stereo.method import METHODS
 from processing._uncertainty.light_table import light_table, near_variances
+from processing._uncertainty.normal_uncertainty import in_degrees
 from processing._uncertainty.pixel_variances import kinds_of
 from tests.quick_sample import quick
 
@@ -329,3 +336,16 @@ def test_what_does_not_fit_is_refused(shadowed, values, count, text):
     stereo = photometric_stereo(images, lights, mask)
     with pytest.raises(DataError, match=text):
         normal_uncertainty(np.ones(values), dome(count), mask, stereo)
+
+
+def test_no_direction_is_less_certain_than_a_uniform_one():
+    """The limit is the rms angle to a direction that is uniform on the sphere."""
+    uniform = np.random.default_rng(1).normal(size=(200_000, 3))
+    angle = np.arctan2(np.linalg.norm(uniform[:, :2], axis=1), uniform[:, 2])
+    limit = np.degrees(np.sqrt(np.mean(angle**2)))
+    assert abs(UNIFORM_DEG - limit) < 0.5
+    variances = np.float32([[1e-4, 4.0, np.inf, np.nan, 1e9]])
+    in_degrees(variances, np.array([[True, True, True, True, False]]))
+    assert variances[0].tolist() == pytest.approx(
+        [np.degrees(0.01), UNIFORM_DEG, UNIFORM_DEG, np.nan, np.nan], nan_ok=True
+    )

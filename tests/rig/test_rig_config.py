@@ -24,6 +24,7 @@ leds = 24
 settle_ms = 3.5
 dead_leds = [4, 9]
 led_positions_mm = {[list(position) for position in POSITIONS]}
+led_positions_sigma_mm = 2.5
 trigger = "board"
 exposure_active = true
 frame_period_ms = 50
@@ -48,6 +49,7 @@ def test_a_complete_rig_file(tmp_path: Path):
         settle_ms=3.5,
         dead_leds=(4, 9),
         led_positions_mm=POSITIONS,
+        led_positions_sigma_mm=2.5,
         trigger="board",
         exposure_active=True,
         frame_period_ms=50.0,
@@ -62,7 +64,7 @@ def test_defaults_of_a_short_rig_file(tmp_path: Path):
     config = read_rig_config(tmp_path / "rig.toml")
     assert (config.leds, config.trigger, config.exposure_active) == (36, "software", False)
     assert config.mounting == Mounting()
-    assert config.led_positions_mm == ()
+    assert (config.led_positions_mm, config.led_positions_sigma_mm) == ((), 10.0)
 
 
 @pytest.mark.parametrize(
