@@ -114,8 +114,7 @@ def _provenance(path: Path) -> tuple[str, dict[str, str]] | None:
     except (FileNotFoundError, rig.UnreadableError) as error:
         raise acquisition.DataError(f"{path}: {error}") from error
     made_by = content.get("provenance") if isinstance(content, dict) else None
-    inputs = made_by.get("inputs") if isinstance(made_by, dict) else None
-    if not isinstance(inputs, dict):
+    if not isinstance(made_by, dict) or not isinstance(inputs := made_by.get("inputs"), dict):
         return None
     texts = {name: digest for name, digest in inputs.items() if isinstance(digest, str)}
     return str(made_by.get("command")), texts
