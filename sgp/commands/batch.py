@@ -227,15 +227,14 @@ def _due(tasks: list[Task], states: States, known: dict[str, State]) -> list[Tas
     """
     due, failed = [], 0
     for task in tasks:
-        if (refused := states.unusable(task.name)) is not None:
+        why = reason_to_run(task, known)
+        if why is None:
+            states.confirm(task.name, known[task.name])
+        elif (refused := states.unusable(task.name)) is not None:
             error = f"{refused}: rename the recording ({len(os.fsencode(task.name))} bytes)"
             known[task.name] = state_of(task, Outcome(error, exit_code=4))
             note(f"{task.name}: FAILED: {error}")
             failed += 1
-            continue
-        why = reason_to_run(task, known)
-        if why is None:
-            states.confirm(task.name, known[task.name])
         else:
             due.append(task)
         if why not in (None, "new"):
