@@ -16,18 +16,18 @@ from typing import NamedTuple, Self
 class FileStatus(NamedTuple):
     """What differs if a file was replaced or changed, even if its time was set back.
 
+    The number of its inode is not part of it: exFAT and several network file systems give a file
+    another one after a while.
+
     Parameters
     ----------
-    device, inode
-        Identity of the file; a file that replaces it has another one.
     size
         Bytes.
     mtime_ns, ctime_ns
-        Times of the last change of the content and of the file itself, in ns.
+        Times of the last change of the content and of the file itself, in ns; programs can set the
+        first one only.
     """
 
-    device: int
-    inode: int
     size: int
     mtime_ns: int
     ctime_ns: int
@@ -35,8 +35,7 @@ class FileStatus(NamedTuple):
     @classmethod
     def of(cls, status: os.stat_result) -> Self:
         """Return the part of a status that a reading does not change."""
-        times = status.st_mtime_ns, status.st_ctime_ns
-        return cls(status.st_dev, status.st_ino, status.st_size, *times)
+        return cls(status.st_size, status.st_mtime_ns, status.st_ctime_ns)
 
 
 _read: dict[Path, FileStatus] | None = None

@@ -90,8 +90,8 @@ def claim_folder(out: Path, record: str, inputs: Iterable[Path] = ()) -> Path:
     StorageError
         If the folder cannot be created or a file cannot be removed.
     """
-    input_hashes(inputs)
     acquisition.check_publishing()
+    input_hashes(inputs)
     acquisition.make_folder(out)
     acquisition.remove_part_files(out)
     for path in earlier_files(out, record):

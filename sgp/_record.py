@@ -119,7 +119,7 @@ def read_record(path: str | Path) -> ResultRecord:
         raise acquisition.DataError(
             f"{path}: is the record of a result and is cut short or damaged ({error}): run the "
             "command that wrote it again"
-            if is_record(path)
+            if RECORD_FORMAT.encode() in _head(path)
             else f"{path}: {error}"
         ) from error
     if not isinstance(values, dict) or values.get("format") != RECORD_FORMAT:
@@ -143,10 +143,19 @@ def read_record(path: str | Path) -> ResultRecord:
 def is_record(path: Path) -> bool:
     """Return whether a file is the record of a result, even if it is cut short."""
     try:
-        head, _ = rig.read_head(path, 200)
-    except (FileNotFoundError, rig.UnreadableError):
+        content = rig.parse_json(rig.read_bounded(path))
+    except FileNotFoundError:
         return False
-    return f'"format": "{RECORD_FORMAT}"'.encode() in head
+    except rig.UnreadableError:
+        return RECORD_FORMAT.encode() in _head(path)
+    return isinstance(content, dict) and content.get("format") == RECORD_FORMAT
+
+
+def _head(path: Path) -> bytes:
+    try:
+        return rig.read_head(path, 200)[0]
+    except (FileNotFoundError, rig.UnreadableError):
+        return b""
 
 
 def records_of(path: Path) -> Iterator[tuple[Path, ResultRecord]]:

@@ -67,7 +67,7 @@ def verify_results(roots: Sequence[Path]) -> Verification:
         If a path has no record.
     """
     found = Verification()
-    outputs: dict[Path, tuple[OutputFile | None, str]] = {}
+    outputs: dict[tuple[Path, OutputFile | None], str] = {}
     inputs: dict[tuple[str, str], Path] = {}
     for root in roots:
         before = found.records + found.faults
@@ -75,7 +75,7 @@ def verify_results(roots: Sequence[Path]) -> Verification:
             found.records += 1
             for name, known in one.outputs.items():
                 # The record of a complete run and that of a stage may state the same file.
-                outputs.setdefault(one.path.parent / name, (known, one.command))
+                outputs.setdefault((one.path.parent / name, known), one.command)
             for name, digest in one.inputs.items():
                 inputs.setdefault((name, digest), one.path)
         if found.records + found.faults == before:
@@ -114,18 +114,17 @@ def _provenance(path: Path) -> tuple[str, dict[str, str]] | None:
     except (FileNotFoundError, rig.UnreadableError) as error:
         raise acquisition.DataError(f"{path}: {error}") from error
     made_by = content.get("provenance") if isinstance(content, dict) else None
-    inputs = made_by.get("inputs") if isinstance(made_by, dict) else None
-    if not isinstance(inputs, dict):
+    if not isinstance(made_by, dict) or not isinstance(inputs := made_by.get("inputs"), dict):
         return None
     texts = {name: digest for name, digest in inputs.items() if isinstance(digest, str)}
     return str(made_by.get("command")), texts
 
 
 def _check_outputs(
-    outputs: Mapping[Path, tuple[OutputFile | None, str]], found: Verification
+    outputs: Mapping[tuple[Path, OutputFile | None], str], found: Verification
 ) -> None:
     without = 0
-    for path, (known, command) in shown("checking the results", [*outputs.items()]):
+    for (path, known), command in shown("checking the results", [*outputs.items()]):
         if known is None:
             without += path.suffix in _IMAGES
             fault = _unreadable(path)

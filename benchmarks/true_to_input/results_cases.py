@@ -177,6 +177,28 @@ def _session_raced(folder: Path) -> Outcome:
     return _raced(answer, out / "normals.json", frame, used)
 
 
+def _folder_raced(folder: Path) -> Outcome:
+    """The recording is named by a link, which then leads to another recording."""
+    import processing
+
+    source, out = folder / "current", folder / "out"
+    source.symlink_to(_recording(folder, "monday"))
+    other = folder / "tuesday"
+    shutil.copytree(folder / "monday", other)
+    for path in other.glob("*.tif"):
+        _rewritten(path)
+    target = source / "001.tif"
+    used = _sha256(target)
+
+    def change() -> None:
+        source.unlink()
+        source.symlink_to(other)
+
+    with _after(processing, "reconstruct", change):
+        answer = sgp("normals", source, "--lights", folder / "lights.txt", "--out", out)
+    return _raced(answer, out / "normals.json", target, used)
+
+
 def _detail_raced(folder: Path) -> Outcome:
     import processing
 
@@ -291,8 +313,11 @@ def _long_name(folder: Path, name: str) -> Outcome:
 def _formula(folder: Path, name: str) -> Outcome:
     source = _recording(folder, name)
     answer = _batch(folder, source)
+    # A spreadsheet begins a row at each kind of line end.
     with (folder / "results" / "batch.csv").open(newline="") as file:
-        row = next(iter(csv.DictReader(file)))
+        row, *more = csv.DictReader(file)
+    if more:
+        return Outcome("wrong", f"one recording, {1 + len(more)} rows: {more[0]['name']!r}")
     if row["status"] != "done" or float(row["images"]) != 8:
         return Outcome("vague", f"{row} {answer.message}")
     unsafe = [cell for cell in row.values() if cell[:1] in "=+-@\t\r" and not _is_number(cell)]
@@ -458,6 +483,17 @@ def _verified_without_inputs(folder: Path) -> Outcome:
     return Outcome("applied and stated" if answer.code == 0 and stated else "vague", text)
 
 
+def _verified_compacted(folder: Path) -> Outcome:
+    """The session of a result was made smaller by `capture compact`, which changes no frame."""
+    session, out = folder / "session", folder / "out"
+    sgp("simulate", "coin", "--out", session, "--size", "96x78", "--led-count", "8")
+    sgp("normals", session, "--lights", session / "derived/truth/lights.json", "--out", out)
+    sgp("capture", "compact", session)
+    answer = sgp("verify", out)
+    good = answer.code == 0 and not answer.notices
+    return Outcome("right" if good else "wrong", answer.message or str(answer.notices))
+
+
 def _verified_lights(folder: Path) -> Outcome:
     """The lights of a ring of strengths: their inputs were replaced later."""
     source, out = _recording(folder), folder / "out"
@@ -585,6 +621,7 @@ CASES = (
             ),
             Case("normals_camera_edited", 3, _HASH, _camera_raced),
             Case("normals_frame_rewritten", 3, _HASH, _session_raced),
+            Case("normals_folder_link_turned", 3, _HASH, _folder_raced),
             Case("detail_normals_rewritten", 3, _HASH, _detail_raced),
             Case("run_replaced_after_normals", 3, _HASH, _run_raced),
             Case("spheres_frame_rewritten", 3, _HASH, _spheres_raced),
@@ -640,6 +677,7 @@ CASES = (
             ),
             Case("batch_formula_at", 3, "escaped", lambda f: _formula(f, "@SUM(1+1)")),
             Case("batch_formula_minus", 3, "escaped", lambda f: _formula(f, "-2+3")),
+            Case("batch_formula_return", 3, "escaped", lambda f: _formula(f, "x\r=1+1")),
             Case("batch_formula_tab", 3, "escaped", lambda f: _formula(f, "\t=1+1")),
             Case(
                 "batch_scheduler_ended",
@@ -677,6 +715,7 @@ CASES = (
                     f, lambda out: _appended(out / "normals/normals.exr"), "normals.exr", "."
                 ),
             ),
+            Case("verify_compacted", 3, "no fault", _verified_compacted),
             Case("verify_inputs_gone", 3, "stated, exit 0", _verified_without_inputs),
             Case("verify_lights", 3, "the image is named", _verified_lights),
             Case(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import os
 import socket
+import threading
+import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -24,6 +26,8 @@ if TYPE_CHECKING:
 
 # Time for a scheduler to answer.
 _CONNECT_S = 5.0
+# A scheduler with thousands of tasks may be busy for seconds.
+_ASK_EVERY_S, _ANSWER_S = 10.0, 60.0
 _LOST = 1
 
 
@@ -64,6 +68,7 @@ class ClusterWorkers:
             key = f"sgp-{run}-{task.name}"
             futures[self._client.submit(perform, task, key=key, pure=False, retries=0)] = task
         try:
+            threading.Thread(target=_close_if_silent, args=(self._client,), daemon=True).start()
             for future in as_completed(list(futures)):
                 try:
                     error = future.exception()
@@ -79,6 +84,16 @@ class ClusterWorkers:
         finally:
             if self._client.status == "running":
                 self._client.cancel(list(futures))
+
+
+def _close_if_silent(client: Client) -> None:
+    """Close a connection that is open, but to a scheduler that no longer answers."""
+    while client.status == "running":
+        try:
+            client.sync(client.scheduler.identity, callback_timeout=_ANSWER_S)
+        except Exception:  # noqa: BLE001 - whatever it is, there is no answer
+            client.close(timeout=1)
+        time.sleep(_ASK_EVERY_S)
 
 
 def check_scheduler(address: str) -> None:

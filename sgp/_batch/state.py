@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from sgp._batch.task import Outcome, Task
 from sgp._result import dumps
 
 FORMAT, VERSION = "sgp-batch-state", 1
+# Errors of a name: too long, or with characters that the file system does not have.
+_NAMES = (errno.ENAMETOOLONG, errno.EINVAL, errno.EILSEQ)
 _INTERRUPTED = "the batch was interrupted while it was computed"
 
 
@@ -111,13 +114,13 @@ class States:
                 self._store(name, state.model_copy(update={"files": files}))
 
     def unusable(self, name: str) -> str | None:
-        """Return why the system cannot store the state of a source of this name; None if it can."""
+        """Return why the disk takes no state of a source of this name; None if it does."""
+        part = acquisition.part_path(self.path(name))
         try:
-            os.lstat(acquisition.part_path(self.path(name)))
-        except FileNotFoundError:
-            return None
+            os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
         except OSError as error:
-            return error.strerror
+            return error.strerror if error.errno in _NAMES else None
+        part.unlink()
         return None
 
     def _store(self, name: str, state: State) -> None:

@@ -9,8 +9,7 @@ from typing import Final
 
 import acquisition
 import rig
-from sgp._metrics import RECORD_FORMAT
-from sgp._record import ResultRecord, read_record
+from sgp._record import ResultRecord, is_record, read_record
 
 # Of the folders of `sgp run`; the first one that has a map counts.
 _STAGES: Final = ("", "normals", "detail", "surface", "curvature")
@@ -103,7 +102,7 @@ def read_folder(path: Path) -> ResultFolder:
     notices: list[rig.Notice] = []
     for stage in _STAGES:
         for file in sorted((path / stage).glob("*.json"))[:_MOST_RECORDS]:
-            if not _is_record(file):
+            if not is_record(file):
                 continue
             name = str(file.relative_to(path))
             try:
@@ -142,13 +141,3 @@ def _missing(folder: ResultFolder) -> list[rig.Notice]:
             text = f"{folder.path / name}: these maps are missing: {', '.join(gone)}"
             notices.append(rig.Notice("map-missing", text))
     return notices
-
-
-def _is_record(path: Path) -> bool:
-    try:
-        content = rig.parse_json(rig.read_bounded(path))
-    except (OSError, rig.UnreadableError):
-        # A record that was cut short is reported, other files are not.
-        with path.open("rb") as file:
-            return RECORD_FORMAT.encode() in file.read(200)
-    return isinstance(content, dict) and content.get("format") == RECORD_FORMAT

@@ -25,6 +25,7 @@ from sgp._batch.tables import csv_table, html_table, other_results
 from sgp._batch.task import Outcome, Stage, Task, Workers
 from sgp._console import note
 from sgp._exit import ClusterError, UsageError, exit_code
+from sgp._hashes import input_hashes
 from sgp._help import usage_complaint
 from sgp._memory_limit import size_text
 from sgp._metrics import BatchMetrics
@@ -104,6 +105,7 @@ def batch(
     if scheduler is not None:
         check_scheduler(scheduler)
     chosen = Recipe() if recipe is None else read_recipe(recipe)
+    input_hashes([] if recipe is None else [recipe])  # a batch takes long
     check_output(out, [*source, recipe], force=True)
     _check_options(chosen, recipe, source[0])
     with batch_folder(out) as states:
@@ -227,15 +229,14 @@ def _due(tasks: list[Task], states: States, known: dict[str, State]) -> list[Tas
     """
     due, failed = [], 0
     for task in tasks:
-        if (refused := states.unusable(task.name)) is not None:
+        why = reason_to_run(task, known)
+        if why is None:
+            states.confirm(task.name, known[task.name])
+        elif (refused := states.unusable(task.name)) is not None:
             error = f"{refused}: rename the recording ({len(os.fsencode(task.name))} bytes)"
             known[task.name] = state_of(task, Outcome(error, exit_code=4))
             note(f"{task.name}: FAILED: {error}")
             failed += 1
-            continue
-        why = reason_to_run(task, known)
-        if why is None:
-            states.confirm(task.name, known[task.name])
         else:
             due.append(task)
         if why not in (None, "new"):

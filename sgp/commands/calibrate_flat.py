@@ -83,7 +83,7 @@ def flat(
         )
     result = Result(
         metrics=_metrics(found),
-        warnings=found.warnings,
+        warnings=[*found.warnings],
         summary=_lines(found),
         inputs=list(dict.fromkeys(files)),
     )

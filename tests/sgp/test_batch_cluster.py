@@ -78,6 +78,7 @@ class Lost:
     """A client whose scheduler dies after some tasks."""
 
     status = "running"
+    scheduler = SimpleNamespace(identity=None)
 
     def __init__(self, good: int) -> None:
         self.good, self.cancelled = good, False
@@ -87,6 +88,12 @@ class Lost:
 
     def cancel(self, futures) -> None:
         self.cancelled = True
+
+    def sync(self, function, callback_timeout: float) -> None:
+        """Answer as a scheduler does."""
+
+    def close(self, timeout: float) -> None:
+        self.status = "closed"
 
     def exception(self) -> None:
         self.good -= 1
@@ -121,6 +128,17 @@ def test_a_lost_scheduler_is_one_error_and_the_tables_are_written(
         "again"
     )
     assert {row["status"] for row in table(out).values()} == {"done", "failed"}
+
+
+def test_a_scheduler_that_no_longer_answers_is_given_up(monkeypatch) -> None:
+    def silent(function, callback_timeout: float) -> None:
+        raise TimeoutError
+
+    client = Lost(good=0)
+    monkeypatch.setattr(client, "sync", silent)
+    monkeypatch.setattr(cluster, "_ASK_EVERY_S", 0)
+    cluster._close_if_silent(client)
+    assert client.status == "closed"
 
 
 def test_without_dask_the_extra_is_named(sgp, two, tmp_path, monkeypatch) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,7 @@ def file(tmp_path: Path) -> Path:
     path = tmp_path / "image.tif"
     path.write_bytes(b"old")
     os.utime(path, ns=(1, 1))
+    time.sleep(0.02)  # the clock of a file system has steps of some milliseconds
     return path
 
 
