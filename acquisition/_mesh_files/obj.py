@@ -88,6 +88,8 @@ def _table(key: str, texts: list[bytes], widths: tuple[int, ...]) -> Double:
 def _fields(corners: list[bytes]) -> Whole:
     """Return the ``(C, 3)`` numbers of vertex, texture and normal; 0 for those that are absent."""
     slashes = {corner.count(b"/") for corner in corners}
+    if max(slashes) > 2:
+        raise UnreadableError("a corner of more than three numbers: the file is damaged")
     if slashes == {0}:
         numbers = numbers_of(b" ".join(corners))
     else:
