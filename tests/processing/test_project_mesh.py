@@ -350,7 +350,8 @@ def test_the_mantle_of_a_cylinder_is_smooth():
     smooth = project(_prism(48), tilted, size=(120, 120), pixel_mm=0.15).normal_map.normals
     x = np.broadcast_to((np.arange(120) - 59.5) * 0.15, (120, 120))
     truth = np.stack([x, 0 * x, np.sqrt(np.maximum(100 - x**2, 0))], axis=-1)
-    assert angle_deg(smooth, truth)[:, 10:-10].max() < 0.4
+    # Weighted by area, the two triangles of a side count twice at one of its corners.
+    assert angle_deg(smooth, truth)[:, 10:-10].max() < 7.5 / 6 + 0.1
     np.testing.assert_array_equal(view.normal_map.normals, flat.normal_map.normals)
 
 
