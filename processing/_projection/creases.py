@@ -87,6 +87,30 @@ def corners_at_creases(vertices: Double, faces: Whole, crease_deg: float) -> tup
     )
 
 
+def faces_at_tips(
+    vertices: Double, faces: Whole, blended: Float, corners: Whole, crease_deg: float
+) -> tuple[Float, Whole]:
+    """Replace normals far from those of their faces, as at the tip of a cone, by these.
+
+    Parameters
+    ----------
+    vertices, faces
+        ``(V, 3)`` and ``(F, 3)``.
+    blended
+        ``(N, 3)`` normals.
+    corners
+        ``(F, 3)`` their numbers at the corners of the faces.
+    crease_deg
+        The crease angle.
+    """
+    normal, _ = _face_normals(vertices, faces)
+    far = np.degrees(_angle(blended[corners], normal[:, None])) > crease_deg
+    face, _ = np.nonzero(far)
+    corners = corners.copy()
+    corners[far] = len(blended) + np.arange(len(face))
+    return np.concatenate([blended, normal[face].astype(np.float32)]), corners
+
+
 def _pairs(faces: Whole, every: int = 1) -> tuple[Index, Index]:
     """Return the half-edges of edges with two faces."""
     codes, places = half_edges(faces, every)
