@@ -56,16 +56,16 @@ def read_obj(data: bytes) -> MeshFile:
     if not polygons:
         return MeshFile(vertices)
     lengths = np.array(list(map(len, map(bytes.split, polygons))), np.int64)
-    number, *counts = (np.repeat(np.array(each, np.int64), lengths) for each in above)
+    at, *counts = (np.repeat(np.array(each, np.int64), lengths) for each in above)
     fields = _fields(b" ".join(polygons))
-    corners = _places(fields[:, 0], counts[0], len(vertices), number, "vertex")
+    corners = _places(fields[:, 0], counts[0], len(vertices), at, "vertex")
     if not (normals and fields[:, 2].any()):
         faces, notices = triangles_of(lengths, corners, vertices)
         return MeshFile(vertices, faces, None, notices)
     directions = np.concatenate([_table("vn", normals, (3,)), np.full((1, 3), np.nan)])
     # 0 stands for no normal, which is the last one.
     absent = fields[:, 2] == 0
-    known = _places(np.where(absent, 1, fields[:, 2]), counts[1], len(normals), number, "normal")
+    known = _places(np.where(absent, 1, fields[:, 2]), counts[1], len(normals), at, "normal")
     which = np.where(absent, len(normals), known)
     pairs, corners = np.unique(corners * len(directions) + which, return_inverse=True)
     vertices, directions = vertices[pairs // len(directions)], directions[pairs % len(directions)]

@@ -62,7 +62,8 @@ def read_mesh_file(path: str | Path) -> MeshFile:
     suffix = file.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise DataError(f"{file}: {suffix or 'no suffix'}: give one of {', '.join(MESH_SUFFIXES)}")
-    with convert_read_errors(file):
+    # Vertices that are not finite are reported later.
+    with convert_read_errors(file), np.errstate(all="ignore"):
         data = read_bounded(file, MAX_BINARY_BYTES)
         match suffix:
             case ".ply":
