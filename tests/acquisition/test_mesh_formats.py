@@ -376,6 +376,20 @@ def test_what_moves_the_vertices_of_a_glb(
     np.testing.assert_allclose(mesh.vertices[[0, -1]], [first, last], atol=1e-9)
 
 
+def test_what_a_glb_does_not_show_is_named(tmp_path: Path) -> None:
+    hidden = {"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": False}}}
+    part: dict[str, object] = {"attributes": {"POSITION": 0}, "indices": 1}
+    change: dict[str, object] = {
+        "nodes": [{"mesh": 0}, hidden, {"mesh": 0}],
+        "scenes": [{"nodes": [0, 1]}, {"nodes": [2]}],
+        "meshes": [{"primitives": [part, part | {"mode": 1}]}],
+    }
+    (tmp_path / "a.glb").write_bytes(glb(change))
+    mesh = read_mesh_file(tmp_path / "a.glb")
+    assert len(mesh.vertices) == 4
+    assert [notice.code for notice in mesh.warnings] == ["nodes-not-shown", "lines-left-out"]
+
+
 def test_a_mirrored_node_is_wound_the_other_way(tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(glb({"nodes": [{"mesh": 0, "scale": [-1, 1, 1]}]}))
     mesh = read_mesh_file(tmp_path / "a.glb")
@@ -388,7 +402,8 @@ def test_a_mirrored_node_is_wound_the_other_way(tmp_path: Path) -> None:
         ({"extensionsRequired": ["KHR_materials_unlit"]}, None),
         ({"extensionsRequired": ["ADOBE_shape"]}, "requires the extension ADOBE_shape"),
         ({"nodes": [{"mesh": 0, "skin": 0}]}, "skin"),
-        ({"scenes": [{"nodes": []}]}, "no mesh"),
+        ({"scenes": [{"nodes": []}]}, "no triangles"),
+        ({"nodes": [{"mesh": 0, "rotation": [0, 0, 0, 0]}]}, "rotation of length 0"),
         ({"meshes": [{"primitives": [TARGET] * 100_001}]}, "100000 primitives"),
         ({"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}, CORNERS]},
          "counts go beyond"),
