@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import struct
 import tempfile
@@ -453,6 +454,11 @@ def _meshes(root: Path) -> Iterator[Seed]:
         + points.astype("<f4").tobytes()
         + struct.pack("<B4iB", 4, 0, 1, 3, 2, 9) + struct.pack("<B3iB", 3, 0, 1, 2, 9)
     )  # fmt: skip
+    (root / "concave.off").write_text(
+        "OFF\n5 1 0\n0 0 0\n4 0 0\n4 3 0\n2 1 0\n0 3 0\n5 0 1 2 3 4\n"
+    )
+    (root / "copies.glb").write_bytes(_copied_and_sparse())
+    (root / "commas.xyz").write_text("".join(f"{i},5 {i % 3},25 1,0\n" for i in range(9)))
     (root / "cloud.xyz").write_text("".join(f"{i} {i % 3} 1 0 0 1\n" for i in range(9)))
     (root / "cloud.ply").write_text(
         (head + "property float nx\nproperty float ny\nproperty float nz\nend_header\n").format(
@@ -462,6 +468,43 @@ def _meshes(root: Path) -> Iterator[Seed]:
     )
     for path in sorted(root.iterdir()):
         yield single(path)
+
+
+def _copied_and_sparse() -> bytes:
+    """Return a GLB with sparse, normalised positions, normals, a strip, a morph and copies."""
+    points = np.array([[0, 0, 0], [99, 0, 0], [0, 99, 0], [99, 99, 9]], "<i2")
+    data = points.tobytes() + struct.pack("<2H", 1, 2) + points[:2].tobytes()
+    data += np.array([[0, 0, 0], [9, 0, 0]], "<f4").tobytes()
+    place = {"componentType": 5122, "count": 4, "type": "VEC3", "normalized": True}
+    changed = {
+        "count": 2,
+        "indices": {"bufferView": 1, "componentType": 5123},
+        "values": {"bufferView": 2},
+    }
+    part = {"attributes": {"POSITION": 0, "NORMAL": 1}, "mode": 5, "targets": [{"POSITION": 1}]}
+    copies = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 2}}}
+    lengths = (24, 4, 12, 24)
+    content = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"children": [1], "scale": [2, 2, 2]}, {"mesh": 0, "extensions": copies}],
+        "meshes": [{"primitives": [part], "weights": [0.5]}],
+        "accessors": [
+            {"bufferView": 0, "sparse": changed, **place},
+            {"bufferView": 0, **place},
+            {"bufferView": 3, "componentType": 5126, "count": 2, "type": "VEC3"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": sum(lengths[:i]), "byteLength": length}
+            for i, length in enumerate(lengths)
+        ],
+        "buffers": [{"byteLength": len(data)}],
+    }
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    chunks += struct.pack("<II", len(data), 0x004E4942) + data
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
 def _stack(root: Path, count: int = 4) -> list[str]:

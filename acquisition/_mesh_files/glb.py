@@ -1,8 +1,8 @@
 """GLB files: the triangles of the scene that the file shows first.
 
-Format: Khronos, glTF 2.0; KHR_mesh_quantization and EXT_mesh_gpu_instancing are applied, morph
-targets too. Extensions that only change colours are ignored, others that a file requires are
-refused by name.
+Format: Khronos, glTF 2.0. KHR_mesh_quantization, EXT_mesh_gpu_instancing and KHR_node_visibility
+are applied, morph targets too. Extensions that only change colours are ignored, others that a file
+requires are refused by name.
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ Whole = npt.NDArray[np.int64]
 _MAGIC, _VERSION = b"glTF", 2
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
 _INSTANCING: Final = "EXT_mesh_gpu_instancing"
-_APPLIED: Final = (_INSTANCING, "KHR_mesh_quantization")
+_VISIBILITY: Final = "KHR_node_visibility"
+_APPLIED: Final = (_INSTANCING, _VISIBILITY, "KHR_mesh_quantization")
+# Modes of primitives that are points or lines.
+_NO_SURFACE: Final = (0, 1, 2, 3)
 # Extensions with these beginnings change colours, lights and pictures, not the surface.
 _OF_COLOUR: Final = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_", "EXT_lights_")
 # A primitive takes some microseconds to place, so a file with as many takes some seconds.
@@ -64,7 +67,7 @@ def read_glb(data: bytes) -> MeshFile:
         _check_sizes(content, accessors, shown)
         parts: dict[tuple[int, int], _Part] = {}
         vertices, faces, normals = [], [], []
-        total = 0
+        total = lines = 0
         for node, place in shown.items():
             if "mesh" not in nodes[node]:
                 continue
@@ -73,6 +76,9 @@ def read_glb(data: bytes) -> MeshFile:
             # A part with the weights of its node is not the part of other nodes.
             owner = node if "weights" in nodes[node] else -1 - nodes[node]["mesh"]
             for number, primitive in enumerate(mesh["primitives"]):
+                if primitive.get("mode", 4) in _NO_SURFACE:
+                    lines += 1
+                    continue
                 key = owner, number
                 if key not in parts:
                     parts[key] = _part(primitive, accessors, weights)
@@ -88,10 +94,13 @@ def read_glb(data: bytes) -> MeshFile:
         hidden = sum("mesh" in one for one in nodes) - sum("mesh" in nodes[n] for n in shown)
     notices = []
     if hidden:
-        text = f"{pluralize(hidden, 'node is', 'nodes are')} not in the scene that the file shows"
+        text = f"{pluralize(hidden, 'node is', 'nodes are')} hidden or in another scene"
         notices.append(Notice("nodes-not-shown", f"{text}: left out"))
     if not vertices:
-        raise UnreadableError("its scene has no mesh")
+        raise UnreadableError("its scene has no triangles: save it with triangles")
+    if lines:
+        text = f"primitives left out because they are points or lines: {lines}"
+        notices.append(Notice("lines-left-out", text))
     known = None
     if any(each is not None for each in normals):
         known = np.concatenate([
@@ -176,6 +185,8 @@ def _shown(content: dict[str, Any]) -> dict[int, Double]:
             raise UnreadableError("a node is in its scene twice: the file is damaged")
         if "mesh" in nodes[node] and "skin" in nodes[node]:
             raise UnreadableError("a mesh with a skin is not supported: save it without bones")
+        if nodes[node].get("extensions", {}).get(_VISIBILITY, {}).get("visible") is False:
+            continue
         shown[node] = above @ _own_matrix(nodes[node])
         waiting += [(as_count(c), shown[node]) for c in reversed(nodes[node].get("children", []))]
     return shown
@@ -189,7 +200,10 @@ def _own_matrix(node: dict[str, Any]) -> Double:
 
 
 def _matrix(translation: Double, rotation: Double, scale: Double) -> Double:
-    x, y, z, w = rotation / np.linalg.norm(rotation)
+    length = float(np.linalg.norm(rotation))
+    if not length > 0:
+        raise UnreadableError("a rotation of length 0: the file is damaged")
+    x, y, z, w = rotation / length
     matrix = np.eye(4)
     matrix[:3, :3] = scale * np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
@@ -295,7 +309,7 @@ def _triangles(corners: Whole, mode: Any) -> Whole:
             first = np.full(max(len(corners) - 2, 0), corners[0] if len(corners) else 0)
             return np.stack([first, corners[1:-1], corners[2:]], axis=1)
         case _:
-            raise UnreadableError("a mesh that has no triangles: save it with triangles")
+            raise UnreadableError("a primitive of an unknown kind: the file is damaged")
 
 
 def _turned(part: _Part, matrix: Double) -> Double | None:

@@ -32,37 +32,40 @@ def read_obj(data: bytes) -> MeshFile:
     text = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     points: list[bytes] = []
     normals: list[bytes] = []
-    polygons: list[list[bytes]] = []
-    # The number of the line, and how many vertices and normals are above it.
-    above: list[tuple[int, int, int]] = []
+    polygons: list[bytes] = []
+    # For each polygon: its line, and how many vertices and normals are above it.
+    above: tuple[list[int], list[int], list[int]] = ([], [], [])
     for number, line in enumerate(text.splitlines(), 1):
-        words = line.partition(b"#")[0].split(None, 1)
-        match words:
-            case [b"v", rest]:
-                points.append(rest)
-            case [b"vn", rest]:
-                normals.append(rest)
-            case [b"f" | b"fo", rest]:
-                polygons.append(rest.split())
-                above.append((number, len(points), len(normals)))
-            case [b"surf", _]:
-                raise UnreadableError(
-                    f"line {number}: free-form surfaces are not supported: save it with triangles"
-                )
+        key, *rest = line.partition(b"#")[0].split(None, 1)[:2] or (b"",)
+        if not rest:
+            continue
+        if key == b"v":
+            points += rest
+        elif key in (b"f", b"fo"):
+            polygons += rest
+            above[0].append(number)
+            above[1].append(len(points))
+            above[2].append(len(normals))
+        elif key == b"vn":
+            normals += rest
+        elif key == b"surf":
+            raise UnreadableError(
+                f"line {number}: free-form surfaces are not supported: save it with triangles"
+            )
     vertices = _table("v", points, _VERTEX_WIDTHS)
     if not polygons:
         return MeshFile(vertices)
-    lengths = np.array([len(words) for words in polygons], np.int64)
-    number, *counts = np.repeat(np.array(above, np.int64), lengths, axis=0).T
-    fields = _fields([word for words in polygons for word in words])
-    corners = _places(fields[:, 0], counts[0], len(vertices), number, "vertex")
+    lengths = np.array(list(map(len, map(bytes.split, polygons))), np.int64)
+    at, *counts = (np.repeat(np.array(each, np.int64), lengths) for each in above)
+    fields = _fields(b" ".join(polygons))
+    corners = _places(fields[:, 0], counts[0], len(vertices), at, "vertex")
     if not (normals and fields[:, 2].any()):
         faces, notices = triangles_of(lengths, corners, vertices)
         return MeshFile(vertices, faces, None, notices)
     directions = np.concatenate([_table("vn", normals, (3,)), np.full((1, 3), np.nan)])
     # 0 stands for no normal, which is the last one.
     absent = fields[:, 2] == 0
-    known = _places(np.where(absent, 1, fields[:, 2]), counts[1], len(normals), number, "normal")
+    known = _places(np.where(absent, 1, fields[:, 2]), counts[1], len(normals), at, "normal")
     which = np.where(absent, len(normals), known)
     pairs, corners = np.unique(corners * len(directions) + which, return_inverse=True)
     vertices, directions = vertices[pairs // len(directions)], directions[pairs % len(directions)]
@@ -72,7 +75,7 @@ def read_obj(data: bytes) -> MeshFile:
 
 def _table(key: str, texts: list[bytes], widths: tuple[int, ...]) -> Double:
     """Return the first three numbers of each line."""
-    counts = {len(text.split()) for text in texts}
+    counts = set(map(len, map(bytes.split, texts)))
     if not counts <= set(widths):
         wrong = next(text for text in texts if len(text.split()) not in widths)
         raise UnreadableError(
@@ -85,20 +88,23 @@ def _table(key: str, texts: list[bytes], widths: tuple[int, ...]) -> Double:
     return numbers.reshape(len(texts), -1)[:, :3] if texts else np.zeros((0, 3))
 
 
-def _fields(corners: list[bytes]) -> Whole:
+def _fields(text: bytes) -> Whole:
     """Return the ``(C, 3)`` numbers of vertex, texture and normal; 0 for those that are absent."""
-    slashes = {corner.count(b"/") for corner in corners}
-    if slashes == {0}:
-        numbers = numbers_of(b" ".join(corners))
+    if b"/" not in text:
+        fields = whole(numbers_of(text)).reshape(-1, 1)
     else:
+        corners = text.split()
+        slashes = {corner.count(b"/") for corner in corners}
+        if max(slashes) > 2:
+            raise UnreadableError("a corner of more than three numbers: the file is damaged")
         numbers = np.zeros(0)
         if len(slashes) == 1:
-            numbers = numbers_of(b" ".join(corners).replace(b"//", b"/0/").replace(b"/", b" "))
+            numbers = numbers_of(text.replace(b"//", b"/0/").replace(b"/", b" "))
         if len(numbers) != len(corners) * (max(slashes) + 1):
             # Corners of different forms, such as 1/2/3 and 1//3.
             parts = ((*corner.split(b"/"), b"", b"")[:3] for corner in corners)
             numbers = numbers_of(b" ".join(part or b"0" for three in parts for part in three))
-    fields = whole(numbers).reshape(len(corners), -1)[:, :3]
+        fields = whole(numbers).reshape(len(corners), -1)
     return np.pad(fields, ((0, 0), (0, 3 - fields.shape[1])))
 
 

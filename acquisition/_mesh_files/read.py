@@ -31,19 +31,22 @@ def read_mesh_file(path: str | Path) -> MeshFile:
     Parameters
     ----------
     path
-        OBJ, PLY, STL, GLB or OFF file; or XYZ, a text of ``x y z`` or ``x y z nx ny nz`` lines.
+        OBJ, PLY, STL, GLB or OFF file; or XYZ, a text of ``x y z`` or ``x y z nx ny nz`` lines,
+        whose numbers may have decimal commas.
 
     Returns
     -------
     MeshFile
-        Content of the file; polygons and triangle strips are split into triangles.
+        Content of the file; polygons and triangle strips are split into triangles. Of a GLB, all
+        that its scene shows, with the transformations of the nodes.
 
     Raises
     ------
     MissingPathError
         If the file does not exist.
     DataError
-        If the file is of another kind, damaged or truncated, or has coordinates above 1e30.
+        If the file is of another kind, damaged or truncated, has data beyond the counts that it
+        states or of a kind that is not supported, or has coordinates above 1e30.
 
     Examples
     --------
@@ -59,7 +62,8 @@ def read_mesh_file(path: str | Path) -> MeshFile:
     suffix = file.suffix.lower()
     if suffix not in MESH_SUFFIXES:
         raise DataError(f"{file}: {suffix or 'no suffix'}: give one of {', '.join(MESH_SUFFIXES)}")
-    with convert_read_errors(file):
+    # Vertices that are not finite are reported later.
+    with convert_read_errors(file), np.errstate(all="ignore"):
         data = read_bounded(file, MAX_BINARY_BYTES)
         match suffix:
             case ".ply":

@@ -10,11 +10,13 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from processing._projection.manifold import half_edges, neighbours
+from processing._projection.manifold import neighbours
+from processing._projection.mesh_kernels import half_edges
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
+Index = npt.NDArray[np.int64]
 
 # The usual crease angle. Another one is chosen if the edges of a part leave no gap around it.
 _USUAL_DEG: Final = 40
@@ -28,8 +30,8 @@ _MOST_BETWEEN: Final = 0.05
 _LEAST_SHARP: Final = 1e-3
 # The normal of a face that is longer than this many times its width is uncertain.
 _LONGEST: Final = 1e3
-# Edges that are enough to judge a mesh.
-_ENOUGH: Final = 1_000_000
+# Half-edges that are enough to judge a mesh.
+_ENOUGH: Final = 300_000
 # Angles to normals of the file that rounding and the coarseness of a mesh explain.
 _ROUNDING_DEG: Final = 0.5
 
@@ -47,11 +49,10 @@ def crease_angle_deg(vertices: Double, faces: Whole) -> float | None:
     faces
         ``(F, 3)`` faces that have an area.
     """
-    every = max(3 * len(faces) // _ENOUGH, 1)
-    first, second, edges = neighbours(half_edges(faces), every)
+    first, second = _pairs(faces, max(3 * len(faces) // _ENOUGH, 1))
     angle, _, sound = _angles(vertices, faces, first, second)
-    a, b = edges // (int(faces.max()) + 1), edges % (int(faces.max()) + 1)
-    length = np.linalg.norm(vertices[a] - vertices[b], axis=1) * sound
+    begin, end = (faces[first % len(faces), (first // len(faces) + k) % 3] for k in (0, 1))
+    length = np.linalg.norm(vertices[begin] - vertices[end], axis=1) * sound
     for centre in sorted(range(_LEAST_DEG, _MOST_DEG + 1), key=lambda deg: abs(deg - _USUAL_DEG)):
         above = length[angle >= centre + _GAP_DEG].sum()
         between = length[np.abs(angle - centre) < _GAP_DEG].sum()
@@ -69,7 +70,7 @@ def corners_at_creases(vertices: Double, faces: Whole, crease_deg: float) -> tup
         ``(F, 3)`` numbers from 0, and the number of sharp edges. Faces on both sides of an edge
         share the normals at its ends if they turn by less than the crease angle.
     """
-    first, second, _ = neighbours(half_edges(faces), 1)
+    first, second = _pairs(faces)
     angle, alike, _ = _angles(vertices, faces, first, second)
     smooth = angle < crease_deg
     count = len(faces)
@@ -86,16 +87,46 @@ def corners_at_creases(vertices: Double, faces: Whole, crease_deg: float) -> tup
     )
 
 
+def faces_at_tips(
+    vertices: Double, faces: Whole, blended: Float, corners: Whole, crease_deg: float
+) -> tuple[Float, Whole]:
+    """Replace normals far from those of their faces, as at the tip of a cone, by these.
+
+    Parameters
+    ----------
+    vertices, faces
+        ``(V, 3)`` and ``(F, 3)``.
+    blended
+        ``(N, 3)`` normals.
+    corners
+        ``(F, 3)`` their numbers at the corners of the faces.
+    crease_deg
+        The crease angle.
+    """
+    normal, _ = _face_normals(vertices, faces)
+    far = np.degrees(_angle(blended[corners], normal[:, None])) > crease_deg
+    face, _ = np.nonzero(far)
+    corners = corners.copy()
+    corners[far] = len(blended) + np.arange(len(face))
+    return np.concatenate([blended, normal[face].astype(np.float32)]), corners
+
+
+def _pairs(faces: Whole, every: int = 1) -> tuple[Index, Index]:
+    """Return the half-edges of edges with two faces."""
+    codes, places = half_edges(faces, every)
+    first, second = neighbours(codes)
+    return places[first], places[second]
+
+
 def _angles(
-    vertices: Double, faces: Whole, first: npt.NDArray[np.int64], second: npt.NDArray[np.int64]
+    vertices: Double, faces: Whole, first: Index, second: Index
 ) -> tuple[Double, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Return by how many degrees neighbours turn, which run alike, and which normals are sound."""
-    normal, wide = _face_normals(vertices, faces)
-    f, g = first % len(faces), second % len(faces)
-    alike = faces.T.ravel()[first] == faces.T.ravel()[second]
-    other = np.where(alike[:, None], -normal[g], normal[g])
-    angle = np.degrees(_angle(normal[f], other))
-    return angle, alike, wide[f] & wide[g]
+    count = len(faces)
+    (one, wide), (two, also) = (_face_normals(vertices, faces[h % count]) for h in (first, second))
+    alike = faces[first % count, first // count] == faces[second % count, second // count]
+    angle = np.degrees(_angle(one, np.where(alike[:, None], -two, two)))
+    return angle, alike, wide & also
 
 
 def _face_normals(vertices: Double, faces: Whole) -> tuple[Double, npt.NDArray[np.bool_]]:

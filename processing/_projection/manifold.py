@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from processing._projection.mesh_kernels import edge_faults
+from processing._projection.mesh_kernels import edge_faults, half_edges
 
 Whole = npt.NDArray[np.int32]
 Codes = npt.NDArray[np.int64]
@@ -45,7 +45,7 @@ def wind_alike(faces: Whole) -> WoundAlike:
         return WoundAlike(faces, 0, crowded)
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     against = np.zeros(len(faces), np.bool_)
-    against[whole] = _against(half_edges(faces[whole]), faces[whole].sum(axis=1, dtype=np.int64))
+    against[whole] = _against(half_edges(faces[whole])[0], faces[whole].sum(axis=1, dtype=np.int64))
     return WoundAlike(
         np.where(against[:, None], faces[:, ::-1], faces), int(against.sum()), crowded
     )
@@ -62,31 +62,13 @@ def first_of_twins(faces: Whole) -> npt.NDArray[np.bool_]:
     return first
 
 
-def half_edges(faces: Whole) -> Codes:
-    """Return the ``(3 F,)`` codes of the half-edges: twice the number of the edge + direction."""
-    begin = faces.T.astype(np.int64)
-    end = np.roll(begin, -1, axis=0)
-    corners = int(faces.max(initial=0)) + 1
-    edges = np.minimum(begin, end) * corners + np.maximum(begin, end)
-    return (2 * edges + (begin > end)).ravel()
-
-
-def neighbours(codes: Codes, every: int = 1) -> tuple[Codes, Codes, Codes]:
-    """Return the pairs of half-edges on the edges that have two faces, and the edges.
-
-    Parameters
-    ----------
-    codes
-        ``(3 F,)`` half-edges from `half_edges`; the face of half-edge `h` is ``h % F``.
-    every
-        Return only the edges whose number is a multiple of this.
-    """
-    chosen = np.flatnonzero((codes >> 1) % every == 0) if every > 1 else np.arange(len(codes))
-    order = chosen[np.argsort(codes[chosen], kind="stable")]
+def neighbours(codes: Codes) -> tuple[Codes, Codes]:
+    """Return the places in `codes` of the pairs of half-edges on edges that have two faces."""
+    order = np.argsort(codes, kind="stable")
     edges = codes[order] >> 1
     same = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
     pair = np.flatnonzero(same[1:-1] & ~same[:-2] & ~same[2:])
-    return order[pair], order[pair + 1], edges[pair]
+    return order[pair], order[pair + 1]
 
 
 def _against(codes: Codes, totals: Codes) -> npt.NDArray[np.bool_]:
@@ -95,12 +77,12 @@ def _against(codes: Codes, totals: Codes) -> npt.NDArray[np.bool_]:
     Parameters
     ----------
     codes
-        ``(3 F,)`` half-edges from `half_edges`.
+        ``(3 F,)`` codes of half-edges from `half_edges`.
     totals
         ``(F,)`` sums of the vertex indices of each face.
     """
     count = len(totals)
-    first, second, _ = neighbours(codes)
+    first, second = neighbours(codes)
     # Neighbours with the same winding traverse their common edge in opposite directions.
     unlike = codes[first] == codes[second]
     first, second = first % count, second % count

@@ -123,6 +123,39 @@ def _edge_faults(faces: Whole, vertices: int) -> tuple[int, bool]:
     return crowded, unlike
 
 
+def half_edges(faces: Whole, every: int = 1) -> tuple[Index, Index]:
+    """Return the codes and the places of the half-edges, or of those of every so many vertices.
+
+    An edge belongs to its lower vertex. The code of a half-edge is twice the number of its edge +
+    its direction; half-edge `h` belongs to face ``h % F`` and begins at its corner ``h // F``.
+    """
+    whole = np.ascontiguousarray(faces, np.int32)
+    codes, places = _half_edges(whole, every, int(faces.max(initial=-1)) + 1)
+    return codes, places
+
+
+@numba.njit(cache=True)
+def _half_edges(faces: Whole, every: int, vertices: int) -> tuple[Index, Index]:
+    count = len(faces)
+    codes, places = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    found = 0
+    for fill in (False, True):
+        if fill:
+            codes, places = np.zeros(found, np.int64), np.zeros(found, np.int64)
+        found = 0
+        for corner in range(3):
+            for f in range(count):
+                p, q = faces[f, corner], faces[f, (corner + 1) % 3]
+                low, high = min(p, q), max(p, q)
+                if low % every == 0:
+                    if fill:
+                        edge = np.int64(low) * vertices + high
+                        codes[found] = 2 * edge + (1 if p > q else 0)
+                        places[found] = corner * count + f
+                    found += 1
+    return codes, places
+
+
 @numba.njit(cache=True)
 def _sort(values: Index) -> None:
     """Sort a few values in place; many by the library."""

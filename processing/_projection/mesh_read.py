@@ -96,9 +96,10 @@ def read_geometry(path: str | Path) -> Geometry:
     Geometry
         Vertices of a mesh with equal coordinates are merged, so that normals blend across texture
         seams and between the separate faces of an STL; unused vertices are removed. Faces whose
-        winding is opposite to that of their neighbours are reversed. Points that are not finite,
-        which scanners write for a miss, are left out. A warning reports reversed faces, edges with
-        more than two faces, and points that were left out.
+        winding is opposite to that of their neighbours are reversed, and faces that repeat others
+        are left out. Points that are not finite, which scanners write for a miss, are left out. A
+        warning reports these, edges with more than two faces, vertices beyond all faces, and
+        coordinates that are too coarse for the points.
 
     Raises
     ------

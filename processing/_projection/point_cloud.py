@@ -135,8 +135,12 @@ def fit_surfels(
     on_progress("fitting normals", 0, len(points))
     shape = np.zeros(points.shape)
 
-    def fit(which: npt.NDArray[np.intp], count: int) -> None:
-        distance, near = map(np.asarray, tree.query(points[which], count))
+    def fit(which: npt.NDArray[np.intp], reached: int) -> None:
+        # Of many neighbours every second, fourth, ... is used: they span as much, in less time.
+        every = max(reached // (2 * count), 1)
+        distance, near = (
+            np.asarray(each)[:, every - 1 :: every] for each in tree.query(points[which], reached)
+        )
         reach[which] = distance[:, -1]
         offset = points[near] - points[which, None]
         weight = np.exp(-2 * (distance / np.maximum(distance[:, -1:], 1e-300)) ** 2)
@@ -153,9 +157,8 @@ def fit_surfels(
         text = f"points in lines: {len(along)} of {len(points)}"
         while len(along) and 2 * most <= min(len(points), _MOST_NEIGHBOURS):
             most *= 2
-            step = max(_CHUNK * count // most, 1)
-            for begin in range(0, len(along), step):
-                fit(along[begin : begin + step], most)
+            for begin in range(0, len(along), _CHUNK // 2):
+                fit(along[begin : begin + _CHUNK // 2], most)
             along = along[shape[along, 1] < _ACROSS_LINES * shape[along, 2]]
         text += f"; their normals are fitted to up to {most} neighbours"
         warnings.append(Notice("points-in-lines", text))

@@ -38,7 +38,8 @@ class Projection:
     pixel_mm
         Distance between neighbouring pixels on the object; with a camera, at the working distance.
     warnings
-        Faces and points that were changed or left out, and back sides that are visible.
+        Faces, points and normals that were changed or left out, sharp edges, back sides that are
+        visible, and an outline that is not covered.
     """
 
     normal_map: NormalMap
@@ -85,7 +86,8 @@ def project(
     centred
         Move the centre of the object's extent to the origin; otherwise keep its coordinates.
     smooth
-        Blend normals over the faces of a mesh; otherwise the faces are flat.
+        Blend normals over the faces of a mesh, except across the sharp edges of a part, or use
+        those of its file if they fit the faces; otherwise the faces are flat.
     neighbours
         Number of points to which a normal of a point cloud is fitted if the cloud has no normals.
     on_progress

@@ -13,6 +13,7 @@ from processing._projection.creases import (
     blended_with_given,
     corners_at_creases,
     crease_angle_deg,
+    faces_at_tips,
 )
 from processing._projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
@@ -129,7 +130,8 @@ def draw_mesh(
     if share > _BLUNT_SHARE:
         text = (
             f"{share:.0%} of the pixels have blended normals that differ by more than 30 degrees "
-            "from those of their faces: draw flat faces, or use a finer mesh"
+            "from those of their faces: the mesh is coarse or noisy; if its edges are sharp, draw "
+            "flat faces"
         )
         warnings.append(Notice("normals-blended", text))
     share = back.sum() / max(np.count_nonzero(seen >= 0), 1)
@@ -153,6 +155,7 @@ def _normals_of_corners(
     if crease_deg is not None:
         corners, sharp = corners_at_creases(vertices, faces, crease_deg)
         blended, _ = kernels.vertex_normals(vertices, faces, corners, int(corners.max()) + 1)
+        blended, corners = faces_at_tips(vertices, faces, blended, corners, crease_deg)
         text = (
             f"edges at which faces turn by more than {crease_deg:.0f} degrees stay sharp: {sharp}; "
             "the mesh is a part with hard edges"

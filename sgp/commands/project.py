@@ -88,7 +88,8 @@ def project(
         Place the origin of the file, instead of the centre of the object, on the optical axis in
         the working plane.
     shading
-        smooth interpolates the normals of mesh vertices; flat uses the normals of the faces.
+        smooth blends the normals of faces, but not across the sharp edges of a part, or uses those
+        of the file if they fit the faces; flat uses the normals of the faces.
     neighbours
         Number of neighbours of each point to which its normal is fitted; more give smoother
         normals.

@@ -328,6 +328,172 @@ def test_damaged_glb(tmp_path: Path, change: dict[str, object], said: str) -> No
         read_mesh_file(path)
 
 
+TARGET = {"attributes": {"POSITION": 0}, "indices": 1, "targets": [{"POSITION": 0}]}
+COPIES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
+CORNERS = {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"}
+
+
+@pytest.mark.parametrize(
+    ("change", "copies", "first", "last"),
+    [
+        pytest.param(
+            {"nodes": [{"mesh": 0, "translation": [0, 0, 1], "rotation": [0, 0, 1, 0],
+                        "scale": [2, 3, 4]}]},
+            1, [0, 0, 1], [0, 0, 5], id="translation, rotation, scale"),
+        pytest.param(
+            {"nodes": [{"children": [1], "translation": [5, 0, 0]},
+                       {"mesh": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 2, 0, 7, 0, 0, 1]}]},
+            1, [12, 0, 0], [12, 0, 2], id="child with a matrix"),
+        pytest.param({"nodes": [{"mesh": 0, "extensions": COPIES}]}, 4, [0, 0, 0], [0, 0, 2],
+                     id="copies"),
+        pytest.param({"meshes": [{"primitives": [TARGET], "weights": [0.5]}]}, 1, [0, 0, 0],
+                     [0, 0, 1.5], id="morph"),
+        pytest.param({"meshes": [{"primitives": [TARGET]}], "nodes": [{"mesh": 0, "weights": [1]}]},
+                     1, [0, 0, 0], [0, 0, 2], id="morph of a node"),
+        pytest.param(
+            {"accessors": [VIEW | {"sparse": {
+                "count": 1, "indices": {"bufferView": 1, "byteOffset": 2, "componentType": 5121},
+                "values": {"bufferView": 0, "byteOffset": 36}}}, CORNERS]},
+            1, [0, 0, 0], [0, 0, 1], id="sparse"),
+        pytest.param(
+            {"accessors": [VIEW | {"componentType": 5121, "normalized": True}, CORNERS],
+             "bufferViews": [{"byteLength": 48, "byteStride": 4},
+                             {"byteOffset": 48, "byteLength": 24}]},
+            1, [0, 0, 0], [0, 0, 128 / 255], id="normalised"),
+    ],
+)  # fmt: skip
+def test_what_moves_the_vertices_of_a_glb(
+    tmp_path: Path,
+    change: dict[str, object],
+    copies: int,
+    first: list[float],
+    last: list[float],
+) -> None:
+    (tmp_path / "a.glb").write_bytes(glb(change))
+    mesh = read_mesh_file(tmp_path / "a.glb")
+    assert mesh.faces is not None
+    assert (len(mesh.vertices), len(mesh.faces)) == (4 * copies, 4 * copies)
+    np.testing.assert_allclose(mesh.vertices[[0, -1]], [first, last], atol=1e-9)
+
+
+def test_what_a_glb_does_not_show_is_named(tmp_path: Path) -> None:
+    hidden = {"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": False}}}
+    part: dict[str, object] = {"attributes": {"POSITION": 0}, "indices": 1}
+    change: dict[str, object] = {
+        "nodes": [{"mesh": 0}, hidden, {"mesh": 0}],
+        "scenes": [{"nodes": [0, 1]}, {"nodes": [2]}],
+        "meshes": [{"primitives": [part, part | {"mode": 1}]}],
+    }
+    (tmp_path / "a.glb").write_bytes(glb(change))
+    mesh = read_mesh_file(tmp_path / "a.glb")
+    assert len(mesh.vertices) == 4
+    assert [notice.code for notice in mesh.warnings] == ["nodes-not-shown", "lines-left-out"]
+
+
+def test_a_mirrored_node_is_wound_the_other_way(tmp_path: Path) -> None:
+    (tmp_path / "a.glb").write_bytes(glb({"nodes": [{"mesh": 0, "scale": [-1, 1, 1]}]}))
+    mesh = read_mesh_file(tmp_path / "a.glb")
+    assert trimesh.Trimesh(mesh.vertices, mesh.faces).volume == pytest.approx(1 / 6)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"extensionsRequired": ["KHR_materials_unlit"]}, None),
+        ({"extensionsRequired": ["ADOBE_shape"]}, "requires the extension ADOBE_shape"),
+        ({"nodes": [{"mesh": 0, "skin": 0}]}, "skin"),
+        ({"scenes": [{"nodes": []}]}, "no triangles"),
+        ({"nodes": [{"mesh": 0, "rotation": [0, 0, 0, 0]}]}, "rotation of length 0"),
+        ({"meshes": [{"primitives": [TARGET] * 100_001}]}, "100000 primitives"),
+        ({"accessors": [{"componentType": 5126, "count": 10**9, "type": "VEC3"}, CORNERS]},
+         "counts go beyond"),
+    ],
+)  # fmt: skip
+def test_what_a_glb_requires(tmp_path: Path, change: dict[str, object], said: str | None) -> None:
+    (tmp_path / "a.glb").write_bytes(glb(change))
+    if said is None:
+        read_mesh_file(tmp_path / "a.glb")
+        return
+    with pytest.raises(DataError, match=said):
+        read_mesh_file(tmp_path / "a.glb")
+
+
+SQUARE = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n"
+
+
+@pytest.mark.parametrize(
+    ("lines", "faces"),
+    [
+        pytest.param(SQUARE + "f 1 2 3\nf -4 -2 -1\n", [[0, 1, 2], [0, 2, 3]], id="both signs"),
+        pytest.param(SQUARE + "f -4 -3 -2\n" + SQUARE + "f -4 -3 -2\n", [[0, 1, 2], [4, 5, 6]],
+                     id="negative in two blocks"),
+        pytest.param("f 1 2 3 4\n" + SQUARE, [[0, 1, 2], [0, 2, 3]], id="faces first"),
+        pytest.param(SQUARE + "vt 0 0\nf 1/1 2/1 3/1\nf 1 3 4\n", [[0, 1, 2], [0, 2, 3]],
+                     id="two forms"),
+        pytest.param(SQUARE + "f 1 2 \\\n3 # last\n", [[0, 1, 2]], id="continued, comment"),
+        pytest.param(SQUARE.replace("\nv", " 1 0.5 0.5\nv") + "f 1//1 2//1 3//1\n", [[0, 1, 2]],
+                     id="colours, normals that are not there"),
+    ],
+)  # fmt: skip
+def test_faces_of_an_obj(tmp_path: Path, lines: str, faces: list[list[int]]) -> None:
+    (tmp_path / "a.obj").write_text(lines)
+    mesh = read_mesh_file(tmp_path / "a.obj")
+    np.testing.assert_array_equal(mesh.faces, faces)
+    assert mesh.normals is None
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ("f 0 1 2", r"line 5: face .* \(0\): indices begin at 1"),
+        ("f 1 2 5", r"line 5: face .* \(5\): the mesh has 4"),
+        ("f -1 -2 -5", r"line 5: face .* \(-5\)"),
+        ("f 1 2 2.5", "not an integer"),
+        ("f 1/2/3/4 2 3", "corner of more than three"),
+        ("v 1 2\nf 1 2 3", "'v 1 2' has 2 numbers"),
+        ("vn 0 0 1\nf 1//1 2//1 3//2", r"line 6: face refers to a normal .* \(2\)"),
+        ("surf 0 1 0 1 1 2 3", "line 5: free-form"),
+    ],
+)
+def test_damaged_obj(tmp_path: Path, lines: str, said: str) -> None:
+    (tmp_path / "a.obj").write_text(SQUARE + lines + "\n")
+    with pytest.raises(DataError, match=said):
+        read_mesh_file(tmp_path / "a.obj")
+
+
+def test_a_vertex_of_an_obj_with_two_normals_is_there_twice(tmp_path: Path) -> None:
+    lines = "vn 0 0 1\nvn 1 0 0\nf 1//1 2//1 3//1\nf 1//2 3//2 4\n"
+    (tmp_path / "a.obj").write_text(SQUARE + lines)
+    mesh = read_mesh_file(tmp_path / "a.obj")
+    assert mesh.faces is not None
+    assert mesh.normals is not None
+    np.testing.assert_array_equal(mesh.vertices[mesh.faces][:, :, :2],
+                                  [[[0, 0], [1, 0], [1, 1]], [[0, 0], [1, 1], [0, 1]]])  # fmt: skip
+    np.testing.assert_array_equal(mesh.normals[mesh.faces][0], [[0, 0, 1]] * 3)
+    np.testing.assert_array_equal(mesh.normals[mesh.faces][1, :2], [[1, 0, 0]] * 2)
+    assert np.isnan(mesh.normals[mesh.faces][1, 2]).all()
+
+
+@pytest.mark.parametrize(
+    ("lines", "expected"),
+    [
+        pytest.param("0,5 1,25 2,0\n", [0.5, 1.25, 2], id="decimal commas"),
+        pytest.param("0,5;1,25;2,0\n", [0.5, 1.25, 2], id="semicolons"),
+        pytest.param("1,2,3\n", [1, 2, 3], id="commas"),
+        pytest.param("1, 2, 3\n", [1, 2, 3], id="commas and spaces"),
+        pytest.param("1.5, 2, 3\n", [1.5, 2, 3], id="commas and points"),
+        pytest.param("1,50,2,05,3,00\n", "commas that may be decimal", id="ambiguous"),
+    ],
+)
+def test_commas_in_xyz(tmp_path: Path, lines: str, expected: list[float] | str) -> None:
+    (tmp_path / "a.xyz").write_text(lines)
+    if isinstance(expected, str):
+        with pytest.raises(DataError, match=expected):
+            read_mesh_file(tmp_path / "a.xyz")
+        return
+    np.testing.assert_array_equal(read_mesh_file(tmp_path / "a.xyz").vertices, [expected])
+
+
 def test_an_obj_reads_no_other_file(tmp_path: Path) -> None:
     """A device that is named as a material file would be read without end."""
     path = tmp_path / "a.obj"

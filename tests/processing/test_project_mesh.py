@@ -16,6 +16,7 @@ from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry, view_rotation
 from processing._projection import rasterize_kernels as kernels
+from processing._projection.creases import crease_angle_deg
 from rig import in_threads
 from simulator._shapes.bvh import TriangleTree
 from tests.quick_sample import quick
@@ -303,3 +304,92 @@ def test_views_are_rotations(look):
 def test_a_viewing_direction_of_length_zero_is_refused(look):
     with pytest.raises(DataError, match="no view along"):
         view_rotation(look=look)
+
+
+def _prism(sides, half=10.0):
+    """Return a prism of many sides, the sides in the order of their angles, then two caps."""
+    turn = np.arange(sides) / sides * 2 * np.pi
+    ring = 10 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    vertices = np.concatenate([np.insert(ring, 2, z, axis=1) for z in (-half, half)])
+    i = np.arange(sides)
+    j = (i + 1) % sides
+    k = np.arange(1, sides - 1)
+    faces = [np.stack([i, j, sides + j], 1), np.stack([i, sides + j, sides + i], 1)]
+    faces += [
+        np.stack([0 * k, k + 1, k], 1),
+        np.stack([sides + 0 * k, sides + k, sides + k + 1], 1),
+    ]
+    return Geometry(vertices, np.concatenate(faces))
+
+
+@pytest.mark.parametrize(
+    ("sides", "crease", "sharp"),
+    [
+        pytest.param(4, 40, 12, id="box"),
+        pytest.param(8, 36, 24, id="octagon"),
+        pytest.param(12, 40, 24, id="coarse cylinder"),
+        pytest.param(64, 40, 128, id="cylinder"),
+    ],
+)
+def test_edges_of_parts_stay_sharp(sides, crease, sharp):
+    part = _prism(sides)
+    view = project(part, view_rotation(rotate_deg=(40, 20, 0)), size=(200, 200))
+    (notice,) = view.warnings
+    assert notice.code == "creases-kept"
+    assert f"more than {crease} degrees stay sharp: {sharp};" in notice.text
+    # In the axes of the file the normal is that of a cap, or at right angles to the axis.
+    z = (view.normal_map.normals @ view_rotation(rotate_deg=(40, 20, 0)))[..., 2]
+    z = np.abs(z[view.normal_map.mask])
+    assert (np.minimum(z, np.abs(1 - z)) < 1e-6).all()
+
+
+def test_the_mantle_of_a_cylinder_is_smooth():
+    view = project(_prism(48), size=(120, 120), pixel_mm=0.15)
+    flat = project(_prism(48), size=(120, 120), pixel_mm=0.15, smooth=False)
+    tilted = view_rotation(rotate_deg=(90, 0, 0))
+    smooth = project(_prism(48), tilted, size=(120, 120), pixel_mm=0.15).normal_map.normals
+    x = np.broadcast_to((np.arange(120) - 59.5) * 0.15, (120, 120))
+    truth = np.stack([x, 0 * x, np.sqrt(np.maximum(100 - x**2, 0))], axis=-1)
+    # Weighted by area, the two triangles of a side count twice at one of its corners.
+    assert angle_deg(smooth, truth)[:, 10:-10].max() < 7.5 / 6 + 0.1
+    np.testing.assert_array_equal(view.normal_map.normals, flat.normal_map.normals)
+
+
+@pytest.mark.parametrize("name", ["torus", "stanford-bunny", "decimated-max", "skull"])
+def test_smooth_meshes_have_no_creases(name):
+    mesh = _mesh(name)
+    assert crease_angle_deg(mesh.vertices, mesh.faces) is None
+
+
+def _with_normals(subdivisions, normals):
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions, radius=10.0)
+    given = normals(ball.vertices / 10.0)[ball.faces].astype(np.float32)
+    return Geometry(ball.vertices, ball.faces, given), Geometry(ball.vertices, ball.faces)
+
+
+@pytest.mark.parametrize(
+    ("normals", "code"),
+    [
+        pytest.param(lambda n: n, None, id="right"),
+        pytest.param(lambda n: -n, None, id="inward"),
+        pytest.param(lambda n: n[:, [1, 2, 0]], "vertex-normals-doubtful", id="axes"),
+        pytest.param(lambda n: n * np.nan, None, id="unknown"),
+    ],
+)
+def test_normals_of_a_mesh_are_used_if_they_fit(normals, code):
+    given, without = _with_normals(2, normals)
+    turn = view_rotation(rotate_deg=(20, 30, 40))
+    view, blended = (project(each, turn, size=(90, 90)) for each in (given, without))
+    assert [notice.code for notice in view.warnings] == ([code] if code else [])
+    np.testing.assert_allclose(view.normal_map.normals, blended.normal_map.normals, atol=3e-2)
+
+
+def test_a_coarse_mesh_with_blended_normals_is_named():
+    """Every face of an octahedron turns by 55 degrees from the normals at its corners."""
+    eye = np.eye(3)
+    faces = [[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]]
+    points = np.stack([eye[0], eye[1], eye[2], -eye[0], -eye[1], -eye[2]])
+    dice = np.random.default_rng(0)
+    bumpy = points + dice.normal(0, 0.25, points.shape)
+    view = project(Geometry(bumpy, faces), size=(90, 90))
+    assert {notice.code for notice in view.warnings} & {"creases-kept", "normals-blended"}

@@ -1,6 +1,7 @@
 """Point clouds drawn as normal maps."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,9 @@ import trimesh
 from acquisition import CameraModel
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry
-from processing._projection.point_cloud import fit_surfels
+from processing._projection.point_cloud import draw_points, fit_surfels
 from processing._projection.point_cloud_orient import orient
+from processing._projection.view import fit_raster
 from tests.quick_sample import quick
 
 CAMERA = CameraModel(np.array([[900.0, 0, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)
@@ -158,3 +160,73 @@ def test_points_behind_the_camera_are_reported():
     assert "behind the camera: 3000" in str(view.warnings[0])
     with pytest.raises(EstimateError, match="all points are behind"):
         project(Geometry(away), camera=CAMERA, centred=False)
+
+
+def _waves(x, y):
+    return np.stack([x, y, np.sin(x / 3)], axis=1), np.stack(
+        [-np.cos(x / 3) / 3, 0 * x, 1 + 0 * x], 1
+    )
+
+
+def _error(view, pixel_mm):
+    height, width = view.normal_map.mask.shape
+    x = np.broadcast_to((np.arange(width) - (width - 1) / 2) * pixel_mm, (height, width))
+    inner = np.s_[8:-8, 8:-8]
+    truth = np.stack([-np.cos(x / 3) / 3, 0 * x, 1 + 0 * x], axis=-1)
+    return np.where(view.normal_map.mask, angle_deg(view.normal_map.normals, truth), 90)[inner]
+
+
+@pytest.mark.parametrize(("step", "gap"), [(0.1, 1.0), (0.05, 0.7)])
+def test_lines_of_a_scanner_become_a_surface(step, gap):
+    x, y = (each.ravel() for each in np.meshgrid(np.arange(-9, 9.01, step), np.arange(-9, 9, gap)))
+    x = x + np.random.default_rng(0).normal(0, 0.02 * step, x.shape)
+    view = project(Geometry(_waves(x, y)[0]), pixel_mm=0.2)
+    assert [notice.code for notice in view.warnings] == ["points-in-lines"]
+    assert _error(view, 0.2).mean() < 0.5
+
+
+def test_isolated_points_do_not_count_for_the_extent():
+    points = _sphere(4000)
+    far = np.array([[900.0, 0, 0], [0, 905, 0], [400, 400, 400], [-700, 0, 0]])
+    view = project(Geometry(np.concatenate([points, far])), pixel_mm=0.4)
+    assert [str(notice) for notice in view.warnings] == [
+        "points left out because they are far from all others: 4"
+    ]
+    assert max(view.normal_map.mask.shape) < 120
+
+
+def test_an_uneven_cloud_loses_no_point():
+    """The density falls from the middle to the rim, as that of a scanner on a tripod."""
+    dice = np.random.default_rng(0)
+    r, turn = np.exp(dice.uniform(0, 4, 6000)), dice.uniform(0, 2 * np.pi, 6000)
+    x, y = r * np.cos(turn), r * np.sin(turn)
+    assert len(fit_surfels(np.stack([x, y, 0.02 * x], axis=1)).points_mm) == 6000
+
+
+@pytest.mark.parametrize(
+    ("vectors", "doubtful"),
+    [
+        pytest.param(lambda n: n, False, id="normals"),
+        pytest.param(lambda n: -n, False, id="inward"),
+        pytest.param(lambda n: np.tile([1.0, 0, 0], (len(n), 1)), True, id="red"),
+        pytest.param(lambda n: np.tile([0, 0, 1.0], (len(n), 1)), True, id="blue"),
+        pytest.param(lambda n: n[::-1], True, id="of other points"),
+    ],
+)
+def test_vectors_that_are_no_normals_are_not_used(vectors, doubtful):
+    points = _sphere(3000)
+    surfels = fit_surfels(points, vectors(points / 20.0))
+    assert [notice.code for notice in surfels.warnings] == ["point-normals-doubtful"] * doubtful
+    index = np.unique(points, axis=0, return_index=True)[1]
+    crossed = np.linalg.norm(np.cross(surfels.normals, points[index] / 20.0), axis=1)
+    assert np.median(crossed) < 0.02
+
+
+def test_discs_that_do_not_cover_the_outline_are_named():
+    points = np.random.default_rng(0).random((3000, 3)) * [40, 40, 0]
+    surfels = fit_surfels(points)
+    full = draw_points(surfels, fit_raster(points.min(0), points.max(0), None, 0.05))
+    assert not full.warnings
+    small = replace(surfels, radii_mm=surfels.radii_mm / 3)
+    (notice,) = draw_points(small, fit_raster(points.min(0), points.max(0), None, 0.05)).warnings
+    assert notice.code == "outline-not-covered"
