@@ -22,12 +22,12 @@ Tags = Mapping[int, tuple[float, ...]]
 Levels = npt.NDArray[np.float64]
 
 _SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT = 254, 259, 262, 277, 330, 339
-_BLOCK_SIZE, _BLOCK, _VERSION = 33421, 33422, 50706
+_BLOCK_SIZE, _BLOCK, _VERSION, _LAYOUT = 33421, 33422, 50706, 50711
 _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE = 50713, 50714, 50715, 50716, 50717
 _AREA = 50829
 _READ: Final = {
     *(_SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT, _BLOCK_SIZE, _BLOCK),
-    *(_VERSION, _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE, _AREA),
+    *(_VERSION, _LAYOUT, _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE, _AREA),
 }
 # Code and size of the types of TIFF; rationals are two numbers.
 _TYPES: Final = {
@@ -82,7 +82,7 @@ def check_dng(tags: Tags) -> None:
     Raises
     ------
     UnreadableError
-        If they are floating-point numbers, are compressed with another codec, or are demosaiced.
+        If they are floating-point numbers, compressed with another codec, staggered or demosaiced.
     """
     if tags.get(_FORMAT, (1,))[0] == _FLOAT:
         raise UnreadableError(
@@ -94,6 +94,11 @@ def check_dng(tags: Tags) -> None:
         raise UnreadableError(
             f"this DNG is compressed with {codec}, which is not read: convert it to a DNG with "
             "lossless JPEG or without compression"
+        )
+    if tags.get(_LAYOUT, (1,)) != (1,):
+        raise UnreadableError(
+            "the colour filter in this DNG is not rectangular (CFALayout), which is not read: "
+            "convert the camera's own RAW file to 16-bit TIFF"
         )
     samples = int(tags.get(_SAMPLES, (1,))[0])
     if samples > 1 and tags[_PHOTOMETRIC] == (_LINEAR_RAW,):
@@ -167,7 +172,7 @@ def black_levels(
                     "active area: copy the file again"
                 )
             levels = levels + (ramp[places][:, None] if tag == _DELTA_V else ramp[places])
-    if not np.isfinite(levels).all() or levels.min() < 0:
+    if not np.isfinite(levels).all():
         raise UnreadableError("the black levels in the file are damaged: copy the file again")
     block = levels[:side, :side]
     repeats = all(

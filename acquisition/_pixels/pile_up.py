@@ -155,7 +155,11 @@ def _histograms(images: Sequence[Reader], side: int, number: int) -> list[_Histo
     histograms = []
     for plane in planes_of(pixels, side):
         if plane.dtype.kind == "f":
-            values, counts = np.unique(plane[np.isfinite(plane)], return_counts=True)
+            bright = plane[np.isfinite(plane)]
+            if len(bright):
+                # A pile-up is among the brightest; samples near it are less than a tenth below.
+                bright = bright[bright >= 0.9 * np.quantile(bright, 1 - 1 / _BRIGHTER)]
+            values, counts = np.unique(bright, return_counts=True)
             # Values that occur once are as many as samples; the largest of them are enough.
             kept = counts > 1
             kept[-_BRIGHTEST_FLOATS:] = True
