@@ -63,7 +63,7 @@ from acquisition import (
 )
 from acquisition._import.image import read_for_import
 from acquisition._pixels.icc_curve import icc_curve
-from acquisition._pixels.images import image_form
+from acquisition._pixels.image_facts import image_facts
 from processing import read_geometry, read_normals, read_ptm
 from rig import RigConfigError, UnreadableError, read_rig_config
 from simulator import MeshBody, read_scene
@@ -109,7 +109,8 @@ class Reader:
 READERS: dict[str, Reader] = {
     "image": Reader(read_image, "image"),
     "import": Reader(read_for_import, "image"),
-    "form": Reader(image_form, "image"),
+    "facts": Reader(image_facts, "image"),
+    "raw facts": Reader(image_facts, "raw"),
     "icc": Reader(lambda path: icc_curve(path.read_bytes()), "icc", (UnreadableError,)),
     "transfer": Reader(read_transfer, "transfer"),
     "mask": Reader(read_mask, "mask"),

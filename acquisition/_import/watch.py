@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+
+import numpy as np
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._import.frames import camera_metadata, camera_of, write_imported
-from acquisition._import.image import ImportedImage, ShotData
+from acquisition._import.image import ImportedImage
 from acquisition._import.watch_files import Recorded, WatchedFolder
 from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
-from acquisition._import.watch_names import running_number
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
 from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
-from acquisition._pixels.images import image_form
+from acquisition._pixels.image_facts import ImageFacts
+from acquisition._pixels.shot_facts import ShotFacts
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine
@@ -28,9 +30,11 @@ from acquisition._session.session import Session
 from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
+from acquisition._source.series_facts import orientation_notices
 from acquisition._source.transfer_notice import transfer_notices
 from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
+from acquisition._values.running_numbers import running_number
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
 
@@ -149,6 +153,8 @@ class _Watcher:
         self._files = WatchedFolder(
             watch.folder, watch.settle_s, self._say, watch.max_pixels, watch.pair_s
         )
+        for notice in () if lights is None else lights.warnings:
+            self._say(notice)
         self._recorded: dict[str, int] = {}
         self._earlier: frozenset[str] = frozenset()
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels
@@ -220,10 +226,14 @@ class _Watcher:
             camera = session.manifest.camera
             # Each image states all 16 bits; how many are in use was decided for the session.
             full = camera.bit_depth == 16 and camera.white_dn in map(white_level_of, (10, 12, 14))
+            first = session.frames[0]
+            facts = ImageFacts(first.path, _shot_of(begun or {}))
+            if not is_raw(Path(first.line.origin or "")):
+                dtype = np.dtype(np.uint8 if camera.bit_depth == 8 else np.uint16)
+                facts = replace(facts, shape=first.shape, dtype=dtype)
             self._first = ImportedImage(
-                path=session.frames[0].path,
-                pixels=session.frames[0].read(),
-                data=ShotData(),
+                facts,
+                first.read(),
                 bit_depth=camera.bit_depth,
                 cfa=camera.cfa,
                 black_level_dn=camera.black_level_dn,
@@ -329,6 +339,9 @@ class _Watcher:
         """Return the writer; the first image determines the camera of the session."""
         if self._first is None:
             self._first = image
+            for notice in orientation_notices(image.facts, image.path.name):
+                self._say(notice)
+        image.facts.check_alike(self._first.facts)
         image.check_like(self._first)
         transfer = self._transfer(image)
         if self._writer is None:
@@ -356,12 +369,10 @@ class _Watcher:
 
     def _transfer(self, image: ImportedImage) -> TransferCurve:
         """Return the transfer curve of an image, which must be that of the session."""
+        stated = image.facts.transfer
         if self._watch.transfer is not None:
             curve, why = self._watch.transfer, "given"
-        elif is_raw(image.path):
-            curve, why = LINEAR, "camera RAW"
         else:
-            stated = image_form(image.path, max_pixels=self._watch.max_pixels).transfer
             curve, why = stated.curve, stated.origin
             white, name = image.white_level_dn, image.path.name
             for notice in transfer_notices(curve, why, white, name) if self._writer is None else ():
@@ -394,3 +405,12 @@ class _Watcher:
             self._writer.complete()
         self._writer.close()
         return WatchResult(Session.open(self._out), self._missing, tuple(self._said))
+
+
+def _shot_of(details: dict[str, Any]) -> ShotFacts:
+    """Return the settings of the first image that the event of a watch has recorded."""
+    return ShotFacts(
+        iso=details.get("iso"),
+        f_number=details.get("f_number"),
+        orientation=details.get("orientation"),
+    )

@@ -112,7 +112,7 @@ def store_image(path: Path, data: BinaryIO, pixels: MapRows) -> None:
 def holds(path: Path, pixels: MapRows) -> bool:
     """Return whether a file that was just written reads back as these pixels."""
     try:
-        with opened_image(path, _area(pixels)) as (file, spec, channels, dtype):
+        with opened_image(path, _area(pixels)) as (file, spec, channels, dtype, *_):
             stored = spec.height, spec.width, len(channels)
             if np.dtype(dtype) != pixels.dtype.newbyteorder("=") or stored != _shape(pixels):
                 return False

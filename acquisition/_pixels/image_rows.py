@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._errors import DataError, convert_read_errors
-from acquisition._pixels.opened_image import check_png_file, first_line, opened_image
+from acquisition._errors import convert_read_errors
+from acquisition._pixels.opened_image import check_png_file, opened_image
 from rig import MAX_PIXELS, convert_parser_errors
 
 
@@ -41,49 +41,43 @@ class ImageRows:
     def __init__(self, path: str | Path, *, max_pixels: int = MAX_PIXELS) -> None:
         self.path = Path(path)
         with ExitStack() as opened:
-            image = opened.enter_context(opened_image(self.path, max_pixels))
+            self._image = opened.enter_context(opened_image(self.path, max_pixels))
             check_png_file(self.path)
-            self._file, self._spec, self._channels, dtype = image
             self._opened = opened.pop_all()
-        size = (self._spec.height, self._spec.width)
-        self._alpha = self._spec.alpha_channel
-        self.shape: tuple[int, ...] = size if len(self._channels) == 1 else (*size, 3)
-        self.dtype = np.dtype(dtype)
+        spec = self._image.spec
+        size = (spec.height, spec.width)
+        self._alpha = spec.alpha_channel
+        self.shape: tuple[int, ...] = size if len(self._image.channels) == 1 else (*size, 3)
+        self.dtype = np.dtype(self._image.dtype)
 
     def __len__(self) -> int:
         return self.shape[0]
 
     def __getitem__(self, rows: slice) -> npt.NDArray[Any]:
-        return self._colours(self._read(rows))
+        return self._image.colours(self._read(rows))
 
     def with_alpha(self, rows: slice) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
         """Return rows as `read_image_with_alpha` does: the colours, and alpha or None."""
         band = self._read(rows)
         if self._alpha < 0:
-            return self._colours(band), None
-        return self._colours(band), np.ascontiguousarray(band[..., self._alpha])
-
-    def _colours(self, band: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        pixels = np.ascontiguousarray(band[..., self._channels])
-        return pixels.reshape(len(band), *self.shape[1:])
+            return self._image.colours(band), None
+        return self._image.colours(band), np.ascontiguousarray(band[..., self._alpha])
 
     def _read(self, rows: slice) -> npt.NDArray[Any]:
         """Return rows ``(h, W, channels)`` of all channels of the file."""
         first, last, _ = rows.indices(self.shape[0])
-        spec = self._spec
+        file, spec = self._image.file, self._image.spec
         with (
             convert_read_errors(self.path),
             convert_parser_errors("cut short or damaged, copy it again"),
         ):
             top = spec.y + first
-            band = self._file.read_scanlines(
+            band = file.read_scanlines(
                 top, spec.y + last, 0, 0, spec.nchannels, spec.format.basetype
             )
-            message = self._file.geterror()
+            message = file.geterror()
         if band is None or message:
-            raise DataError(
-                f"{self.path}: cut short or damaged ({first_line(message)}): copy it again"
-            )
+            raise self._image.undecodable(self.path, message)
         # Doubles beyond the range of float32 become infinite, as in `read_image`.
         with np.errstate(over="ignore"):
             pixels: npt.NDArray[Any] = band.reshape(last - first, self.shape[1], spec.nchannels)

@@ -7,7 +7,6 @@ pixels, multiplies by alpha and adds the current date. No other module has to ha
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +17,9 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._pixels.encoded_image import encoded_image, store_image
-from acquisition._pixels.opened_image import check_png_file, first_line, opened_image
+from acquisition._pixels.opened_image import check_png_file, opened_image
 from acquisition._pixels.png_chunks import SRGB_CHUNKS, chunk
 from acquisition._pixels.png_file import png_pieces, store_png
-from acquisition._pixels.stated_curve import StatedCurve, stated_curve
 from rig import MAX_PIXELS, convert_parser_errors
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -93,58 +91,23 @@ def read_image_with_alpha(
     array([65535,     0,     0,     0,     0], dtype=uint16)
     """
     path = Path(path)
-    with opened_image(path, max_pixels) as (file, spec, channels, dtype):
+    with opened_image(path, max_pixels) as image:
         # After the header check, which is faster and may refuse the file.
         check_png_file(path)
+        file, spec = image.file, image.spec
         with (
             convert_read_errors(path),
             convert_parser_errors("cut short or damaged, copy it again"),
         ):
-            pixels = file.read_image(0, 0, 0, spec.nchannels, spec.format.basetype)
+            pixels = file.read_image(image.page, 0, 0, spec.nchannels, spec.format.basetype)
             # JPEG returns pixels from a truncated file; only the message shows it.
             message = file.geterror()
     if pixels is None or message:
-        raise DataError(f"{path}: cut short or damaged ({first_line(message)}): copy it again")
-    pixels = _as_type(pixels, dtype)
+        raise image.undecodable(path, message)
+    pixels = _as_type(pixels, image.dtype)
     alpha_channel = spec.alpha_channel
     alpha = None if alpha_channel < 0 else np.ascontiguousarray(pixels[..., alpha_channel])
-    if channels != list(range(pixels.shape[2])):  # most files need no copy
-        pixels = pixels[..., channels]
-    return np.ascontiguousarray(pixels[..., 0] if len(channels) == 1 else pixels), alpha
-
-
-@dataclass(frozen=True)
-class ImageForm:
-    """What the header of an image states.
-
-    Parameters
-    ----------
-    shape, dtype
-        Shape and sample type of the array that `read_image` returns.
-    transfer
-        The transfer curve of the samples.
-    alpha
-        Whether the file has an alpha channel.
-    """
-
-    shape: tuple[int, ...]
-    dtype: np.dtype[np.generic]
-    transfer: StatedCurve
-    alpha: bool = False
-
-
-def image_form(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageForm:
-    """Return the form of the image that `read_image` would return, from the header only.
-
-    Errors are those of `read_image`, except for damage after the header.
-    """
-    path = Path(path)
-    with opened_image(path, max_pixels) as (file, spec, channels, dtype):
-        size = (spec.height, spec.width)
-        with convert_read_errors(path):
-            transfer = stated_curve(path, file.format_name(), spec)
-    shape = size if len(channels) == 1 else (*size, 3)
-    return ImageForm(shape, np.dtype(dtype), transfer, spec.alpha_channel >= 0)
+    return image.colours(pixels), alpha
 
 
 def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:

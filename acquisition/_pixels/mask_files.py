@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
 from acquisition._errors import DataError
-from acquisition._pixels.images import image_form, read_image_with_alpha, write_png
+from acquisition._pixels.image_facts import ImageFacts, image_facts
+from acquisition._pixels.images import read_image_with_alpha, write_png
 from rig import MAX_PIXELS
 
 
@@ -37,6 +38,27 @@ def read_mask(
            [False, False,  True]])
     """
     return _inside(_read_samples(path, size, max_pixels))
+
+
+def read_mask_of(path: Path, images: ImageFacts, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Read the mask of images of ``size`` as `read_mask` does.
+
+    Raises
+    ------
+    DataError
+        As `read_mask`, or if a viewer turns the mask otherwise than the images, so that it may be
+        a mask of the turned images: a mask of the stored pixels has the Orientation tag of the
+        images, or its size shows that it is not turned.
+    """
+    turned = images.shot.orientation or 1
+    own = image_facts(path, max_pixels=max(MAX_PIXELS, size[0] * size[1])).shot.orientation
+    sideways = own == 1 and turned > 4 and size[0] != size[1]
+    if own != turned and not sideways:
+        raise DataError(
+            f"{path}: a mask with the Orientation tag {own}, but the images have {turned}: save "
+            "the mask with the tag of the images, or remove the tags from both"
+        )
+    return read_mask(path, size)
 
 
 def write_mask(path: str | Path, mask: npt.NDArray[np.bool_] | MapRows) -> None:
@@ -119,7 +141,7 @@ def _read_samples(
     path = Path(path)
     if size is not None:
         max_pixels = max(max_pixels, size[0] * size[1])
-        height, width, *_ = image_form(path, max_pixels=max_pixels).shape
+        height, width, *_ = image_facts(path, max_pixels=max_pixels).shape
         if (height, width) != size:
             raise DataError(
                 f"{path}: a mask of {width} x {height} pixels, but the images have {size[1]} x "

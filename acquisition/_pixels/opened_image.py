@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError, convert_read_errors
@@ -24,20 +27,88 @@ _NATIVE: dict[str, type[np.generic]] = {
     "float": np.float32,
     "double": np.float32,
 }
+# TIFF 6.0, section 8, and DNG 1.6: interpretations whose samples are not light, with the remedy.
+_MIN_IS_WHITE: Final = 0
+_NO_LIGHT: Final = {
+    5: ("CMYK", "save it as RGB"),
+    8: ("CIE L*a*b*", "save it as RGB"),
+    9: ("ICC L*a*b*", "save it as RGB"),
+    10: ("ITU L*a*b*", "save it as RGB"),
+    32803: (
+        "a colour filter mosaic",
+        "give the camera RAW file, with the suffix of its kind, or save it as RGB",
+    ),
+}
+_CODECS: Final = {
+    34712: "JPEG 2000", 34887: "LERC", 34925: "LZMA", 34933: "PNG", 34934: "JPEG XR",
+    50000: "ZSTD", 50001: "WebP", 50002: "JPEG XL", 52546: "JPEG XL",
+}  # fmt: skip
+# What the decoders say about files that are intact, but need another decoder.
+_NO_DECODER: Final = re.compile(
+    r"not configured|not implemented|not compiled|(?i:unsupported (jpeg|marker|sof|data))"
+)
+# A longer file of pages is no image; looking at each page takes time.
+_MOST_PAGES: Final = 64
+_REDUCED_OR_MASK: Final = 0b101
 
 
 class OpenedImage(NamedTuple):
-    """An open image: its reader, its spec, its colour channels and the NumPy sample type."""
+    """An open image.
+
+    Parameters
+    ----------
+    file, spec
+        Its reader and its header.
+    channels
+        Numbers of the colour channels.
+    dtype
+        The NumPy sample type.
+    page
+        Number of the page that is read, from 0.
+    parts
+        Number of images in the file, if the others are not pages of a TIFF.
+    inverted
+        Whether the largest sample is black.
+    """
 
     file: oiio.ImageInput
     spec: oiio.ImageSpec
     channels: list[int]
     dtype: type[np.generic]
+    page: int = 0
+    parts: int = 1
+    inverted: bool = False
+
+    def colours(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the colours ``(h, w)`` or ``(h, w, 3)`` of pixels ``(h, w, channels)``."""
+        if len(self.channels) == 1:
+            pixels = pixels[..., self.channels[0]]
+        elif self.channels != list(range(pixels.shape[2])):  # most files need no copy
+            pixels = pixels[..., self.channels]
+        pixels = np.ascontiguousarray(pixels)
+        return ~pixels if self.inverted else pixels
+
+    def undecodable(self, path: Path, message: str) -> DataError:
+        """Return the error for pixels that cannot be decoded, with OpenImageIO's message."""
+        reason = first_line(message)
+        if not _NO_DECODER.search(reason):
+            return DataError(f"{path}: cut short or damaged ({reason}): copy it again")
+        codec = _CODECS.get(self.spec.get_int_attribute("tiff:Compression"))
+        if codec is None and "precision" in reason:
+            bits = reason.partition("precision ")[2][:2].strip()
+            codec = f"{bits}-bit JPEG" if bits == "12" else f"lossless JPEG ({bits} bits)"
+        what = f"compressed as {codec}" if codec else f"of a kind ({reason})"
+        return DataError(
+            f"{path}: {what}, which cannot be decoded here: save it as TIFF without compression or "
+            "with LZW, or as PNG"
+        )
 
 
 @contextmanager
 def opened_image(path: Path, max_pixels: int) -> Iterator[OpenedImage]:
     """Open an image that `read_image` accepts, as far as its header shows.
+
+    Of the pages of a TIFF, the largest is opened: the others are its thumbnails.
 
     Raises
     ------
@@ -51,19 +122,73 @@ def opened_image(path: Path, max_pixels: int) -> Iterator[OpenedImage]:
         file = open_image(path)
     try:
         with convert_read_errors(path), convert_parser_errors("not a readable image"):
+            page, parts = _page(file, path)
             spec = file.spec()
             sample, bits = str(spec.format), spec.get_int_attribute("oiio:BitsPerSample")
+            photometry = spec.get_int_attribute("tiff:PhotometricInterpretation", -1)
+            if spec.get_string_attribute("jpeg:ColorSpace") == "CMYK":
+                photometry = 5
+        if photometry in _NO_LIGHT:
+            what, remedy = _NO_LIGHT[photometry]
+            raise DataError(f"{path}: its samples are {what}, not light: {remedy}")
         if sample not in _NATIVE or spec.deep or spec.depth > 1:
             raise DataError(
                 f"{path}: samples of type {sample} are not supported: save the image as 8 or 16 "
                 "bit unsigned, or float"
             )
+        # OpenImageIO inverts 8 bits itself.
+        inverted = photometry == _MIN_IS_WHITE and sample != "uint8"
+        if inverted and sample != "uint16":
+            raise DataError(
+                f"{path}: float samples whose largest is black (MinIsWhite) have no known white: "
+                "save the image with black at 0"
+            )
         with convert_read_errors(path):
             bits = bits or 8 * spec.format.size()
             check_pixels(spec.width, spec.height, bits * spec.nchannels, file_bytes, max_pixels)
-        yield OpenedImage(file, spec, _colour_channels(spec, path), _NATIVE[sample])
+        channels = _colour_channels(spec, path)
+        yield OpenedImage(file, spec, channels, _NATIVE[sample], page, parts, inverted)
     finally:
         file.close()
+
+
+def _page(file: oiio.ImageInput, path: Path) -> tuple[int, int]:
+    """Select the page of a TIFF that is the image; return its number, and `OpenedImage.parts`.
+
+    Pages that are marked as reduced or as a mask (TIFF 6.0, NewSubfileType), or are smaller than
+    others, do not count.
+    """
+    if file.format_name() not in ("tiff", "openexr"):
+        return 0, 1
+    sizes: list[tuple[int, int]] = []
+    marked: list[bool] = []
+    while len(sizes) <= _MOST_PAGES and file.seek_subimage(len(sizes), 0):
+        spec = file.spec()
+        sizes.append((spec.width, spec.height))
+        marked.append(bool(spec.get_int_attribute("tiff:subfiletype") & _REDUCED_OR_MASK))
+    file.geterror()
+    if file.format_name() != "tiff":
+        file.seek_subimage(0, 0)
+        return 0, len(sizes)
+    pages = [page for page, reduced in enumerate(marked) if not reduced] or list(range(len(sizes)))
+    largest = max((sizes[page] for page in pages), key=math.prod)
+    pages = [page for page in pages if sizes[page] == largest]
+    if len(pages) > 1:
+        raise DataError(
+            f"{path}: has {len(pages)} pages of {largest[0]} x {largest[1]} pixels: save the page "
+            "that is the image of this light in a file of its own, colours in one page"
+        )
+    file.seek_subimage(pages[0], 0)
+    return pages[0], 1
+
+
+def spec_attribute(spec: oiio.ImageSpec, name: str) -> Any:
+    """Return an attribute of a header, or None if it is missing or no text that can be read."""
+    try:
+        with convert_parser_errors(name):
+            return spec.getattribute(name)
+    except UnreadableError:
+        return None
 
 
 def open_image(path: Path) -> oiio.ImageInput:

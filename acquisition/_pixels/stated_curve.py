@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError
 from acquisition._pixels.icc_curve import icc_curve
+from acquisition._pixels.opened_image import spec_attribute
 from acquisition._pixels.png_chunks import SIGNATURE
 from acquisition._values.transfer_curve import LINEAR, SRGB, TransferCurve
 from rig import UnreadableError, convert_parser_errors, read_head
@@ -27,6 +28,7 @@ _PNG_HEAD: Final = 1 << 16
 # Transfer characteristics of ITU-T H.273 that a cICP chunk names.
 _CICP: Final = {4: 2.2, 5: 2.8, 8: 1.0}
 _CICP_SRGB: Final = 13
+_CICP_UNSPECIFIED: Final = 2
 # Adobe RGB (1998), 4.3.4.2.
 _ADOBE_RGB: Final = 563 / 256
 
@@ -67,7 +69,8 @@ def stated_curve(path: Path, kind: str, spec: oiio.ImageSpec) -> StatedCurve:
     problem = ""
     if kind not in _LINEAR:
         chunks = _png_chunks(path) if kind == "png" else {}
-        found = _code_points(chunks.get(b"cICP", b""))
+        code_points = chunks.get(b"cICP", b"")
+        found = _code_points(code_points)
         if found is None:
             try:
                 found = _of_profile(spec)
@@ -76,6 +79,8 @@ def stated_curve(path: Path, kind: str, spec: oiio.ImageSpec) -> StatedCurve:
         found = found or _of_png(chunks) or _of_exif(spec)
         if found is not None:
             return StatedCurve(*found, stated=True)
+        if len(code_points) == 4 and code_points[1] != _CICP_UNSPECIFIED:
+            problem = f", whose cICP chunk names the unknown transfer {code_points[1]}"
     bits = 8 * spec.format.size()
     curve = SRGB if kind in _DISPLAY and bits == 8 else LINEAR
     what = f"{bits}-bit {_NAMES.get(kind, kind)}"
@@ -93,7 +98,7 @@ def _code_points(data: bytes) -> tuple[TransferCurve, str] | None:
 
 
 def _of_profile(spec: oiio.ImageSpec) -> tuple[TransferCurve, str] | None:
-    profile = _attribute(spec, "ICCProfile")
+    profile = spec_attribute(spec, "ICCProfile")
     if profile is None:
         return None
     with convert_parser_errors("cannot be read"):
@@ -117,7 +122,7 @@ def _of_png(chunks: dict[bytes, bytes]) -> tuple[TransferCurve, str] | None:
 
 def _of_exif(spec: oiio.ImageSpec) -> tuple[TransferCurve, str] | None:
     """Return the curve of the colour space of Exif: 1 is sRGB, 2 is used for Adobe RGB."""
-    match _attribute(spec, "Exif:ColorSpace"):
+    match spec_attribute(spec, "Exif:ColorSpace"):
         case 1:
             return SRGB, "Exif colour space"
         case 2:
@@ -138,11 +143,3 @@ def _png_chunks(path: Path) -> dict[bytes, bytes]:
         chunks.setdefault(kind, head[position + 8 : position + 8 + length])
         position += 12 + length
     return chunks
-
-
-def _attribute(spec: oiio.ImageSpec, name: str) -> Any:
-    try:
-        with convert_parser_errors(name):
-            return spec.getattribute(name)
-    except UnreadableError:
-        return None

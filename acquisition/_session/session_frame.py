@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._pixels.images import image_form, read_image
+from acquisition._pixels.image_facts import image_facts
+from acquisition._pixels.images import read_image
 from acquisition._pixels.plain_rows import PlainRows, plain_rows
 from acquisition._plan.planned_shot import Role
 from acquisition._session.journal import FrameLine
@@ -89,7 +90,7 @@ class SessionFrame:
             raise DataError(f"{self.path}: is not a regular file; restore it")
         try:
             stated = self.shape[0] * self.shape[1]
-            form = image_form(self.path, max_pixels=max(stated, MAX_PIXELS))
+            form = image_facts(self.path, max_pixels=max(stated, MAX_PIXELS))
             if form.shape != self.shape or form.dtype != np.uint16:
                 raise DataError(
                     f"{self.path}: has {form.dtype} pixels of shape {form.shape}, the session "

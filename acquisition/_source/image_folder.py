@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -13,18 +12,26 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError, missing_path
-from acquisition._pixels.images import Image, ImageForm, image_form
-from acquisition._pixels.mask_files import read_mask
+from acquisition._pixels.image_facts import ImageFacts, image_facts
+from acquisition._pixels.mask_files import read_mask_of
 from acquisition._pixels.raw import read_raw
 from acquisition._source.alpha_mask import with_alpha_mask
+from acquisition._source.raw_levels import RawLevels, read_levelled
 from acquisition._source.raw_pairs import raw_preferred_notice
 from acquisition._source.references import Reference, reference_notices, split_references
+from acquisition._source.series_facts import (
+    exposure_times,
+    orientation_notices,
+    part_notices,
+    reference_times,
+)
 from acquisition._source.source import Frame, Source
 from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
 from acquisition._value_files.lights import read_lights
-from acquisition._values.lights import light_id
-from acquisition._values.transfer_curve import LINEAR, TransferCurve
-from rig import MAX_PIXELS, pluralize
+from acquisition._values.image_names import SAME_NAME
+from acquisition._values.running_numbers import Numbered, numbers_in, numbers_of, start_of
+from acquisition._values.transfer_curve import TransferCurve
+from rig import MAX_PIXELS, Notice, pluralize
 
 # What else cameras and programs write, with the remedy.
 _UNREAD = {
@@ -44,7 +51,7 @@ def read_images(
     max_pixels: int = MAX_PIXELS,
     transfer: TransferCurve | None = None,
 ) -> Source:
-    """Read a plain folder: its largest series of numbered images, in natural order."""
+    """Read a plain folder: its largest series of numbered images, in their order."""
     files, twins = without_twins(_checked_files(folder))
     masks = [path for path in files if _is_mask(path)]
     images, references = split_references([path for path in files if path not in masks])
@@ -53,6 +60,7 @@ def read_images(
         raise DataError(f"{folder}: {_why_no_series(files)}")
     masks = [mask_path] if mask_path else masks
     source = images_source(folder, series, masks, max_pixels, transfer, references)
+    source = replace(source, warnings=(*source.warnings, *_restarted(folder, series)))
     return with_ignored(source, folder, twins)
 
 
@@ -73,15 +81,19 @@ def read_lp_folder(
     files = _checked_files(folder)
     masks = [path for path in files if _is_mask(path)]
     images = [path for path in files if _is_image(path) and path not in masks]
-    exact = {path.name: path for path in images}
-    by_name = {path.name.casefold(): path for path in images}
     # A name with its suffix may list either of a pair.
-    images, twins = without_twins(images)
-    by_stem = {light_id(path.name): path for path in images}
-    listed = {
-        name: exact.get(name) or by_name.get(name.casefold()) or by_stem.get(light_id(name))
-        for name in lights.ids
-    }
+    pairs, (images, twins) = images, without_twins(images)
+    tables = [
+        (same, _grouped(same, images if same("a.png") == "a" else pairs)) for same in SAME_NAME
+    ]
+    listed: dict[str, Path | None] = {}
+    for name in lights.ids:
+        found = next((table[same(name)] for same, table in tables if same(name) in table), [])
+        if len(found) > 1:
+            raise DataError(
+                f"{lp}: {name} may be {found[0].name} or {found[1].name}: list the name of the file"
+            )
+        listed[name] = found[0] if found else None
     present = [path for path in listed.values() if path is not None]
     if present and len(set(present)) < len(listed):
         absent = next((name for name, path in listed.items() if path is None), lights.ids[-1])
@@ -101,7 +113,14 @@ def read_lp_folder(
         )
     masks = [mask_path] if mask_path else masks
     source = images_source(folder, series, masks, max_pixels, transfer, references)
-    source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
+    restarted = () if present else _restarted(folder, series)
+    source = replace(
+        source,
+        kind="lp",
+        lights=lights,
+        files=(*source.files, lp),
+        warnings=(*source.warnings, *restarted),
+    )
     return with_ignored(source, folder, twins if set(present) <= set(images) else [])
 
 
@@ -129,62 +148,82 @@ def images_source(
         Transfer curve of the images; default: the one that their metadata state, else that of
         their kind.
     references
-        Dark and ambient frames, with their roles. Nothing states their exposure time, which is
-        assumed to be that of the images; a notice reports this.
+        Dark and ambient frames, with their roles. One that states no exposure time has that of the
+        images if theirs are equal; a notice reports this.
 
     Raises
     ------
     DataError
-        If an image cannot be read or differs from the first in size, type or transfer curve, if
-        the mask has another size, if there are several masks, or if without a mask the alpha
-        channels of the images leave no pixel.
+        If an image cannot be read or differs from the first in size, type, transfer curve,
+        sensitivity, aperture, orientation or data window, or states no exposure time although
+        those of others differ; if the mask has another size or orientation, if there are several
+        masks, or if without a mask the alpha channels of the images leave no pixel.
     """
-    cfa, black = None, 0.0
-    curve, origin = LINEAR, "camera RAW"
-    transparent: tuple[Path, ...] = ()
-    if is_raw(series[0]):
-        raw = read_raw(series[0], max_pixels=max_pixels)
-        shape, cfa, black, white = raw.pixels.shape, raw.cfa, raw.black_level_dn, raw.white_level_dn
-        frames = tuple(
-            Frame(
-                file,
-                file.stem,
-                shape,
-                references.get(file, "light"),
-                load=partial(_raw_pixels, file, max_pixels),
-                max_pixels=max_pixels,
-            )
-            for file in (*series, *references)
-        )
+    files = (*series, *references)
+    facts = {file: image_facts(file, max_pixels=max_pixels) for file in files}
+    first = facts[series[0]]
+    for each in facts.values():
+        # Without light, neither the aperture nor the place of the camera matters.
+        dark = references.get(each.path) == "dark"
+        shot = replace(each.shot, f_number=None, orientation=None) if dark else each.shot
+        replace(each, shot=shot).check_alike(first)
+        if transfer is None:
+            _check_curve(each, first)
+    raw = read_raw(first.path, max_pixels=max_pixels) if is_raw(first.path) else None
+    shape = first.shape if raw is None else raw.pixels.shape
+    load = None
+    if raw is not None:
+        levels = RawLevels(first.path.name, raw.cfa, raw.black_level_dn, raw.white_level_dn)
+        load = partial(read_levelled, levels=levels, max_pixels=max_pixels)
+        white = raw.white_level_dn
+    elif first.dtype.kind == "f":
+        white = np.inf
     else:
-        forms = _same_form([*series, *references], max_pixels, same_curve=transfer is None)
-        form = forms[series[0]]
-        shape, kind = form.shape, form.dtype
-        white = np.inf if kind.kind == "f" else float(np.iinfo(kind.name).max)
-        curve, origin = form.transfer.curve, form.transfer.origin
-        frames = tuple(
-            Frame(file, file.stem, shape, references.get(file, "light"), max_pixels=max_pixels)
-            for file in (*series, *references)
-        )
-        transparent = tuple(path for path in series if forms[path].alpha)
+        white = float(np.iinfo(first.dtype.name).max)
     if len(masks) > 1:
         raise DataError(
             f"{path}: {masks[0].name} and {masks[1].name} are both masks: choose one of them"
         )
+    times = exposure_times([facts[file] for file in series], path)
+    others_us, assumed = reference_times([facts[file] for file in references], times)
+    frames = tuple(
+        Frame(
+            file,
+            file.stem,
+            shape,
+            references.get(file, "light"),
+            exposure_us=time_us,
+            load=None if load is None else partial(load, file),
+            max_pixels=max_pixels,
+            exposure_sigma=sigma,
+        )
+        for file, time_us, sigma in zip(
+            files,
+            (*times.us, *others_us),
+            (*times.sigma, *(0.0 for _ in references)),
+            strict=True,
+        )
+    )
     source = Source(
         path=path,
         kind="images",
         frames=frames,
-        mask=read_mask(masks[0], (shape[0], shape[1])) if masks else None,
+        mask=read_mask_of(masks[0], first, (shape[0], shape[1])) if masks else None,
         mask_path=masks[0] if masks else None,
-        cfa=cfa,
-        black_level=black,
+        cfa=None if raw is None else raw.cfa,
+        black_level=0.0 if raw is None else raw.black_level_dn,
         white_level=white,
-        transfer=transfer or curve,
-        transfer_origin="given" if transfer else origin,
-        files=(*series, *references, *masks),
-        warnings=reference_notices(path, references),
+        transfer=transfer or first.transfer.curve,
+        transfer_origin="given" if transfer else first.transfer.origin,
+        files=(*files, *masks),
+        warnings=(
+            *reference_notices(path, references, assumed),
+            *times.notices,
+            *orientation_notices(first, str(path)),
+            *part_notices(first, str(path)),
+        ),
     )
+    transparent = tuple(file for file in series if facts[file].alpha)
     return with_alpha_mask(source, transparent, max_pixels)
 
 
@@ -214,38 +253,58 @@ def without_twins(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def numbered_series(files: Sequence[Path]) -> list[Path]:
-    """Return the largest series of images that differ only in one number, sorted by that number.
+    """Return the largest series of images that differ only in one number, in the order of it.
+
+    If the counter restarted (9999, 0001), the images before that come first.
 
     Raises
     ------
     DataError
         If two series are equally long, or two images of the series have the same number.
     """
-    series: dict[str, list[tuple[int, Path]]] = defaultdict(list)
-    for path in files:
-        if _is_image(path):
-            for run in re.finditer(r"[0-9]+", path.stem):
-                name = f"{path.stem[: run.start()]}#{path.stem[run.end() :]}{path.suffix}"
-                series[name.casefold()].append((int(run.group()), path))
+    series: dict[str, dict[Path, Numbered]] = defaultdict(dict)
+    for path in filter(_is_image, files):
+        for number in numbers_in(path.name):
+            series[f"{number.series}{path.suffix.lower()}"][path] = number
     if not series:
         return []
-    longest = max(len(members) for members in series.values())
-    ties = {name: sorted(each) for name, each in series.items() if len(each) == longest}
-    first, *rest = ties.items()
-    for other in rest:
-        if {path for _, path in other[1]} != {path for _, path in first[1]}:
+    lengths = {name: len(set(each.values())) for name, each in series.items()}
+    longest = max(lengths.values())
+    ties = [name for name in series if lengths[name] == longest]
+    for other in ties:
+        if series[other].keys() != series[ties[0]].keys():
             raise DataError(
-                f"{first[1][0][1].parent}: {longest} images {first[0]} and {longest} images "
-                f"{other[0]}: put each series into a folder of its own"
+                f"{files[0].parent}: {longest} images {ties[0]} and {longest} images {other}: put "
+                "each series into a folder of its own"
             )
-    series_of = first[1]
-    for (number, path), (next_number, other_path) in pairwise(series_of):
-        if number == next_number:
+    rising = sorted((number, path) for path, number in series[ties[0]].items())
+    for (number, path), (next_number, other_path) in pairwise(rising):
+        if number.value == next_number.value:
             raise DataError(
                 f"{path} and {other_path.name} have the same number: remove one of them, or list "
                 "the right one in an .lp file"
             )
-    return [path for _, path in series_of]
+    start, certain = start_of([number for number, _ in rising])
+    paths = [path for _, path in rising]
+    return [*paths[start:], *paths[:start]] if certain else paths
+
+
+def _restarted(folder: Path, series: Sequence[Path]) -> tuple[Notice, ...]:
+    """Return the notice about a counter that restarted within a series."""
+    numbers = numbers_of([path.name for path in series])
+    for before, after in pairwise(zip(numbers, series, strict=True)) if numbers else ():
+        if before[0].value > after[0].value:
+            text = f"the counter restarted: {after[1].name} comes after {before[1].name}"
+            return (Notice("counter-restarted", text, str(folder), "info"),)
+    return ()
+
+
+def _grouped(same: Callable[[str], str], images: Sequence[Path]) -> dict[str, list[Path]]:
+    """Return the images by what makes two names the same."""
+    found: dict[str, list[Path]] = defaultdict(list)
+    for path in images:
+        found[same(path.name)].append(path)
+    return found
 
 
 def _why_no_series(files: Sequence[Path]) -> str:
@@ -268,34 +327,13 @@ def _why_no_series(files: Sequence[Path]) -> str:
     return "no numbered images (name.0.png, name.1.png, ...): choose another folder"
 
 
-def _raw_pixels(path: Path, max_pixels: int) -> Image:
-    return read_raw(path, max_pixels=max_pixels).levelled()
-
-
-def _same_form(
-    series: Sequence[Path], max_pixels: int, *, same_curve: bool
-) -> dict[Path, ImageForm]:
-    first = image_form(series[0], max_pixels=max_pixels)
-    forms = {series[0]: first}
-    for path in series[1:]:
-        form = forms[path] = image_form(path, max_pixels=max_pixels)
-        if (form.shape, form.dtype) != (first.shape, first.dtype):
-            raise DataError(
-                f"{path}: {_describe(form)}, but {series[0].name} is {_describe(first)}: all "
-                "images of a recording must have the same size and type"
-            )
-        mine, firsts = form.transfer, first.transfer
-        if same_curve and mine.curve != firsts.curve:
-            raise DataError(
-                f"{path}: {mine.curve.name} ({mine.origin}), but {series[0].name} is "
-                f"{firsts.curve.name} ({firsts.origin}): give the transfer curve"
-            )
-    return forms
-
-
-def _describe(form: ImageForm) -> str:
-    shape = form.shape
-    return f"{shape[1]} x {shape[0]} {'grey' if len(shape) == 2 else 'RGB'} {form.dtype}"
+def _check_curve(facts: ImageFacts, first: ImageFacts) -> None:
+    mine, firsts = facts.transfer, first.transfer
+    if mine.curve != firsts.curve:
+        raise DataError(
+            f"{facts.path}: {mine.curve.name} ({mine.origin}), but {first.path.name} is "
+            f"{firsts.curve.name} ({firsts.origin}): give the transfer curve"
+        )
 
 
 def _files(folder: Path) -> list[Path]:

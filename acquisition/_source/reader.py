@@ -15,12 +15,14 @@ from acquisition._source.exclude import exclude
 from acquisition._source.exported import with_export_notes
 from acquisition._source.image_folder import images_source, lp_files, read_images, read_lp_folder
 from acquisition._source.recording_json import RECORD_FILE
+from acquisition._source.series_facts import with_time_errors
 from acquisition._source.session import read_session
 from acquisition._source.source import MaskOrigin, Source
 from acquisition._source.transfer_notice import transfer_notices
 from acquisition._staging import check_staging_finished
 from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights, led_of, light_id
+from acquisition._values.image_names import light_id
+from acquisition._values.lights import Lights, led_of
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice
 
@@ -47,13 +49,14 @@ def read_source(
     path
         A session, a DiLiGenT object folder, a folder of images with an .lp file (or the .lp file
         itself), a plain folder of images, or one image file. In a plain folder the frames are the
-        images that differ only in one number, in natural order; ``mask.*`` or ``*.mask.*`` is the
+        images that differ only in one number, in the order of it; ``mask.*`` or ``*.mask.*`` is the
         mask, or else the alpha channel of the images, unless it is opaque everywhere; ``dark*`` and
         ``ambient*`` are dark and ambient frames. In an export written by this package,
         ``recording.json`` gives levels, filter pattern and exposures, and names the files with the
         full data of lights and camera.
     lights
-        Lights to use instead of those of the source: matched by id, or by order with a warning.
+        Lights to use instead of those of the source: matched by id, or by number or order with a
+        warning, as in `Lights.match`.
         Images whose light a calibration left out are not used, and named in a notice.
     mask_path
         Mask to use instead of that of the source.
@@ -177,33 +180,35 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
     unlit = [name for name in _unlit(everything, lights) if name in source.light_ids]
     if unlit:
         source = _without(source, unlit)
-    if without:
-        lights = _of_the_left(lights, everything, source.light_ids)
     ids = source.light_ids
     try:
-        indices, by_name = lights.match(ids)
+        indices, by_name = _match(lights, everything, ids)
     except DataError as error:
         raise DataError(f"{source.path}: {error}") from error
-    warnings = source.warnings
+    warnings = (*source.warnings, *lights.warnings)
     if not by_name:
-        warnings += (
-            Notice(
-                "lights-matched-by-order",
-                "lights are matched to images by order because their names differ "
-                f"({lights.ids[0]} to {ids[0]} and so on)",
-                str(source.path),
-            ),
+        by = "order" if indices == sorted(indices) else "the numbers in their names"
+        text = (
+            f"lights are matched to images by {by} because their names differ "
+            f"({lights.ids[indices[0]]} to {ids[0]} and so on)"
         )
-    return replace(source, lights=replace(lights.take(indices), ids=ids), warnings=warnings)
+        warnings += (Notice("lights-matched-by-order", text, str(source.path)),)
+    lights = with_time_errors(replace(lights.take(indices), ids=ids), source.frames)
+    return replace(source, lights=lights, warnings=warnings)
 
 
-def _of_the_left(lights: Lights, ids: Sequence[str], left: Sequence[str]) -> Lights:
-    """Return the lights of the images that are left if all images have one by order."""
-    try:
-        _, by_name = lights.match(ids)
-    except DataError:
-        return lights
-    return lights if by_name else lights.take([i for i, name in enumerate(ids) if name in left])
+def _match(
+    lights: Lights, everything: Sequence[str], left: Sequence[str]
+) -> tuple[list[int], bool]:
+    """Match lights to the images that are left, by order to all images if these have as many."""
+    if len(everything) == len(lights) != len(left):
+        try:
+            indices, by_name = lights.match(everything)
+        except DataError:
+            by_name = True  # perhaps the images that were left out have other names
+        if not by_name:
+            return [at for at, name in zip(indices, everything, strict=True) if name in left], False
+    return lights.match(left)
 
 
 def _unlit(ids: Sequence[str], lights: Lights) -> list[str]:

@@ -34,13 +34,19 @@ def split_references(
     return [path for path in images if path not in found], found
 
 
-def reference_notices(folder: Path, references: Mapping[Path, Reference]) -> tuple[Notice, ...]:
-    """Return the notice that names the roles of reference frames; none without any."""
+def reference_notices(
+    folder: Path, references: Mapping[Path, Reference], assumed: bool
+) -> tuple[Notice, ...]:
+    """Return the notice that names the roles of reference frames; none without any.
+
+    ``assumed`` is whether one has the exposure time of the images because it states none.
+    """
     if not references:
         return ()
     roles: tuple[Reference, ...] = ("dark", "ambient")
     counts = [(role, sum(other == role for other in references.values())) for role in roles]
     found = " and ".join(pluralize(count, f"{role} frame") for role, count in counts if count)
-    first = next(iter(references)).name
-    text = f"{found}, by name ({first}), with the exposure time of the images"
+    text = f"{found}, by name ({next(iter(references)).name})"
+    if assumed:
+        text += ", with the exposure time of the images"
     return (Notice("reference-frames-found", text, str(folder), "info"),)

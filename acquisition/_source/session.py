@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
+from acquisition._pixels.image_facts import ImageFacts
 from acquisition._pixels.images import Image, read_image
 from acquisition._pixels.levels import level_black
-from acquisition._pixels.mask_files import read_mask
+from acquisition._pixels.mask_files import read_mask, read_mask_of
+from acquisition._pixels.shot_facts import ShotFacts
 from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_MASK, TRUE_NORMALS
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session
@@ -96,7 +98,7 @@ def read_session(
         kind="session",
         frames=frames,
         lights=session.lights,
-        mask=read_mask(mask_path, size) if mask_path else None,
+        mask=_mask(session, mask_path, size) if mask_path else None,
         mask_path=mask_path,
         camera=session.camera_model,
         normals_truth=_true_normals(truth, size) if truth.exists() else None,
@@ -121,6 +123,15 @@ def read_session(
         ),
         warnings=tuple(warnings),
     )
+
+
+def _mask(session: Session, path: Path, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
+    """Return a mask; one that is not part of the session must be turned as its images are."""
+    if session.folder in path.parents:
+        return read_mask(path, size)
+    tags = (line.details.get("orientation") for line in session.events)
+    shot = ShotFacts(orientation=next((tag for tag in tags if tag), 1))
+    return read_mask_of(path, ImageFacts(path, shot), size)
 
 
 def _noise_at_gain(session: Session) -> NoiseModel | None:

@@ -57,6 +57,8 @@ class Frame:
         Analogue gain, decibels; None if not known.
     mark_clipped
         Function that raises clipped samples to the white level; None if they have that value.
+    exposure_sigma
+        Relative standard deviation of `exposure_us`, where differing times are stated rounded.
     """
 
     path: Path
@@ -70,6 +72,7 @@ class Frame:
     check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
     gain_db: float | None = None
     mark_clipped: Callable[[Image], Image] | None = field(default=None, repr=False)
+    exposure_sigma: float = 0.0
 
     __repr__ = short_repr
 
@@ -135,7 +138,7 @@ class Source:
     kind
         ``session``, ``diligent``, ``lp`` (images with an .lp) or ``images``.
     frames
-        All frames that count, at least one; frames from a folder of images in natural order.
+        All frames that count, at least one; those of a folder of images in order of their numbers.
     lights
         One light for each of `light_ids`, in that order and with those ids; None if not known.
     mask

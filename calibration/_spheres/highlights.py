@@ -212,8 +212,12 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
         return _none(len(values))
     # Parts of raw frames are new arrays.
     filled = crop.copy() if isinstance(values, np.ndarray) else crop
-    white = np.full(len(crop), np.fmax.reduce(crop, axis=None), np.float32)
-    filled[saturated] = white[0]
+    peaks = np.fmax.reduce(crop, axis=(1, 2))
+    top = np.fmax.reduce(peaks)
+    # Images of a longer exposure are saturated at a lower radiance than others reach.
+    white = np.where(peaks < top / 2, peaks, top)
+    for k in range(len(filled)):
+        filled[k][saturated[k]] = white[k]
     for k in np.flatnonzero(~np.any(saturated & within, axis=(1, 2))):
         even = _even_top(filled[k], within)
         if even is not None:

@@ -24,7 +24,7 @@ from acquisition import (
     write_exr,
     write_png,
 )
-from acquisition._import.image import read_shot_data
+from acquisition._pixels.image_facts import image_facts
 from acquisition._pixels.image_head import check_image_head, kind_of
 from acquisition._value_files.mat5 import read_mat5
 from rig import UnreadableError
@@ -160,7 +160,7 @@ def test_an_image_with_text_in_another_encoding_is_read(tmp_path: Path) -> None:
     assert file.close()
     path.write_bytes(path.read_bytes().replace(b"Agfaphoto", b"Agfaph\xf6t\xf6"))
     np.testing.assert_array_equal(read_image(path), GREY)
-    data = read_shot_data(path)
+    data = image_facts(path).shot
     assert (data.vendor, data.model) == ("Agfaphötö", "One")
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 
+from acquisition._pixels.image_facts import image_facts
 from acquisition._pixels.images import (
-    image_form,
     read_image,
     read_image_with_alpha,
 )
@@ -93,7 +93,7 @@ def test_hand_made_files(tmp_path: Path, name: str, data: bytes, expected: np.nd
     assert pixels.dtype == expected.dtype
     assert pixels.flags.c_contiguous
     np.testing.assert_array_equal(pixels, expected)
-    form = image_form(path)
+    form = image_facts(path)
     assert (form.shape, form.dtype) == (expected.shape, expected.dtype)
 
 

@@ -13,9 +13,10 @@ import pytest
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._import.frames import import_frames, read_import
-from acquisition._import.image import read_for_import, read_shot_data
+from acquisition._import.image import read_for_import
 from acquisition._import.watch import watch_folder
 from acquisition._import.watch_shots import Watch, lights_in_order
+from acquisition._pixels.image_facts import image_facts
 from acquisition._pixels.images import read_image, write_png
 from acquisition._pixels.raw import read_raw
 from acquisition._session.verify import verify_session
@@ -68,11 +69,11 @@ def test_every_mosaic_is_named_from_the_top_left(
 def test_camera_and_exposure_of_a_raw_file_are_read_without_decoding(tmp_path: Path) -> None:
     path = tmp_path / "a.dng"
     path.write_bytes(dng(SENSOR, exposure=(1, 8000), iso=100))
-    data = read_shot_data(path)
+    data = image_facts(path).shot
     assert (data.exposure_us, data.iso, data.vendor, data.model) == (125, 100, "Acme", "Acme One")
-    assert data == read_for_import(path).data
+    assert data == read_for_import(path).facts.shot
     path.write_bytes(dng(SENSOR, exposure=(0, 1), iso=0, taken=""))
-    assert read_shot_data(path).exposure_us is None
+    assert image_facts(path).shot.exposure_us is None
     assert read_raw(path).iso is None
 
 

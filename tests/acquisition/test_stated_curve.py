@@ -19,7 +19,7 @@ from PIL import Image, ImageCms
 
 from acquisition import LINEAR, SRGB, TransferCurve, write_exr, write_png, write_tiff
 from acquisition._pixels.icc_curve import icc_curve
-from acquisition._pixels.images import image_form
+from acquisition._pixels.image_facts import image_facts
 from acquisition._source.transfer_notice import transfer_notices
 from rig import UnreadableError
 
@@ -211,6 +211,10 @@ CASES: dict[str, tuple[str, Callable[[], bytes], TransferCurve, str]] = {
     ),
     "PNG, cICP of film": (
         "a.png", lambda: png(chunk(b"cICP", bytes([9, 16, 0, 1]))), LINEAR,
+        "8-bit PNG, whose cICP chunk names the unknown transfer 16",
+    ),
+    "PNG, cICP without a transfer": (
+        "a.png", lambda: png(chunk(b"cICP", bytes([2, 2, 0, 1]))), LINEAR,
         "8-bit PNG without colour metadata",
     ),
     "PNG, damaged profile": (
@@ -233,7 +237,7 @@ def test_metadata_of_every_kind(tmp_path: Path, case: str) -> None:
     name, data, curve, origin = CASES[case]
     path = tmp_path / name
     path.write_bytes(data())
-    found = image_form(path).transfer
+    found = image_facts(path).transfer
     assert found.curve.kind == curve.kind
     assert found.curve.light(0.5) == pytest.approx(float(curve.light(0.5)), abs=1e-4)
     assert found.origin.startswith(origin)
@@ -270,8 +274,8 @@ def test_our_own_files_state_no_display_curve(tmp_path: Path) -> None:
     write_tiff(tmp_path / "c.tif", RGB.astype(np.uint16))
     write_exr(tmp_path / "d.exr", RGB.astype(np.float32))
     for path in tmp_path.iterdir():
-        assert image_form(path).transfer.curve == LINEAR
-        assert not image_form(path).transfer.stated
+        assert image_facts(path).transfer.curve == LINEAR
+        assert not image_facts(path).transfer.stated
 
 
 def test_floats_with_the_metadata_of_a_camera_are_linear(tmp_path: Path) -> None:
@@ -282,9 +286,9 @@ def test_floats_with_the_metadata_of_a_camera_are_linear(tmp_path: Path) -> None
     assert file.open(str(tmp_path / "a.exr"), spec)
     assert file.write_image(RGB.astype(np.float32))
     assert file.close()
-    assert image_form(tmp_path / "a.exr").transfer.curve == LINEAR
+    assert image_facts(tmp_path / "a.exr").transfer.curve == LINEAR
 
 
 def test_jpegs_of_opencv(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.jpg"), RGB)
-    assert image_form(tmp_path / "a.jpg").transfer.curve == SRGB
+    assert image_facts(tmp_path / "a.jpg").transfer.curve == SRGB

@@ -1,0 +1,106 @@
+"""Where image files hold their Exif metadata: a TIFF structure of its own, or the file itself."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Collection
+from pathlib import Path
+from typing import BinaryIO, Final
+
+from acquisition._pixels.image_head import kind_of
+from acquisition._pixels.png_chunks import SIGNATURE
+from acquisition._pixels.tiff_tags import Tags, tiff_tags
+
+# A segment of JPEG holds at most 64 kB; the blocks of other formats are of this size too.
+_MOST_BYTES: Final = 1 << 20
+# More parts of a file are not searched for its block: PNG has a chunk for each 8 kB of samples.
+_MOST_PARTS: Final = 1 << 16
+_PREFIX: Final = b"Exif\0\0"
+_START_OF_SCAN: Final = 0xDA
+
+
+def exif_tags(path: Path, wanted: Collection[int], page: int = 0) -> Tags:
+    """Return the wanted tags of a file that exists; none if it states none.
+
+    Parameters
+    ----------
+    path
+        TIFF, camera RAW on its basis, JPEG, PNG, WebP or JPEG XL; others have no tags.
+    wanted
+        Numbers of the tags.
+    page
+        Number of the page of a TIFF. What it does not state, the first page states.
+    """
+    with path.open("rb") as file:
+        head = file.read(16)
+        finder = _FINDERS.get(kind_of(head, "") or "")
+        if finder is None:
+            return {**tiff_tags(file, wanted), **(tiff_tags(file, wanted, page) if page else {})}
+        file.seek(0)
+        block = finder(file)
+    return tiff_tags(io.BytesIO(block.removeprefix(_PREFIX)), wanted)
+
+
+def _jpeg(file: BinaryIO) -> bytes:
+    """Return the APP1 segment with Exif (Exif 2.32, 4.7.2), which is before the first scan."""
+    file.seek(2)
+    for _ in range(_MOST_PARTS):
+        marker = file.read(2)
+        while marker[1:] == b"\xff":
+            marker = b"\xff" + file.read(1)
+        if len(marker) < 2 or marker[0] != 0xFF or marker[1] == _START_OF_SCAN:
+            break
+        size = int.from_bytes(file.read(2)) - 2
+        if marker[1] == 0xE1:
+            data = file.read(max(size, 0))
+            if data.startswith(_PREFIX):
+                return data
+        else:
+            file.seek(max(size, 0), io.SEEK_CUR)
+    return b""
+
+
+def _png(file: BinaryIO) -> bytes:
+    """Return the eXIf chunk (PNG 3, 11.3.4.5), which may follow the samples."""
+    file.seek(len(SIGNATURE))
+    for _ in range(_MOST_PARTS):
+        head = file.read(8)
+        if len(head) < 8:
+            break
+        size = int.from_bytes(head[:4])
+        if head[4:] == b"eXIf":
+            return file.read(min(size, _MOST_BYTES))
+        file.seek(size + 4, io.SEEK_CUR)
+    return b""
+
+
+def _webp(file: BinaryIO) -> bytes:
+    """Return the EXIF chunk: RFC 9649, 2.7.1.5."""
+    file.seek(12)
+    for _ in range(_MOST_PARTS):
+        head = file.read(8)
+        if len(head) < 8:
+            break
+        size = int.from_bytes(head[4:], "little")
+        if head[:4] == b"EXIF":
+            return file.read(min(size, _MOST_BYTES))
+        file.seek(size + size % 2, io.SEEK_CUR)
+    return b""
+
+
+def _jpeg_xl(file: BinaryIO) -> bytes:
+    """Return the Exif box, after the offset of its TIFF structure: ISO/IEC 18181-2, 9.4."""
+    for _ in range(_MOST_PARTS):
+        head = file.read(8)
+        if len(head) < 8:
+            break
+        size = int.from_bytes(head[:4])
+        if head[4:] == b"Exif":
+            return file.read(min(max(size - 8, 0), _MOST_BYTES))[4:]
+        if size < 8:
+            break
+        file.seek(size - 8, io.SEEK_CUR)
+    return b""
+
+
+_FINDERS: Final = {"jpeg": _jpeg, "png": _png, "webp": _webp, "jpeg xl": _jpeg_xl}
