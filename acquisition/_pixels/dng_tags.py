@@ -16,18 +16,19 @@ from typing import BinaryIO, Final
 import numpy as np
 import numpy.typing as npt
 
-from rig import UnreadableError, convert_parser_errors
+from rig import UnreadableError
 
 Tags = Mapping[int, tuple[float, ...]]
 Levels = npt.NDArray[np.float64]
+_Entry = tuple[int, int, int, bytes]
 
 _SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT = 254, 259, 262, 277, 330, 339
-_BLOCK_SIZE, _BLOCK, _VERSION = 33421, 33422, 50706
+_BLOCK_SIZE, _BLOCK, _VERSION, _LAYOUT = 33421, 33422, 50706, 50711
 _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE = 50713, 50714, 50715, 50716, 50717
 _AREA = 50829
 _READ: Final = {
     *(_SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT, _BLOCK_SIZE, _BLOCK),
-    *(_VERSION, _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE, _AREA),
+    *(_VERSION, _LAYOUT, _REPEAT, _BLACK, _DELTA_H, _DELTA_V, _WHITE, _AREA),
 }
 # Code and size of the types of TIFF; rationals are two numbers.
 _TYPES: Final = {
@@ -50,7 +51,7 @@ def read_dng_tags(path: Path) -> Tags:
 
     Raises
     ------
-    UnreadableError
+    UnreadableError, struct.error, OSError
         If the directories of the file are damaged.
     """
     with path.open("rb") as file:
@@ -58,13 +59,16 @@ def read_dng_tags(path: Path) -> Tags:
         order = {b"II*\0": "<", b"MM\0*": ">"}.get(head[:4])
         if order is None:
             return {}
-        with convert_parser_errors("its directories are damaged, copy it again"):
-            (at,) = struct.unpack(f"{order}I", head[4:])
-            first = _directory(file, at, order)
-            if _VERSION not in first:
+        ahead = list(struct.unpack(f"{order}I", head[4:]))
+        directories: list[Tags] = []
+        while ahead and len(directories) < _MOST_DIRECTORIES:
+            entries, following = _directory(file, ahead.pop(0), order)
+            # Another TIFF or RAW file; what its directories hold is left to LibRaw.
+            if not directories and all(tag != _VERSION for tag, *_ in entries):
                 return {}
-            others = first.get(_SUBIFDS, ())[:_MOST_DIRECTORIES]
-            directories = [first, *(_directory(file, int(at), order) for at in others)]
+            tags = _values(file, entries, order)
+            directories.append(tags)
+            ahead += map(int, (*tags.get(_SUBIFDS, ()), *following))
     return next(
         (
             tags
@@ -82,7 +86,7 @@ def check_dng(tags: Tags) -> None:
     Raises
     ------
     UnreadableError
-        If they are floating-point numbers, are compressed with another codec, or are demosaiced.
+        If they are floating-point numbers, compressed with another codec, staggered or demosaiced.
     """
     if tags.get(_FORMAT, (1,))[0] == _FLOAT:
         raise UnreadableError(
@@ -94,6 +98,11 @@ def check_dng(tags: Tags) -> None:
         raise UnreadableError(
             f"this DNG is compressed with {codec}, which is not read: convert it to a DNG with "
             "lossless JPEG or without compression"
+        )
+    if tags.get(_LAYOUT, (1,)) != (1,):
+        raise UnreadableError(
+            "the colour filter in this DNG is not rectangular (CFALayout), which is not read: "
+            "convert the camera's own RAW file to 16-bit TIFF"
         )
     samples = int(tags.get(_SAMPLES, (1,))[0])
     if samples > 1 and tags[_PHOTOMETRIC] == (_LINEAR_RAW,):
@@ -167,7 +176,7 @@ def black_levels(
                     "active area: copy the file again"
                 )
             levels = levels + (ramp[places][:, None] if tag == _DELTA_V else ramp[places])
-    if not np.isfinite(levels).all() or levels.min() < 0:
+    if not np.isfinite(levels).all():
         raise UnreadableError("the black levels in the file are damaged: copy the file again")
     block = levels[:side, :side]
     repeats = all(
@@ -224,25 +233,32 @@ def _size(size: tuple[float, ...], count: int, name: str) -> tuple[int, int]:
     return rows, columns
 
 
-def _directory(file: BinaryIO, at: int, order: str) -> dict[int, tuple[float, ...]]:
-    """Read the values of the known tags of one directory."""
-    end = file.seek(0, os.SEEK_END)
+def _directory(file: BinaryIO, at: int, order: str) -> tuple[list[_Entry], list[int]]:
+    """Return the entries of a directory, and the place of the next directory if there is one."""
     file.seek(at)
     (count,) = struct.unpack(f"{order}H", file.read(2))
     entries = file.read(12 * count)
-    tags = {}
-    for begin in range(0, len(entries) - 11, 12):
-        tag, kind, count, value = struct.unpack_from(f"{order}HHI4s", entries, begin)
+    following = [int.from_bytes(file.read(4), "little" if order == "<" else "big")]
+    whole = entries[: len(entries) // 12 * 12]
+    return list(struct.iter_unpack(f"{order}HHI4s", whole)), [place for place in following if place]
+
+
+def _values(file: BinaryIO, entries: list[_Entry], order: str) -> Tags:
+    """Return the values of the known tags of a directory."""
+    end = file.seek(0, os.SEEK_END)
+    tags: dict[int, tuple[float, ...]] = {}
+    for tag, kind, count, value in entries:
         if tag not in _READ or kind not in _TYPES or not count:
             continue
         form = f"{order}{_TYPES[kind] * count}" if count <= _MOST_VALUES else ""
         size = struct.calcsize(form)
         if not form or size > end:
             raise UnreadableError(f"tag {tag} is damaged: copy the file again")
-        if size > 4:
+        data = value
+        if size > len(value):
             file.seek(struct.unpack(f"{order}I", value)[0])
-            value = file.read(size)
-        numbers = struct.unpack(form, value[:size])
+            data = file.read(size)
+        numbers = struct.unpack(form, data[:size])
         if kind in _RATIONALS:
             numbers = tuple(
                 one / other if other else float("nan")

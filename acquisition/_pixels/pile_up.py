@@ -34,9 +34,11 @@ _BRIGHTEST_FLOATS: Final = 1024
 # Largest values of converters; there no other image has to decide.
 _CONVERTER_ENDS: Final = (2**10 - 1, 2**12 - 1, 2**14 - 1)
 # Samples of a pile-up say nothing in another image where they are in shadow, below a 64th.
-# An even area has one value there; half of the samples allow for gloss and few grey values.
+# An even area has one value there; half of the samples allow for few grey values.
 _DARK: Final = 64
 _SAME: Final = 0.5
+# A matte area is not so much darker under most other lights; a highlight is.
+_GLOSS: Final = 8
 _WITNESSES: Final = 8
 # Images in memory at a time; and samples that are counted at a time, in eight bytes each.
 _THREADS: Final = 2
@@ -92,7 +94,7 @@ def find_pile_up(images: Sequence[Reader], side: int, white: float) -> PileUp | 
     for index, histogram in enumerate(planes):
         level, count = histogram.pile(white)
         if count and level not in _CONVERTER_ENDS:
-            count *= _varies(images, side, index, level, histogram.images)
+            count *= _varies(images, side, index, level, histogram)
         levels.append(level if count else np.nan)
         samples += count
     if not samples:
@@ -143,6 +145,11 @@ class _Histogram:
                 found.append((value, count))
         return found
 
+    def step_below(self, value: float) -> float:
+        """Return the difference of a value that occurs to the next lower one."""
+        at = int(np.searchsorted(self.values, value))
+        return value - float(self.values[at - 1]) if at else value
+
     def pile(self, white: float) -> tuple[float, int]:
         """Return the value at which most samples pile up, and their number, which may be 0."""
         return max(self.piles(white), key=lambda pile: pile[1], default=(np.nan, 0))
@@ -155,7 +162,11 @@ def _histograms(images: Sequence[Reader], side: int, number: int) -> list[_Histo
     histograms = []
     for plane in planes_of(pixels, side):
         if plane.dtype.kind == "f":
-            values, counts = np.unique(plane[np.isfinite(plane)], return_counts=True)
+            bright = plane[np.isfinite(plane)]
+            if len(bright):
+                # A pile-up is among the brightest; samples near it are less than a tenth below.
+                bright = bright[bright >= 0.9 * np.quantile(bright, 1 - 1 / _BRIGHTER)]
+            values, counts = np.unique(bright, return_counts=True)
             # Values that occur once are as many as samples; the largest of them are enough.
             kept = counts > 1
             kept[-_BRIGHTEST_FLOATS:] = True
@@ -179,17 +190,18 @@ def _varies(
     side: int,
     index: int,
     level: float,
-    most: dict[float, tuple[int, int]],
+    histogram: _Histogram,
 ) -> bool:
     """Return whether samples that are equal in the pile-up of one image differ in others."""
-    if level not in most:
+    if level not in histogram.images:
         return False
-    number = most[level][1]
+    number = histogram.images[level][1]
     pixels = images[number]()
     if pixels is None:
         return False
     pile = planes_of(pixels, side)[index] == level
     shares: list[float] = []
+    spreads: list[float] = []
     for other in (read for i, read in enumerate(images) if i != number):
         pixels = other()
         if pixels is None:
@@ -198,6 +210,13 @@ def _varies(
         values = values[(values > level / _DARK) & (values < level)]
         if len(values) >= _LEAST_PILE:
             shares.append(np.unique(values, return_counts=True)[1].max() / len(values))
+            low, middle, high = np.quantile(values, (0.05, 0.5, 0.95))
+            spreads.append(1.0 if middle < level / _GLOSS else (high - low) / level)
         if len(shares) == _WITNESSES:
             break
-    return bool(shares) and float(np.median(shares)) < _SAME
+    if not shares:
+        return False
+    # An uneven area that faces a light has equal samples too, where it is tilted by less than
+    # sqrt(2 step / level); under other lights, its samples then differ by twice this at most.
+    uneven = 2 * np.sqrt(2 * histogram.step_below(level) / level)
+    return bool(np.median(shares) < _SAME and np.median(spreads) > uneven)

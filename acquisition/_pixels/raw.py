@@ -173,9 +173,9 @@ def _opened(path: Path) -> Iterator[tuple[rawpy.RawPy, int, Tags]]:
     try:
         with convert_read_errors(path):
             _, file_bytes = read_head(path, 0)
-            tags = read_dng_tags(path)
-            check_dng(tags)
             with convert_parser_errors(_UNREADABLE, rawpy.LibRawError):
+                tags = read_dng_tags(path)
+                check_dng(tags)
                 raw.open_file(library_path(path))
         yield raw, file_bytes, tags
     finally:

@@ -25,18 +25,18 @@ def with_clipped(source: Source) -> Source:
     side = 1 if source.cfa is None else isqrt(len(source.cfa))
     images = [partial(_read, frame) for frame in source.frames if frame.role == "light"]
     pile = find_pile_up(images, side, source.white_level)
-    if pile is None:
+    level = 0.0 if pile is None else max(value for value in pile.levels if not isnan(value))
+    if pile is None or level <= source.black_level:
         return source
-    level = max(value for value in pile.levels if not isnan(value))
-    one = pile.brightest <= level and len({v for v in pile.levels if not isnan(v)}) == 1
-    notice = _notice(source, pile, level if one else None)
-    warnings = (*source.warnings, notice)
-    if one and source.transfer == LINEAR:
+    found = {value for value in pile.levels if not isnan(value)}
+    if len(found) == 1 and pile.brightest <= level and source.transfer == LINEAR:
+        warnings = (*source.warnings, _white_notice(source, pile, level))
         return replace(source, white_level=level, warnings=warnings)
     white = source.white_level if isfinite(source.white_level) else max(level, pile.brightest)
     mark = partial(_marked, side, pile.levels, white)
     # Rows that are read one by one would be read as stored.
     frames = [replace(frame, mark_clipped=mark, check_rows=None) for frame in source.frames]
+    warnings = (*source.warnings, _marked_notice(source, pile))
     return replace(source, white_level=white, frames=tuple(frames), warnings=warnings)
 
 
@@ -47,28 +47,32 @@ def _read(frame: Frame) -> Image | None:
         return None  # the error is reported where the image is used
 
 
-def _notice(source: Source, pile: PileUp, level: float | None) -> Notice:
-    where, samples = str(source.path), pluralize(pile.samples, "sample is", "samples are")
-    if level is None:
-        letters = source.cfa or "RGB"
-        values = [
-            f"{letter} at {value:g}"
-            for letter, value in zip(letters, pile.levels, strict=True)
-            if not isnan(value)
-        ]
-        listed = ", ".join(dict.fromkeys(values))
-        text = f"{samples} clipped, {listed}: they count as saturated"
-        return Notice("clipped-below-white", text, where, "info")
+def _white_notice(source: Source, pile: PileUp, level: float) -> Notice:
     bits = _LOW_BITS.get(int(level)) if source.white_level == 65535 else None
     if bits is not None:
         text = (
             f"{bits}-bit samples in the low bits of 16: many are saturated at {level:.0f}, which "
             "is taken as the white level"
         )
-        return Notice("samples-in-low-bits", text, where, "info")
+        return Notice("samples-in-low-bits", text, str(source.path), "info")
     stated = f" instead of {source.white_level:g}" if isfinite(source.white_level) else ""
-    text = f"{samples} clipped at {level:g}, which is taken as the white level{stated}"
-    return Notice("clipped-below-white", text, where, "info")
+    text = f"{_clipped(pile)} at {level:g}, which is taken as the white level{stated}"
+    return Notice("clipped-below-white", text, str(source.path), "info")
+
+
+def _marked_notice(source: Source, pile: PileUp) -> Notice:
+    letters = (source.cfa or "RGB") if len(pile.levels) > 1 else [""]
+    values = [
+        f"{value:g} ({letter})" if letter else f"{value:g}"
+        for letter, value in zip(letters, pile.levels, strict=False)
+        if not isnan(value)
+    ]
+    text = f"{_clipped(pile)} at {', '.join(dict.fromkeys(values))}: they count as saturated"
+    return Notice("clipped-below-white", text, str(source.path), "info")
+
+
+def _clipped(pile: PileUp) -> str:
+    return f"{pluralize(pile.samples, 'sample is', 'samples are')} clipped"
 
 
 def _marked(side: int, levels: tuple[float, ...], white: float, pixels: Image) -> Image:

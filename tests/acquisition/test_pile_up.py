@@ -67,6 +67,14 @@ def test_a_pile_is_found_at_any_value_of_any_type() -> None:
         assert pile.samples == np.sum(images >= images.dtype.type(level))
 
 
+def test_clipped_gloss_of_a_dark_object_is_found() -> None:
+    height = np.sqrt(np.clip(1 - X**2 - Y**2, 0.01, None))
+    ball = shaded(X / height, Y / height) / 0.8
+    pile = found(np.minimum(dn8(noisy(0.04 * ball + 3 * ball**60)), 200))
+    assert pile is not None
+    assert pile.levels == (200,)
+
+
 def test_hot_pixels_do_not_hide_a_pile() -> None:
     images = np.minimum(dn16(noisy(waves())), 40_000)
     images[:, 5, 7] = 65_535
@@ -91,6 +99,12 @@ def plateau() -> Images:
     return shaded(X * far, Y * far, ABOVE)
 
 
+def low_relief() -> Images:
+    """An area that nearly faces the light above it."""
+    far = np.clip(np.hypot(X, Y) - 0.6, 0, None)
+    return shaded(0.05 * np.sin(6 * X) + 3 * X * far, 0.05 * np.cos(5 * Y) + 3 * Y * far, ABOVE)
+
+
 def facets() -> Images:
     steepest = np.round(np.arctan2(Y, X) / (np.pi / 4)) * np.pi / 4
     return shaded(0.75 * np.cos(steepest), 0.75 * np.sin(steepest))
@@ -108,6 +122,8 @@ def label() -> Images:
         pytest.param(lambda: noisy(waves()), id="noise"),
         pytest.param(waves, id="no noise"),
         pytest.param(plateau, id="flat top"),
+        pytest.param(low_relief, id="low relief"),
+        pytest.param(lambda: noisy(low_relief(), 0.0003), id="low relief with noise"),
         pytest.param(facets, id="facets"),
         pytest.param(lambda: shaded(X, 0 * X), id="cylinder"),
         pytest.param(lambda: shaded(0 * X, 0 * X), id="card"),

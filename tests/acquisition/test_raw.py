@@ -204,6 +204,7 @@ def test_a_camera_without_a_colour_filter_is_read_watched_and_imported(tmp_path:
     [
         pytest.param([tag(339, SHORT, (3,))], "floating-point", id="float"),
         pytest.param([tag(259, SHORT, (8,))], "Deflate", id="codec"),
+        pytest.param([tag(50711, SHORT, (2,))], "CFALayout", id="staggered"),
         pytest.param([tag(50713, SHORT, (3, 3))], "BlackLevel has 4 values", id="table"),
         pytest.param([tag(50713, SHORT, (2,))], "BlackLevel", id="table without columns"),
         pytest.param([ramp(np.arange(9))], "BlackLevelDeltaV has 9", id="short ramp"),
