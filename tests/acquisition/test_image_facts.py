@@ -77,6 +77,7 @@ def test_attributes_of_exr(tmp_path: Path) -> None:
         spec.attribute(name, value)
     spec.x = 3
     file = oiio.ImageOutput.create("a.exr")
+    assert file is not None
     assert file.open(str(tmp_path / "a.exr"), spec)
     assert file.write_image(GREY[..., None].astype(np.float32))
     assert file.close()

@@ -15,7 +15,7 @@ from acquisition._source.series_facts import exposure_times, reference_times
 from calibration import linear_stack
 
 WHERE = Path("series")
-LIGHTS = Lights(directions=[[1, 0, 1], [0, 1, 1], [-1, 0, 1]])
+LIGHTS = Lights(directions=np.array([[1.0, 0, 1], [0, 1, 1], [-1, 0, 1]]))
 
 
 def facts(*times_s: float | None, shutter_s: tuple[float | None, ...] = ()) -> list[ImageFacts]:
