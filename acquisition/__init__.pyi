@@ -7,6 +7,7 @@ from ._bands.band_store import remove_unfinished as remove_unfinished
 from ._bands.map_rows import ComputedRows as ComputedRows
 from ._bands.map_rows import MapRows as MapRows
 from ._bands.map_rows import rows_in_bands as rows_in_bands
+from ._engine.camera_settings import camera_notices as camera_notices
 from ._engine.engine import check_resume as check_resume
 from ._engine.engine import record as record
 from ._engine.engine import resume as resume
@@ -30,6 +31,7 @@ from ._mesh_files.read import read_mesh_file as read_mesh_file
 from ._metering.light_level import MeteringGoal as MeteringGoal
 from ._metering.metered import Metered as Metered
 from ._metering.metered import MeteredLight as MeteredLight
+from ._metering.metered_estimate import estimate_metered as estimate_metered
 from ._metering.metering import meter as meter
 from ._pixels.image_rows import ImageRows as ImageRows
 from ._pixels.images import read_image as read_image
@@ -76,6 +78,8 @@ from ._software import SOFTWARE as SOFTWARE
 from ._software import software_version as software_version
 from ._source.exclude import exclude as exclude
 from ._source.flat import apply_flat as apply_flat
+from ._source.identity import Identity as Identity
+from ._source.identity import read_identity as read_identity
 from ._source.linear import Linearizer as Linearizer
 from ._source.linear import row_bands as row_bands
 from ._source.linear import same_exposure as same_exposure
@@ -94,8 +98,11 @@ from ._source.source_setup import source_setup as source_setup
 from ._source.with_sensor import sensor_notices as sensor_notices
 from ._source.with_sensor import with_sensor as with_sensor
 from ._staging import staged as staged
+from ._storage import check_publishing as check_publishing
 from ._storage import is_part_file as is_part_file
 from ._storage import make_folder as make_folder
+from ._storage import part_path as part_path
+from ._storage import publishing_if as publishing_if
 from ._storage import remove_part_files as remove_part_files
 from ._storage import storage_error as storage_error
 from ._storage import write_durably as write_durably
@@ -117,12 +124,12 @@ from ._value_files.transfer import read_transfer as read_transfer
 from ._values.angle import angle_deg as angle_deg
 from ._values.camera_model import CameraModel as CameraModel
 from ._values.flat import Flat as Flat
+from ._values.image_names import light_id as light_id
 from ._values.light_errors import LightErrors as LightErrors
 from ._values.light_errors import tangent_basis as tangent_basis
 from ._values.lights import Lights as Lights
 from ._values.lights import led_id as led_id
 from ._values.lights import led_of as led_of
-from ._values.lights import light_id as light_id
 from ._values.measured_sensor import Measured as Measured
 from ._values.measured_sensor import MeasuredSensor as MeasuredSensor
 from ._values.noise_model import NoiseModel as NoiseModel

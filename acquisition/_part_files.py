@@ -29,7 +29,15 @@ _PAUSE_S = 0.01
 
 
 def part_path(path: Path) -> Path:
-    """Return the temporary path, in the same folder, under which a file is written."""
+    """Return the temporary path, in the same folder, under which a file is written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import part_path
+    >>> part_path(Path("result/owl.png")).parent.name
+    'result'
+    """
     return path.with_name(_PART + path.name)
 
 

@@ -12,7 +12,7 @@ import hashlib
 import os
 import stat
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from acquisition._part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, tempo
 from acquisition._part_files import is_hidden as is_hidden
 from acquisition._part_files import is_part_file as is_part_file
 from acquisition._part_files import part_path as part_path
-from rig import SgpError
+from rig import SgpError, note_read
 
 if sys.platform != "win32":
     import fcntl
@@ -69,6 +69,51 @@ def disk(path: Path, action: str) -> Iterator[None]:
         raise storage_error(path, action, error) from error
 
 
+def _always() -> None:
+    """Allow every file."""
+
+
+_permission: Callable[[], None] = _always
+
+
+@contextmanager
+def publishing_if(permission: Callable[[], None]) -> Iterator[None]:
+    """Ask for permission before each file that this process publishes in the block.
+
+    A worker that was suspended can so find out that another one has done its work in between.
+
+    Parameters
+    ----------
+    permission
+        Raises an error to refuse; called by whichever thread writes a file.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from acquisition import publishing_if, write_durably
+    >>> with publishing_if(lambda: print("may I?")):
+    ...     write_durably(Path("notes.txt"), b"owl")
+    may I?
+    """
+    global _permission  # all writers of this process, whatever their thread
+    before, _permission = _permission, permission
+    try:
+        yield
+    finally:
+        _permission = before
+
+
+def check_publishing() -> None:
+    """Ask for the permission of `publishing_if` to replace or remove the files of a result.
+
+    Examples
+    --------
+    >>> from acquisition import check_publishing
+    >>> check_publishing()
+    """
+    _permission()
+
+
 @contextmanager
 def published(path: Path) -> Iterator[Part]:
     """Provide a temporary file to write to; at the end make it durable and rename it.
@@ -83,6 +128,7 @@ def published(path: Path) -> Iterator[Part]:
         yield part
         with disk(path, "write"):
             os.fsync(part.descriptor)
+            check_publishing()
             if not part.is_there():
                 raise StorageError(f"{part.path}: was replaced by another program: try again")
             if sys.platform == "win32":  # Windows cannot rename an open file
@@ -213,7 +259,7 @@ def open_binary(path: Path, flags: int) -> int:
 
 def _open(path: Path, flags: int) -> int:
     descriptor = os.open(path, flags | BINARY, 0o666)
-    if stat.S_ISREG(os.fstat(descriptor).st_mode):
+    if stat.S_ISREG(note_read(path, descriptor).st_mode):
         return descriptor
     os.close(descriptor)
     raise _irregular(path)

@@ -159,6 +159,7 @@ from ._synthesis.stored_synthesis import StoredSynthesis as StoredSynthesis
 from ._synthesis.stored_synthesis import synthesize_on_disk as synthesize_on_disk
 from ._synthesis.synthesis_memory import least_memory_of_synthesis as least_memory_of_synthesis
 from ._synthesis.synthesis_memory import memory_of_synthesis as memory_of_synthesis
+from ._uncertainty.normal_uncertainty import UNIFORM_DEG as UNIFORM_DEG
 from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty
 from ._uncertainty.normal_uncertainty import normal_uncertainty as normal_uncertainty
 from ._uncertainty.sample_kind import Reason as Reason

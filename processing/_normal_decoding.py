@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from acquisition import BandFile, DataError, rows_in_bands
 from processing._normal_doubts import Directions, pixel_doubts
+from processing._normal_encoding import NormalEncoding, normal_encoding
 from processing._normal_map import directions
 from processing._normal_pixels import clear, lengths
 from rig import Notice, in_threads
@@ -31,6 +32,7 @@ _ROUNDING = 2.5e-7
 _CLOSE = 0.1
 # Vectors that decide how a map is encoded.
 _MOST_COMPARED = 1 << 18
+_MOST_DECODED = 1 << 16
 _BAND_BYTES = 1 << 24
 
 
@@ -123,6 +125,15 @@ def decode_normals(
         elif not np.array_equal(given.inside, opacity > 0.5):
             text = f"the alpha channel is ignored, the mask is {given.file}"
             notes.append(Notice("alpha-ignored", text, str(file), "info"))
+    encoding = NormalEncoding()
+    if encoded:
+        chosen = np.ones((height, width), np.bool_) if mask is None else mask
+        if share is not None:
+            chosen = chosen & (share == 1)
+        some = _some(normals, chosen, bands)
+        some = some[:: 1 + len(some) // _MOST_DECODED]
+        encoding = normal_encoding(some * 2 - 1 if doubled else some)
+        notes += encoding.notices(str(file))
     known = np.zeros((height, width), np.bool_)
     close = count = 0
     seen = Directions()
@@ -132,6 +143,7 @@ def decode_normals(
             vectors = vectors * 2 - 1
         if share is not None:
             _divide(vectors, share[rows])
+        encoding.apply(vectors)
         if green == "down":
             vectors[..., 1] *= -1
         length = np.zeros(vectors.shape[:2], np.float32)

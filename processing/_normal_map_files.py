@@ -106,7 +106,8 @@ def read_normals(
         An image (.exr, .npy, .tif, .png, .jpg) whose red, green and blue are x, y and z, or a
         folder with ``normals.*`` or ``normal_map.*``. Integers encode ``n / 2 + 0.5``; floats are
         either encoded in the same way or are the vectors themselves. The reading whose vectors are
-        closer to unit length is used.
+        closer to unit length is used. So are other encodings: 127 or 128 as the code of zero,
+        a transfer curve, and maps of x and y only.
     mask_path
         An image that is brighter than half of its range inside the mask. Default: ``mask.png`` in
         the folder of the image if it exists, else the image's alpha, unless it is opaque
@@ -121,7 +122,7 @@ def read_normals(
     Returns
     -------
     NormalMapFile
-        The map, normalised to unit length, and warnings about the use of alpha, 8-bit
+        The map, normalised to unit length, and warnings about the use of alpha, the encoding, 8-bit
         quantisation, vectors that are NaN or infinite (which are left out), pixels inside the mask
         without a normal, normals that face away from the camera, and a z that is in the red or
         green channel.
@@ -142,7 +143,7 @@ def read_normals(
     >>> write_png("flat.png", np.full((4, 5, 3), (128, 128, 255), np.uint8))
     >>> read = read_normals("flat.png")
     >>> read.normal_map, [notice.code for notice in read.warnings]
-    (NormalMap(float32[4, 5, 3], 20 normals), ['normals-8-bit'])
+    (NormalMap(float32[4, 5, 3], 20 normals), ['normals-encoding', 'normals-8-bit'])
     """
     file, mask_file = _files(Path(path), mask_path)
     pixels = _read_pixels(file, max_pixels)

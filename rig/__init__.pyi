@@ -43,6 +43,10 @@ from ._errors import FrameTimeoutError as FrameTimeoutError
 from ._errors import RigConfigError as RigConfigError
 from ._errors import RigError as RigError
 from ._errors import RigNotFoundError as RigNotFoundError
+from ._file_status import FileStatus as FileStatus
+from ._file_status import files_read as files_read
+from ._file_status import note_read as note_read
+from ._file_status import status_when_read as status_when_read
 from ._genicam.camera import GenICamCamera as GenICamCamera
 from ._genicam.camera import open_genicam as open_genicam
 from ._genicam.system import FoundCamera as FoundCamera
@@ -61,6 +65,9 @@ from ._guard import parse_toml as parse_toml
 from ._guard import read_bounded as read_bounded
 from ._guard import read_head as read_head
 from ._in_threads import in_threads as in_threads
+from ._kernel_cache import kernel_folder as kernel_folder
+from ._kernel_watch import KernelWatch as KernelWatch
+from ._kernel_watch import watch_kernels as watch_kernels
 from ._memory import memory_budget as memory_budget
 from ._memory import memory_of_computer as memory_of_computer
 from ._memory import memory_size as memory_size

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -43,6 +43,8 @@ class CameraInfo:
         Least time between two triggers at the current exposure time, 0 if it is not known.
     turned_off
         Names of the nodes for image processing in the camera that were on when it was opened.
+    settings
+        The other settings of the camera after it was set up, by the names of their nodes.
     """
 
     vendor: str
@@ -60,6 +62,7 @@ class CameraInfo:
     trigger_delay_us: float = 0.0
     frame_period_us: float = 0.0
     turned_off: tuple[str, ...] = ()
+    settings: Mapping[str, bool | int | float | str] = field(default_factory=dict, hash=False)
 
     @property
     def white_dn(self) -> int:

@@ -20,6 +20,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
+from rig._file_status import note_read
+
 # A plan of 60,000 LEDs has 0.4 MB, a session.toml with 4096 lights has 1 MB.
 MAX_TOML_BYTES: Final = 2 << 20
 # Files of lights and cameras, and notes of an export: 60,000 lights have 10 MB.
@@ -123,7 +125,7 @@ def read_head(path: Path, count: int) -> tuple[bytes, int]:
         # Opening a pipe for reading would wait for its writer.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY)
         with os.fdopen(descriptor, "rb") as file:
-            status = os.fstat(descriptor)
+            status = note_read(path, descriptor)
             if stat.S_ISDIR(status.st_mode):
                 raise IsADirectoryError
             if not stat.S_ISREG(status.st_mode):

@@ -1,6 +1,7 @@
 """The command line: commands, plots, reports and the demo."""
 
-from typing import TYPE_CHECKING
+# Of `typing`, which `python -m` would search in the working directory.
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from sgp._record import ResultRecord as ResultRecord

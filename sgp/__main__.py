@@ -1,4 +1,8 @@
-"""``python -m sgp``: the command ``sgp``, ignoring modules in the working directory."""
+"""``python -P -m sgp``: the command ``sgp``.
+
+Without ``-P``, Python searches the working directory for ``sgp`` and for modules of its own before
+this file runs; only what is imported later is searched elsewhere.
+"""
 
 import os
 import sys

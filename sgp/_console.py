@@ -14,6 +14,7 @@ from sgp._stderr import STDERR
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress
 
 T = TypeVar("T")
 Advance = Callable[[int, int], None]
@@ -40,6 +41,22 @@ def terminal() -> Console:
 
 
 @contextmanager
+def busy(what: str) -> Iterator[None]:
+    """Show a moving bar on a terminal, below the one that is shown, while work has no measure."""
+    if not STDERR.isatty():
+        yield
+    elif (bar := Stages.bar) is not None:
+        task = bar.add_task(what, total=None)
+        try:
+            yield
+        finally:
+            bar.remove_task(task)
+    else:
+        with _progress(what):
+            yield
+
+
+@contextmanager
 def _progress(what: str) -> Iterator[Advance]:
     """Show a bar on a terminal, or a line from time to time; yields ``advance(done, total)``."""
     if not STDERR.isatty():
@@ -61,7 +78,11 @@ def _progress(what: str) -> Iterator[Advance]:
     )
     with Progress(*columns, console=terminal(), transient=True) as bar:
         task = bar.add_task(printable(what), total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        Stages.bar = bar
+        try:
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+        finally:
+            Stages.bar = None
 
 
 def shown(what: str, items: Sequence[T]) -> Iterator[T]:
@@ -81,6 +102,8 @@ class Stages:
     """
 
     _shown: ClassVar[Stages | None] = None
+    # The display of the bar that is shown, on a terminal.
+    bar: ClassVar[Progress | None] = None
 
     def __init__(self) -> None:
         self._open = ExitStack()

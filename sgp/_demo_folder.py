@@ -11,7 +11,8 @@ from pathlib import Path
 import acquisition
 import rig
 from sgp._exit import UsageError
-from sgp._output import check_folder, sha256
+from sgp._hashes import sha256
+from sgp._output import check_folder
 from sgp._result import dumps
 
 try:

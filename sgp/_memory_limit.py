@@ -13,7 +13,7 @@ import acquisition
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._output import sha256
+from sgp._hashes import input_hashes
 from sgp._result import plain
 
 
@@ -133,7 +133,7 @@ def identity(parameters: Mapping[str, object], files: list[Path]) -> dict[str, o
     """Return what unfinished maps depend on: parameters, inputs and the version."""
     return {
         **plain(parameters),
-        "inputs": [sha256(file) for file in files],
+        "inputs": [*input_hashes(files).values()],
         "software version": acquisition.software_version(),
     }
 

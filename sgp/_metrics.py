@@ -190,6 +190,16 @@ class ReportMetrics(TypedDict):
     ]
 
 
+class VerifyMetrics(TypedDict):
+    """Figures of a comparison of results with their records."""
+
+    records: Annotated[int, "", "records, and files that state what they were computed from"]
+    files: Annotated[int, "", "files of results that were checked"]
+    inputs: Annotated[int, "", "inputs that were compared with their hashes"]
+    inputs_missing: Annotated[int, "", "inputs that are no longer there"]
+    faults: Annotated[int, "", "files that are missing, damaged or changed"]
+
+
 # The figures of each command. Those of the stages of `sgp run` follow: each leaves a record.
 COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp normals": (NormalsMetrics,),
@@ -224,4 +234,5 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp calibrate camera": (CameraMetrics,),
     "sgp simulate": (SimulateMetrics,),
     "sgp report": (ReportMetrics,),
+    "sgp verify": (VerifyMetrics,),
 }

@@ -159,7 +159,7 @@ class RecordingOptions:
     Parameters
     ----------
     lights
-        Lights file: lights.json, .lp or DiLiGenT text; default: the lights of the source.
+        Lights file: lights.json, .lp, CSV or DiLiGenT text; default: the lights of the source.
     camera
         Camera file (camera.json, or one of OpenCV, COLMAP, AliceVision, or a 3x3 matrix); required
         if the lights have positions.

@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import inspect
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ParamSpec
 
 import acquisition
 import rig
 from sgp._console import shown
 from sgp._exit import UsageError
+from sgp._hashes import input_hashes, output_files, sha256
 from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
+from sgp._recordings import CALIBRATIONS, recordings_of
 from sgp._result import Result, dumps, plain
 
 P = ParamSpec("P")
+_OTHER = object()
 
 
 def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Result]]:
@@ -32,6 +35,8 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
 
     def decorate(command: Callable[P, Result]) -> Callable[P, Result]:
         signature = inspect.signature(command)
+        known = {name: one.default for name, one in signature.parameters.items()}
+        defaults = flat_parameters(known)
 
         @functools.wraps(command)
         def run(*args: P.args, **kwargs: P.kwargs) -> Result:
@@ -43,7 +48,8 @@ def writes_folder(record: str) -> Callable[[Callable[P, Result]], Callable[P, Re
                 return command(*args, **kwargs)
             check_output(out, parameters.values(), force=force or _cut_short(out / record))
             result = command(*args, **kwargs)
-            write_record(out / record, _name(command), parameters | result.parameters, result)
+            made = parameters | result.parameters
+            write_record(out / record, _name(command), made, result, defaults=defaults)
             return result
 
         return run
@@ -72,17 +78,21 @@ def check_output(out: Path, arguments: Iterable[Any], *, force: bool) -> None:
     _check_apart(out, paths_of(arguments))
 
 
-def claim_folder(out: Path, record: str) -> Path:
+def claim_folder(out: Path, record: str, inputs: Iterable[Path] = ()) -> Path:
     """Prepare an output folder for writing: create it, or remove the files of an earlier result.
 
     Commands call this after the computation and before writing, so that a run that fails leaves an
-    earlier result as it was.
+    earlier result as it was, also if one of its ``inputs`` was changed.
 
     Raises
     ------
+    DataError
+        If an input was changed after the command had opened it.
     StorageError
         If the folder cannot be created or a file cannot be removed.
     """
+    input_hashes(inputs)
+    acquisition.check_publishing()
     acquisition.make_folder(out)
     acquisition.remove_part_files(out)
     for path in earlier_files(out, record):
@@ -223,14 +233,30 @@ def _check_name(out: Path) -> None:
         raise UsageError(f"{out}: the name is not UTF-8: choose another name") from None
 
 
-def write_record(path: Path, command: str, parameters: Mapping[str, Any], result: Result) -> None:
-    """Write the JSON record of a result atomically: a reader never sees a part of it."""
+def write_record(
+    path: Path,
+    command: str,
+    parameters: Mapping[str, Any],
+    result: Result,
+    *,
+    defaults: Mapping[str, Any] = MappingProxyType({}),
+) -> None:
+    """Write the JSON record of a result atomically: a reader never sees a part of it.
+
+    ``defaults`` are the values of parameters that were not given.
+    """
+    unchanged = [name for name, value in parameters.items() if defaults.get(name, _OTHER) == value]
+    calibrations = paths_of(parameters.get(name) for name in CALIBRATIONS)
+    recordings = recordings_of(result.inputs, calibrations)
+    files = [file for file in output_files(result.outputs.values()) if path.parent in file.parents]
     # A plain mapping with the keys of `ResultRecord`, which readers check: importing pydantic would
     # cost every command a quarter of a second.
     record = {
         "format": RECORD_FORMAT,
         "version": RECORD_VERSION,
         **provenance(command, parameters, result.inputs),
+        **({"defaults": unchanged} if unchanged else {}),
+        **({"recordings": [asdict(one) for one in recordings]} if recordings else {}),
         "outputs": {
             name: str(output.relative_to(path.parent))
             for name, output in result.outputs.items()
@@ -239,12 +265,25 @@ def write_record(path: Path, command: str, parameters: Mapping[str, Any], result
         "metrics": result.metrics,
         "warnings": [str(notice) for notice in result.warnings],
         "notices": [asdict(notice) for notice in result.warnings],
+        "files": {
+            str(file.relative_to(path.parent)): {
+                "bytes": file.stat().st_size,
+                "sha256": sha256(file),
+            }
+            for file in shown("hashing the result", files)
+        },
     }
     acquisition.write_durably(path, f"{dumps(record)}\n".encode())
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:
-    """Return the provenance of a result: command, version, parameters, input hashes."""
+    """Return the provenance of a result: command, version, parameters, input hashes.
+
+    Raises
+    ------
+    DataError
+        If an input was changed after the command had opened it.
+    """
     return {
         "command": command,
         "software": {
@@ -252,17 +291,5 @@ def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) 
             "version": acquisition.software_version(),
         },
         "parameters": plain(parameters),
-        "inputs": {str(file): sha256(file) for file in shown("hashing the inputs", inputs)},
+        "inputs": input_hashes(inputs),
     }
-
-
-def sha256(path: Path) -> str:
-    """Return the hex digest of a file's bytes; an unchanged file is read only once."""
-    now = path.stat()
-    return _digest(path, now.st_size, now.st_mtime_ns)
-
-
-@functools.cache
-def _digest(path: Path, size: int, mtime_ns: int) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -117,6 +117,9 @@ class StageRecords:
     ) -> None:
         chosen = {"transfer": source.transfer.record()}
         given = {name: value for group in groups for name, value in asdict(group).items()}
+        self._defaults = {
+            name: value for group in groups for name, value in asdict(type(group)()).items()
+        }
         self._out, self._files = out, files
         self._parameters = {"source": source.path, **given, **chosen}
         self.merged = Result(inputs=files, parameters=chosen)
@@ -124,10 +127,11 @@ class StageRecords:
     def write(self, name: str, files_of: Callable[[Path], Result]) -> Result:
         """Let a function write the files of a stage; write their record, and return the result."""
         record = f"{name}.json"
-        result = files_of(claim_folder(self._out / name, record))
+        result = files_of(claim_folder(self._out / name, record, self._files))
         result.inputs = self._files
         path = self._out / name / record
-        write_record(path, "sgp run", self._parameters | result.parameters, result)
+        made = self._parameters | result.parameters
+        write_record(path, "sgp run", made, result, defaults=self._defaults)
         return result
 
     def merge(self, name: str, result: Result) -> None:

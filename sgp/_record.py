@@ -31,6 +31,13 @@ class Software(_Table):
     version: str
 
 
+class OutputFile(_Table):
+    """Size and hash of a file of a result."""
+
+    bytes: int
+    sha256: _Sha256
+
+
 class ResultRecord(_Table):
     """What a command computed, from which inputs, with which parameters.
 
@@ -44,8 +51,13 @@ class ResultRecord(_Table):
         Name and version of the program.
     parameters
         The arguments of the command by name, defaults included.
+    defaults
+        Names of the parameters that have their default values.
     inputs
         SHA-256 of every file that was read, by its path.
+    recordings
+        What the recordings were of that the result was computed from, without those of its
+        calibrations. Records of earlier programs have none.
     outputs
         File names of the results, relative to the record.
     metrics
@@ -55,6 +67,9 @@ class ResultRecord(_Table):
         The lines of `notices`, as they were printed.
     notices
         What the command reported besides the figures.
+    files
+        Size and SHA-256 of each output by its file name, except pages, which may be made again;
+        earlier programs did not write them.
     """
 
     format: Literal["sgp-result"] = RECORD_FORMAT
@@ -62,11 +77,14 @@ class ResultRecord(_Table):
     command: str
     software: Software
     parameters: dict[str, JsonValue]
+    defaults: tuple[str, ...] = ()
     inputs: dict[str, _Sha256]
+    recordings: tuple[acquisition.Identity, ...] = ()
     outputs: dict[str, str]
     metrics: dict[str, JsonValue]
     warnings: tuple[str, ...]
     notices: tuple[rig.Notice, ...]
+    files: dict[str, OutputFile] = Field(default_factory=dict)
 
     def __repr__(self) -> str:
         counts = (
@@ -98,7 +116,12 @@ def read_record(path: str | Path) -> ResultRecord:
     except FileNotFoundError as error:
         raise acquisition.MissingPathError(f"{path}: no such file") from error
     except rig.UnreadableError as error:
-        raise acquisition.DataError(f"{path}: {error}") from error
+        raise acquisition.DataError(
+            f"{path}: is the record of a result and is cut short or damaged ({error}): run the "
+            "command that wrote it again"
+            if is_record(path)
+            else f"{path}: {error}"
+        ) from error
     if not isinstance(values, dict) or values.get("format") != RECORD_FORMAT:
         raise acquisition.DataError(
             f"{path}: is not the record of a result: its format is not {RECORD_FORMAT!r}"
@@ -115,6 +138,15 @@ def read_record(path: str | Path) -> ResultRecord:
     except ValidationError as error:
         raise acquisition.DataError(f"{path}: {rig.validation_message(error)}") from error
     return record
+
+
+def is_record(path: Path) -> bool:
+    """Return whether a file is the record of a result, even if it is cut short."""
+    try:
+        head, _ = rig.read_head(path, 200)
+    except (FileNotFoundError, rig.UnreadableError):
+        return False
+    return f'"format": "{RECORD_FORMAT}"'.encode() in head
 
 
 def records_of(path: Path) -> Iterator[tuple[Path, ResultRecord]]:

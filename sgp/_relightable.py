@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -126,12 +127,19 @@ def _of_normals(
 
 
 def write_relightable(
-    folder: Path, made: Relightable, mask: Mask, options: RelightOptions, quality: int
+    folder: Path,
+    made: Relightable,
+    mask: Mask,
+    options: RelightOptions,
+    quality: int,
+    about: Sequence[acquisition.Identity],
 ) -> Result:
     """Write the files of a relightable image into a folder and return them with their figures."""
     image, residual = made.fit.image, made.fit.residual
-    result = Result(warnings=made.notices, inputs=made.files)
-    files, stored = processing.write_rti_planes(folder, image, made.lights, quality=quality)
+    result = Result(warnings=made.notices)
+    files, stored = processing.write_rti_planes(
+        folder, image, made.lights, quality=quality, recordings=about
+    )
     result.outputs |= {path.stem: path for path in files}
     planes = _difference(image, stored, made.lights)
     inside = mask & np.isfinite(residual)

@@ -10,15 +10,15 @@ from pydantic import JsonValue
 
 import acquisition
 from sgp._exit import UsageError
+from sgp._hashes import sha256
 from sgp._options import RecordingOptions
-from sgp._output import sha256
 from sgp._record import ResultRecord, read_record
+from sgp._recordings import CALIBRATIONS
 from sgp._stages import Recording, open_recording, with_scale
 
 _RECORD = "normals.json"
 _LIGHTS = "lights.json"
-# What options of these names hold in a record, which has texts and lists.
-_PATHS = ("lights", "camera", "flat", "sensor")
+# Options whose values are lists in a record.
 _LISTS = ("exclude", "crop")
 
 
@@ -115,7 +115,7 @@ def _options(path: Path, found: NormalsResult, max_pixels: int) -> dict[str, Any
         value: JsonValue = known.get(field.name)
         if value is None:
             continue
-        if field.name in _PATHS:
+        if field.name in CALIBRATIONS:
             chosen[field.name] = Path(str(value))
         elif field.name in _LISTS and isinstance(value, list):
             chosen[field.name] = tuple(value)

@@ -15,7 +15,8 @@ import rig
 from sgp._record import records_of
 
 _NAME = "normal_sigma_deg"
-_LARGEST_DEG = 90.0
+# Earlier versions wrote values above that of a uniform direction; they count as this.
+_LARGEST_DEG = 180.0
 # Values that are read at once.
 _READ = 4_000_000
 
@@ -44,7 +45,7 @@ def read_sigma(path: Path, normal_map: processing.NormalMap, max_pixels: int) ->
     common_deg = _common_deg(path)
     image = acquisition.read_image(path, max_pixels=max_pixels)
     notices = _checked(path, image, normal_map.mask)
-    return SigmaMap(image.astype(np.float32), common_deg, notices)
+    return SigmaMap(_limited(image), common_deg, notices)
 
 
 class StoredSigma(NamedTuple):
@@ -64,8 +65,12 @@ def store_sigma(
         sigma = acquisition.BandFile(file, image.shape, np.dtype(np.float32))
         height, width = mask.shape
         for rows in acquisition.rows_in_bands(height, width, _READ):
-            sigma[rows] = image[rows]
+            sigma[rows] = _limited(image[rows])
     return StoredSigma(sigma, notices)
+
+
+def _limited(sigma_deg: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    return np.minimum(sigma_deg.astype(np.float32), np.float32(processing.UNIFORM_DEG))
 
 
 def _checked(

@@ -17,8 +17,9 @@ import processing
 import rig
 from sgp._console import Stages, shown
 from sgp._exit import UsageError
+from sgp._hashes import sha256
 from sgp._memory_limit import identity, other_maps_refused, size_text
-from sgp._output import claim_folder, sha256
+from sgp._output import claim_folder
 from sgp._result import Result
 from sgp._sigma_map import store_sigma
 from sgp._stage_metrics import SurfaceMetrics

@@ -49,6 +49,7 @@ _TOP = (
     "relight",
     "simulate",
     "report",
+    "verify",
     "doctor",
 )
 _COMPLETION = "completion"
@@ -271,8 +272,11 @@ def _take_common_options(app: App) -> None:
         command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
         if getattr(command, "__module__", "").startswith("sgp.commands."):
             from sgp._options import require_inputs
+            from sgp._own_files import own_files_named
 
             require_inputs(command, bound.arguments)
+            with own_files_named():
+                return command(*bound.args, **bound.kwargs), json
         return command(*bound.args, **bound.kwargs), json
 
 
@@ -355,10 +359,19 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
 
 def main() -> None:
     """Entry point of ``sgp``."""
-    raise SystemExit(run(build(sys.argv[1:]), sys.argv[1:]))
+    raise SystemExit(_run_in_process(build(sys.argv[1:])))
 
 
 def capture() -> None:
     """Entry point of ``capture``, the same as ``sgp capture``."""
     command, *_ = [*_words(sys.argv[1:]), None]
-    raise SystemExit(run(_group("capture", command), sys.argv[1:]))
+    raise SystemExit(_run_in_process(_group("capture", command)))
+
+
+def _run_in_process(app: App) -> int:
+    """Run the command line of this process, which reports kernels that are compiled."""
+    import rig
+    from sgp._compiling import Compiling
+
+    rig.watch_kernels(Compiling())
+    return run(app, sys.argv[1:])

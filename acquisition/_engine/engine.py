@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from acquisition._engine.camera_settings import settings_events
 from acquisition._engine.carry_out import STALL_S, carry_out
 from acquisition._engine.hooks import RecordingHooks
 from acquisition._engine.references import References
@@ -104,6 +105,7 @@ def record(
     for exposure_us in plan.distinct_exposures_us:
         rig.prepare(exposure_us, plan.gain_db)
     manifest = _manifest(rig, folder, calibrations, labels=labels, plan=plan)
+    events = [*events, *settings_events(rig.camera.info)]
     if left_out:
         events = [*events, (LEFT_OUT, {"leds": list(left_out), "reason": "listed as dead"})]
     with SessionWriter.create(folder, manifest) as writer:
@@ -174,6 +176,7 @@ def resume(
     folder = Path(folder)
     _check_events(events, folder)
     _, recorded = _fitting(rig, folder, plan, retake_damaged=retake_damaged)
+    events = [*events, *settings_events(rig.camera.info)]
     with SessionWriter.reopen(
         folder,
         set_aside_damaged=retake_damaged,

@@ -24,6 +24,8 @@ class Caption:
         The session's entries of the same names.
     taken
         Time at which the recording began.
+    simulated
+        Whether rig or camera were simulated, which the description then says.
     software
         Name and version of the program that recorded the session.
     exposure_us
@@ -38,6 +40,7 @@ class Caption:
     taken: datetime
     software: str
     exposure_us: float | None = None
+    simulated: bool = False
 
     @classmethod
     def of(cls, manifest: Manifest, exposure_us: float | None = None) -> Caption:
@@ -51,7 +54,14 @@ class Caption:
             taken=manifest.started_utc,
             software=f"{manifest.software.name} {manifest.software.version}",
             exposure_us=exposure_us,
+            simulated=manifest.simulated,
         )
+
+    @property
+    def description(self) -> str:
+        """The notes, after a mark if the recording is simulated."""
+        marks = ("SIMULATED",) if self.simulated else ()
+        return ": ".join(filter(None, (*marks, self.notes)))
 
     def texts(self) -> dict[str, str]:
         """Return the non-empty fields by keyword; the keywords are PNG's where PNG defines one."""
@@ -59,7 +69,7 @@ class Caption:
         fields = {
             "Title": self.title,
             "Author": self.creator,
-            "Description": self.notes,
+            "Description": self.description,
             "Copyright": self.rights,
             "Creation Time": self.taken.isoformat(),
             "Software": self.software,
@@ -75,7 +85,7 @@ class Caption:
         lines = [
             _listed("dc:title", "Alt", self.title),
             _listed("dc:creator", "Seq", self.creator),
-            _listed("dc:description", "Alt", self.notes),
+            _listed("dc:description", "Alt", self.description),
             _listed("dc:rights", "Alt", self.rights),
             _plain("Iptc4xmpCore:Location", self.place),
             _plain("xmp:CreateDate", self.taken.isoformat()),

@@ -80,7 +80,7 @@ def write_captioned_exr(
     standard = {
         "DocumentName": caption.title,
         "Artist": caption.creator,
-        "ImageDescription": caption.notes,
+        "ImageDescription": caption.description,
         "Copyright": caption.rights,
         "DateTime": f"{caption.taken:%Y:%m:%d %H:%M:%S}",
         "Software": caption.software,

@@ -64,6 +64,7 @@ def recording_notes(
         rights=manifest.rights,
         started_utc=manifest.started_utc,
         camera=camera,
+        origin="simulated" if manifest.simulated else None,
         transfer=None if samples.transfer == LINEAR else TransferRecord.of(samples.transfer),
         lights_file=None if source.lights is None else LIGHTS_FILE,
         camera_file=None if source.camera is None else CAMERA_FILE,

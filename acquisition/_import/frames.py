@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,12 +29,13 @@ from acquisition._source.source import Frame, Source
 from acquisition._storage import disk, make_folder
 from acquisition._suffixes import is_raw
 from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights, led_id
+from acquisition._values.lights import Lights, led_id, led_of
+from acquisition._values.running_numbers import order_doubt
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Progress, no_progress
 
-# Files that are named like the frames of a session keep their LED number.
-_OUR_NAME = re.compile(r"L(\d{2,4})(?:_E\d+)?(?:_R\d+)?", re.IGNORECASE)
+# Larger numbers are those of a camera (L1000001.DNG).
+_LAST_LED = 9999
 _IMPORTED = "imported"
 
 
@@ -113,8 +112,8 @@ def import_frames(
     Raises
     ------
     DataError
-        If the source is already a session or holds float samples, or if an image is damaged or of
-        another kind than the first.
+        If the source is already a session or holds float samples, if an image is damaged or of
+        another kind than the first, or if the order of the images cannot be known.
     StorageError
         If the folder is not empty or cannot be written.
 
@@ -137,12 +136,12 @@ def import_frames(
     record = _notes_of(source)
     # Fail before a folder is created if the images are of another kind or the first is damaged.
     first = _read(source.frames[0], source)
-    shots = _shots(source.frames, record)
+    shots = _shots(source, record)
     lights = source.lights
     if lights is not None:
         leds = [shot.led or 0 for shot in shots if shot.role == "light"]
         lights = replace(lights, ids=tuple(map(led_id, leds)))
-    others: dict[str, Any] = {}
+    others: dict[str, Any] = {"origin": "simulated" if source.simulated else None}
     if record is not None:
         labels = Labels(
             operator=labels.operator or record.operator,
@@ -243,6 +242,7 @@ def camera_of(image: ImportedImage) -> dict[str, Any]:
         "model": image.facts.shot.model,
         "black_level_dn": image.black_level_dn,
         "white_level_dn": image.white_level_dn,
+        "black_levels_dn": image.black_levels_dn if len(set(image.black_levels_dn)) > 1 else None,
     }
 
 
@@ -271,8 +271,9 @@ def _notes_of(source: Source) -> RecordingNotes | None:
     return notes if all(frame.path.name in noted for frame in source.frames) else None
 
 
-def _shots(frames: Sequence[Frame], record: RecordingNotes | None) -> list[PlannedShot]:
+def _shots(source: Source, record: RecordingNotes | None) -> list[PlannedShot]:
     """Return the shot that each image shows."""
+    frames = source.frames
     if record is not None:
         noted = {frame.file: frame for frame in record.frames}
         listed = [noted[frame.path.name] for frame in frames]
@@ -282,10 +283,13 @@ def _shots(frames: Sequence[Frame], record: RecordingNotes | None) -> list[Plann
         ]
     lit = [frame for frame in frames if frame.role == "light"]
     leds = list(range(len(lit)))
-    named = [_OUR_NAME.fullmatch(frame.path.stem) for frame in lit]
-    by_name = [int(match[1]) for match in named if match is not None]
-    if len(by_name) == len(lit) == len(set(by_name)):
+    names = [frame.path.name for frame in lit]
+    by_name = [led for name in names if (led := led_of(name)) is not None]
+    if len(by_name) == len(lit) == len(set(by_name)) and max(by_name) <= _LAST_LED:
         leds = by_name
+    # Other sources list their images in order, and lights belong to names.
+    elif source.kind == "images" and source.lights is None and (doubt := order_doubt(names)):
+        raise DataError(f"{source.path}: {doubt}")
     shots = {
         frame.path: PlannedShot("light", led, 0, 0, frame.exposure_us)
         for led, frame in zip(leds, lit, strict=True)
@@ -303,7 +307,7 @@ def _read(frame: Frame, source: Source) -> ImportedImage:
     if is_raw(frame.path):
         return read_for_import(frame.path, max_pixels=frame.max_pixels)
     facts = image_facts(frame.path, max_pixels=frame.max_pixels)
-    return imported_image(facts, frame.read())
+    return imported_image(facts, frame.read_stored())
 
 
 def _write_maps(source: Source, folder: Path) -> None:

@@ -16,10 +16,9 @@ from acquisition._import.frames import camera_metadata, camera_of, write_importe
 from acquisition._import.image import ImportedImage
 from acquisition._import.watch_files import Recorded, WatchedFolder
 from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
-from acquisition._import.watch_names import running_number
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._pixels.image_facts import ImageFacts
-from acquisition._pixels.sample_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._pixels.shot_facts import ShotFacts
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.calibrations import Calibrations
@@ -35,6 +34,7 @@ from acquisition._source.series_facts import orientation_notices
 from acquisition._source.transfer_notice import transfer_notices
 from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
+from acquisition._values.running_numbers import running_number
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
 
@@ -153,6 +153,8 @@ class _Watcher:
         self._files = WatchedFolder(
             watch.folder, watch.settle_s, self._say, watch.max_pixels, watch.pair_s
         )
+        for notice in () if lights is None else lights.warnings:
+            self._say(notice)
         self._recorded: dict[str, int] = {}
         self._earlier: frozenset[str] = frozenset()
         self._names: dict[str, str] = {}  # of files, by the hash of their pixels

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from acquisition._errors import DataError
-from acquisition._import.watch_names import running_number, shots_after
+from acquisition._values.running_numbers import running_number, shots_after
 from rig import Notice, pluralize
 
 _GAP: Final = 1.5
@@ -173,7 +173,8 @@ class _Matching:
         below = {other: n for other, n in numbered.items() if n is not None and n >= 0}
         above = {other: n for other, n in numbered.items() if n is not None and n < 0}
         if below:
-            return min(below, key=below.__getitem__)
+            # 9999 and 0000 may both seem to come just before 0001: the later one does.
+            return min(below, key=lambda other: (below[other], -self.placed[other]))
         if above:
             return max(above, key=above.__getitem__)
         timed = self.rule.interval_s is not None and running_number(name) is None

@@ -22,9 +22,11 @@ class MeshFile:
         ``(F, 3)`` int64 vertex indices; polygons are split into triangles. They are not checked
         against the number of vertices. None if the file has no surface.
     normals
-        ``(V, 3)`` normals of the vertices; None if the file has no normals.
+        ``(V, 3)`` normals of the vertices as they are in the file, NaN for vertices without
+        one; None if the file has no normals. A vertex with several normals is there several times.
     warnings
-        One notice for each kind of data that was left out.
+        One notice for each kind of data that was left out, or read in a way that others may not
+        expect.
     """
 
     vertices: npt.NDArray[np.float64]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +30,16 @@ def numbers_of(text: bytes) -> npt.NDArray[np.float64]:
             return np.fromstring(text, np.float64, sep=" ")
     except (DeprecationWarning, ValueError) as error:
         raise UnreadableError(f"text that is not a number ({_first(text)!r})") from error
+
+
+def whole(values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+    """Return values as integers; raise an UnreadableError if they are not integers."""
+    if values.dtype.kind in "iu":
+        return np.asarray(values, np.int64)
+    # Above 2**53 a double cannot represent every integer.
+    if not (np.abs(values) < 2.0**53).all() or (values != np.rint(values)).any():
+        raise UnreadableError("a list of vertices with a number that is not an integer")
+    return np.asarray(values, np.int64)
 
 
 def _first(text: bytes) -> str:

@@ -10,9 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body, whole
+from acquisition._mesh_files.numbers import whole
+from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body
 from acquisition._mesh_files.ply_header import Element, read_header
-from rig import Notice, UnreadableError, pluralize
+from acquisition._mesh_files.polygons import triangles_of
+from rig import Notice, UnreadableError
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _STRIPS = "tristrips"
@@ -33,30 +35,25 @@ def read_ply(data: bytes) -> MeshFile:
     vertex = tables.get("vertex", Table({}, {}))
     if not {"x", "y", "z"} <= set(vertex.columns):
         raise UnreadableError("its header has no element vertex with x, y and z")
-    faces, warnings = _surface({element.name: element for element in elements}, tables)
     normals = None
     if {"nx", "ny", "nz"} <= set(vertex.columns):
         normals = np.stack([vertex.columns[name] for name in ("nx", "ny", "nz")], axis=1)
     vertices = np.stack([vertex.columns[name] for name in "xyz"], axis=1)
+    named = {element.name: element for element in elements}
+    faces, warnings = _surface(named, tables, vertices)
     return MeshFile(vertices, faces, normals, warnings)
 
 
 def _surface(
-    elements: dict[str, Element], tables: dict[str, Table]
+    elements: dict[str, Element], tables: dict[str, Table], vertices: npt.NDArray[np.float64]
 ) -> tuple[Whole | None, tuple[Notice, ...]]:
     """Return the triangles of faces and strips, and warnings; None if the file has neither."""
     triangles: list[Whole] = []
     warnings: tuple[Notice, ...] = ()
     if "face" in elements and elements["face"].count:
-        fans, lost = _fans(_corners(elements["face"], tables["face"]))
-        triangles.append(fans)
-        if lost:
-            words = (
-                "face with fewer than three corners was",
-                "faces with fewer than three corners were",
-            )
-            text = f"{pluralize(lost, *words)} left out"
-            warnings = (Notice("faces-with-few-corners", text),)
+        polygons = _corners(elements["face"], tables["face"])
+        split, warnings = triangles_of(polygons.lengths, polygons.values, vertices)
+        triangles.append(split)
     if _STRIPS in elements and elements[_STRIPS].count:
         strips = elements[_STRIPS]
         kind = next((one.kind for one in strips.lists), "i4")
@@ -81,18 +78,6 @@ def _corners(element: Element, table: Table) -> Lists:
         )
     corners = table.lists[named[0]]
     return Lists(corners.lengths, whole(corners.values))
-
-
-def _fans(polygons: Lists) -> tuple[Whole, int]:
-    """Split polygons into triangles; also return how many had fewer than three corners."""
-    if (polygons.lengths == 3).all():
-        return polygons.values.reshape(-1, 3), 0
-    begins = np.cumsum(polygons.lengths) - polygons.lengths
-    cut = np.maximum(polygons.lengths - 2, 0)
-    first = np.repeat(begins, cut)
-    step = np.arange(len(first)) - np.repeat(np.cumsum(cut) - cut, cut)
-    places = np.stack([first, first + step + 1, first + step + 2], axis=1)
-    return polygons.values[places], int(np.count_nonzero(polygons.lengths < 3))
 
 
 def _of_strips(strips: Lists, kind: str) -> Whole:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from acquisition._mesh_files.numbers import numbers_of
 from acquisition._mesh_files.ply_header import Element
-from rig import UnreadableError
+from rig import UnreadableError, pluralize
 
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
@@ -40,11 +40,62 @@ def read_body(data: memoryview, order: str, elements: tuple[Element, ...]) -> di
     Raises
     ------
     UnreadableError
-        If there are fewer rows than the header states, or a value is not a number.
+        If there are fewer or more rows than the header states, a row has more numbers than it
+        states, or a value is not a number.
     """
     if order:
         return dict(_binary(data, order, elements))
-    return dict(_text(numbers_of(bytes(data)), elements))
+    text = bytes(data)
+    try:
+        tables = dict(_text(numbers_of(text), elements))
+    except UnreadableError:
+        _check_rows(text, elements)  # it can say more
+        raise
+    counts = [len(line.split()) for line in text.splitlines() if line.strip()]
+    widths = np.concatenate([_widths(one, tables) for one in elements] or [np.zeros(0, np.int64)])
+    if len(counts) != len(widths) or counts != widths.tolist():
+        _check_rows(text, elements)
+    if sum(counts) > widths.sum():
+        raise UnreadableError(
+            f"it has {sum(counts)} numbers, its header states {widths.sum()}: correct the header"
+        )
+    return tables
+
+
+def _widths(element: Element, tables: dict[str, Table]) -> Whole:
+    """Return how many numbers each row of an element has."""
+    if not element.properties:
+        return np.zeros(0, np.int64)
+    lists = tables[element.name].lists.values()
+    each = np.full(element.count, len(element.properties), np.int64)
+    return each + sum(one.lengths for one in lists)
+
+
+def _check_rows(text: bytes, elements: tuple[Element, ...]) -> None:
+    """Raise an UnreadableError that names the first row that the header does not describe."""
+    lines = [line for line in text.splitlines() if line.strip()]
+    rows = sum(element.count for element in elements if element.properties)
+    if len(lines) < rows:
+        return  # truncated, or not one row per line
+    for element in elements:
+        for row, line in enumerate(lines[: element.count if element.properties else 0], 1):
+            words = line.split()
+            width = 0
+            for one in element.properties:
+                listed = words[width : width + 1] if one.count else []
+                width += 1 + sum(int(word) for word in listed if word.isdigit() and len(word) < 9)
+            if len(words) != width:
+                raise UnreadableError(
+                    f"row {row} of its {element.name} elements has "
+                    f"{pluralize(len(words), 'number')}, its header states {width}: correct the "
+                    "header, or the rows"
+                )
+        del lines[: element.count if element.properties else 0]
+    if lines:
+        raise UnreadableError(
+            f"it has {pluralize(len(lines), 'row')} more than the {rows} of its header: correct "
+            "the header"
+        )
 
 
 def _text(numbers: Double, elements: tuple[Element, ...]) -> Iterator[tuple[str, Table]]:
@@ -143,6 +194,11 @@ def _binary(
         else:
             table, data = _chased_bytes(data, order, element)
             yield element.name, table
+    # Some programs end a file with a line break, and some fill it up to a round size.
+    if more := len(bytes(data).strip(b"\0\r\n\t ")):
+        raise UnreadableError(
+            f"it has about {more} bytes more than its header states: correct the header"
+        )
 
 
 def _rows_alike(
@@ -249,16 +305,6 @@ def _length_at(data: memoryview, at: int, reader: struct.Struct) -> int:
     if not 0 <= length <= len(data):
         raise UnreadableError(f"a list of {length} numbers: the file is damaged or truncated")
     return int(length)
-
-
-def whole(values: npt.NDArray[Any]) -> Whole:
-    """Return values as integers; raise an UnreadableError if they are not integers."""
-    if values.dtype.kind in "iu":
-        return np.asarray(values, np.int64)
-    # Above 2**53 a double cannot represent every integer.
-    if not (np.abs(values) < 2.0**53).all() or (values != np.rint(values)).any():
-        raise UnreadableError("a list of vertices with a number that is not an integer")
-    return np.asarray(values, np.int64)
 
 
 def _ranges(begins: Whole, lengths: Whole) -> Whole:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import io
 import re
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._mesh_files.glb import shape_of_glb
+from acquisition._mesh_files.glb import read_glb
 from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.numbers import numbers_of
+from acquisition._mesh_files.obj import read_obj
+from acquisition._mesh_files.off import read_off
 from acquisition._mesh_files.ply import read_ply
 from acquisition._mesh_files.stl import read_stl
+from acquisition._mesh_files.xyz import read_xyz
 from acquisition._text_files import text_of
-from rig import MAX_BINARY_BYTES, UnreadableError, convert_parser_errors, read_bounded, read_head
+from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head
 
 MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".off", ".xyz")
 # With larger coordinates, areas and lengths would overflow.
@@ -66,13 +67,13 @@ def read_mesh_file(path: str | Path) -> MeshFile:
             case ".stl":
                 mesh = read_stl(data)
             case ".xyz":
-                mesh = _xyz(data)
+                mesh = read_xyz(data)
             case ".glb":
-                mesh = _by_library(shape_of_glb(data), suffix)
+                mesh = read_glb(data)
+            case ".off":
+                mesh = read_off(_text_of(data))
             case _:
-                _check_text(data, suffix)
-                # For other encodings trimesh needs a package that is not installed.
-                mesh = _by_library(text_of(data).encode(), suffix)
+                mesh = read_obj(_text_of(data))
         far = np.abs(mesh.vertices) > _LARGEST
         if (far & np.isfinite(mesh.vertices)).any():
             raise UnreadableError(
@@ -81,61 +82,8 @@ def read_mesh_file(path: str | Path) -> MeshFile:
     return mesh
 
 
-def _by_library(data: bytes, suffix: str) -> MeshFile:
-    # Importing trimesh takes long.
-    import trimesh
-
-    with (
-        convert_parser_errors("not readable as a mesh: damaged or truncated"),
-        np.errstate(all="ignore"),
-    ):
-        # From memory: with a file name trimesh would look for material files in its folder.
-        loaded: Any = trimesh.load(
-            io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True
-        )
-        if isinstance(loaded, trimesh.Scene):
-            loaded = loaded.to_mesh()
-        vertices = np.asarray(loaded.vertices, np.float64).reshape(-1, 3)
-        faces = np.asarray(getattr(loaded, "faces", np.zeros((0, 3))), np.int64).reshape(-1, 3)
-    return MeshFile(vertices, faces if len(faces) else None)
-
-
-def _check_text(data: bytes, suffix: str) -> None:
-    """Refuse an OBJ or OFF file with invalid numbers, or an OFF file with too few lines."""
+def _text_of(data: bytes) -> bytes:
+    """Return a text in UTF-8; refuse zero bytes and numbers without end."""
     if b"\0" in data or _LONG_NUMBER.search(data):
         raise UnreadableError("not a text of vertices and faces")
-    if suffix != ".off":
-        return
-    lines = [words for line in data.splitlines() if (words := line.partition(b"#")[0].split())]
-    head = [word for words in lines[:2] for word in words]
-    counts = [word for word in head if word.upper() != b"OFF"][:2]
-    if len(counts) < 2 or not all(re.fullmatch(rb"[0-9]{1,10}", count) for count in counts):
-        raise UnreadableError("its header has no counts of vertices and faces")
-    expected = int(counts[0]) + int(counts[1])
-    actual = len(lines) - (2 if lines[0] == [b"OFF"] else 1)
-    if actual < expected:
-        raise UnreadableError(
-            f"truncated: its header states {expected} lines of vertices and faces, it has "
-            f"{actual}: get the complete file"
-        )
-
-
-def _xyz(data: bytes) -> MeshFile:
-    lines = [line for line in data.replace(b",", b" ").splitlines() if line.strip()]
-    lines = [line for line in lines if not line.startswith(b"#")]
-    if not lines:
-        raise UnreadableError("the point cloud has no points")
-    columns = len(lines[0].split())
-    if columns < 3:
-        raise UnreadableError(f"lines of {columns} numbers, expected x y z or x y z nx ny nz")
-    wrong = next((line for line in lines if len(line.split()) != columns), None)
-    if wrong is not None:
-        shown = wrong[:40].decode("ascii", "backslashreplace")
-        raise UnreadableError(
-            f"not a table of x y z lines: {shown!r} does not have {columns} numbers"
-        )
-    try:
-        table = numbers_of(b"\n".join(lines)).reshape(-1, columns)
-    except UnreadableError as error:
-        raise UnreadableError(f"not a table of x y z lines: {error}") from error
-    return MeshFile(table[:, :3], None, table[:, 3:6] if columns >= 6 else None)
+    return text_of(data).encode()

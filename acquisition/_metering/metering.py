@@ -21,7 +21,8 @@ from acquisition._metering.metered import Metered, MeteredLight
 from acquisition._plan.plan import CapturePlan
 from rig import Progress, Rig, RigError, no_progress
 
-_MOST_SHOTS = 16
+# Trial shots of an LED.
+MOST_TRIALS = 16
 # An LED whose frame is above the unlit frame by less than this share and these grey values is dead:
 # a flickering room light may cause the same difference.
 _LEAST_SHARE = 0.02
@@ -141,7 +142,7 @@ class _Trial:
         goal, span_dn = self._goal, self._span_dn
         asked_us = self._next_us
         tried: dict[float, LightLevel] = {}
-        while asked_us not in tried and len(tried) < _MOST_SHOTS:
+        while asked_us not in tried and len(tried) < MOST_TRIALS:
             level = tried[asked_us] = self._shoot(led, asked_us)
             if reached(level, goal, span_dn):
                 break

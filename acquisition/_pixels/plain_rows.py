@@ -15,6 +15,7 @@ import numpy.typing as npt
 from acquisition._errors import DataError
 from acquisition._part_files import BINARY, NO_WAIT
 from acquisition._pixels.plain_tiff import plain_tiff_header
+from rig import note_read
 
 _PIECE = 1 << 20
 _SAMPLE = np.dtype("<u2")
@@ -88,7 +89,7 @@ def plain_rows(
     header = plain_tiff_header(shape, size)
     try:
         with _opened(path) as file:
-            stamp, status = _stamp(file), os.fstat(file.fileno())
+            stamp, status = _stamp(file), note_read(path, file.fileno())
             plain = stat.S_ISREG(status.st_mode) and status.st_size == len(header) + size
             if not plain or file.read(len(header)) != header:
                 return None

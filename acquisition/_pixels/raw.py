@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from math import isqrt
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,25 @@ import numpy.typing as npt
 import rawpy
 
 from acquisition._errors import DataError, convert_read_errors
+from acquisition._pixels.dng_tags import (
+    Levels,
+    Tags,
+    black_levels,
+    check_dng,
+    filter_block,
+    read_dng_tags,
+    white_levels,
+)
+from acquisition._pixels.levels import level_black, level_white
 from acquisition._storage import library_path
-from rig import MAX_PIXELS, check_pixels, convert_parser_errors, read_head, short_repr
+from rig import (
+    MAX_PIXELS,
+    UnreadableError,
+    check_pixels,
+    convert_parser_errors,
+    read_head,
+    short_repr,
+)
 
 _UNREADABLE = "not a readable camera RAW file"
 
@@ -26,12 +44,16 @@ class RawFrame:
     Parameters
     ----------
     pixels
-        ``(H, W)`` uint16, the visible area of the sensor, one colour per pixel.
+        ``(H, W)`` uint16, the visible area of the sensor, one colour per pixel, as in the file;
+        but where the black level does not repeat with the block of the filter, they are shifted
+        to one level, and where white levels differ between colours, saturated ones have the
+        highest.
     cfa
         Colours of the repeating block at the top left, row by row: ``GRBG`` means G R in the
-        first row and B G in the second. Four letters for Bayer, 36 for X-Trans.
+        first row and B G in the second. Four letters for Bayer, 16 for Quad Bayer, 36 for X-Trans;
+        None for a camera without a colour filter.
     black_level_dn
-        Grey value without light, the mean over the colours.
+        Grey value without light, the mean over the block.
     white_level_dn
         Grey value at which a sample counts as saturated.
     black_levels_dn
@@ -46,7 +68,7 @@ class RawFrame:
     """
 
     pixels: npt.NDArray[np.uint16]
-    cfa: str
+    cfa: str | None
     black_level_dn: float
     white_level_dn: float
     black_levels_dn: tuple[float, ...]
@@ -55,6 +77,12 @@ class RawFrame:
     taken: datetime | None = None
 
     __repr__ = short_repr
+
+    def levelled(self) -> npt.NDArray[np.uint16]:
+        """Return the pixels with the same black level, ``black_level_dn``, at all positions."""
+        side = isqrt(len(self.black_levels_dn))
+        levels = np.reshape(self.black_levels_dn, (side, side))
+        return level_black(self.pixels, levels, self.black_level_dn, self.white_level_dn)
 
 
 def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
@@ -65,8 +93,9 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
     MissingPathError
         If the file does not exist.
     DataError
-        If LibRaw cannot decode the file, the sensor has no colour filter mosaic or more than
-        ``max_pixels`` pixels, or the black level is not below the white level.
+        If LibRaw cannot decode the file, it holds floating-point samples or several values per
+        pixel, the sensor has more than ``max_pixels`` pixels, or the black level is not below the
+        white level.
 
     Examples
     --------
@@ -75,38 +104,49 @@ def read_raw(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> RawFrame:
     >>> frame.pixels.shape, frame.cfa, frame.black_level_dn  # doctest: +SKIP
     """
     path = Path(path)
-    with _opened(path) as (raw, file_bytes):
-        with convert_read_errors(path):
-            sizes = raw.sizes
-            check_pixels(sizes.raw_width, sizes.raw_height, 16, file_bytes, max_pixels)
-        with convert_read_errors(path), convert_parser_errors(_UNREADABLE, rawpy.LibRawError):
+    with _opened(path) as (raw, file_bytes, tags), convert_read_errors(path):
+        sizes = raw.sizes
+        check_pixels(sizes.raw_width, sizes.raw_height, 16, file_bytes, max_pixels)
+        with convert_parser_errors(_UNREADABLE, rawpy.LibRawError):
             raw.unpack()
             pattern = raw.raw_pattern if raw.raw_type == rawpy.RawType.Flat else None
             if pattern is not None:
                 pixels = np.array(raw.raw_image_visible, np.uint16)
-                rows, columns = pattern.shape
-                block = np.array(raw.raw_colors_visible[:rows, :columns]).ravel()
-                colours = raw.color_desc.decode("ascii")
-                levels = np.asarray(raw.black_level_per_channel, np.float64)
-                white = float(raw.white_level)
                 exposure_us, iso, taken = _shot_metadata(raw)
-    if pattern is None:
-        raise DataError(
-            f"{path}: this RAW file has no colour filter mosaic: convert it to 16-bit TIFF"
-        )
-    if not pixels.size or len(block) != rows * columns:
-        raise DataError(f"{path}: the file has no pixels and is damaged: copy it again")
-    if block.max() >= min(len(colours), len(levels)):
-        raise DataError(f"{path}: the colour filter in the file is damaged: copy the file again")
-    black = float(np.mean(levels[np.unique(block)]))
+        if pattern is None:
+            raise UnreadableError(
+                "this RAW file holds all colours of each pixel and no mosaic: convert it to "
+                "16-bit TIFF"
+            )
+        if not pixels.size or min(pixels.shape) < max(pattern.shape):
+            raise UnreadableError("the file has no pixels and is damaged: copy it again")
+        colours = _colours(raw, pattern.shape)
+        top, left = sizes.top_margin, sizes.left_margin
+        coloured = raw.num_colors > 1
+        letters = filter_block(tags, top, left) if coloured else None
+        if letters is None:
+            letters = np.array(list(raw.color_desc.decode("ascii")))[colours]
+        side = len(letters)
+        levels = black_levels(tags, top, left, pixels.shape, side)
+        if levels is None:
+            levels = np.asarray(raw.black_level_per_channel, np.float64)[colours]
+        black = float(levels.mean())
+        whites = white_levels(tags, top, left, letters)
+        if whites is None:
+            whites = _white_levels(raw, colours)
+        white = float(whites.max())
     if not 0 <= black < white:
         raise DataError(f"{path}: black level {black:g} is not below white level {white:g}")
+    pixels = level_white(pixels, whites)
+    if len(levels) > side:
+        pixels = level_black(pixels, levels, black, white)
+        levels = np.full((side, side), black)
     return RawFrame(
         pixels=pixels,
-        cfa="".join(colours[index] for index in block),
+        cfa="".join(letters.ravel()) if coloured else None,
         black_level_dn=black,
         white_level_dn=white,
-        black_levels_dn=tuple(levels[block].tolist()),
+        black_levels_dn=tuple(levels.ravel().tolist()),
         exposure_us=exposure_us,
         iso=iso,
         taken=taken,
@@ -119,7 +159,7 @@ def read_raw_header(path: Path) -> tuple[float | None, float | None, datetime | 
     Unknown values are returned as None. A DataError is raised if the file is not a RAW file.
     """
     with (
-        _opened(path) as (raw, _),
+        _opened(path) as (raw, _, _),
         convert_read_errors(path),
         convert_parser_errors(_UNREADABLE, rawpy.LibRawError),
     ):
@@ -127,17 +167,38 @@ def read_raw_header(path: Path) -> tuple[float | None, float | None, datetime | 
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[tuple[rawpy.RawPy, int]]:
-    """Open a RAW file without decoding its pixels; yield it and the size of the file in bytes."""
+def _opened(path: Path) -> Iterator[tuple[rawpy.RawPy, int, Tags]]:
+    """Open a RAW file without decoding its pixels; yield it, its size in bytes and DNG tags."""
     raw = rawpy.RawPy()
     try:
         with convert_read_errors(path):
             _, file_bytes = read_head(path, 0)
+            tags = read_dng_tags(path)
+            check_dng(tags)
             with convert_parser_errors(_UNREADABLE, rawpy.LibRawError):
                 raw.open_file(library_path(path))
-        yield raw, file_bytes
+        yield raw, file_bytes, tags
     finally:
         raw.close()
+
+
+def _colours(raw: rawpy.RawPy, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    """Return the numbers of the colours of the block at the top left; 0 without a filter."""
+    if raw.num_colors == 1:
+        return np.zeros((1, 1), np.uint8)
+    colours = np.array(raw.raw_colors_visible[: shape[0], : shape[1]])
+    if colours.max() >= min(len(raw.color_desc), len(raw.black_level_per_channel)):
+        raise UnreadableError("the colour filter in the file is damaged: copy the file again")
+    return colours
+
+
+def _white_levels(raw: rawpy.RawPy, colours: npt.NDArray[np.uint8]) -> Levels:
+    """Return the white levels of a block by the numbers of its colours, DN."""
+    white = float(raw.white_level)
+    stated = np.array(raw.camera_white_level_per_channel or [0] * 4, np.float64)
+    # LibRaw has 0 for a second green like the first, and for colours without a level of their own.
+    stated = np.where(stated > 0, stated, stated[1])
+    return np.where(stated > 0, np.minimum(stated, white), white)[colours]
 
 
 def _shot_metadata(raw: rawpy.RawPy) -> tuple[float | None, float | None, datetime | None]:

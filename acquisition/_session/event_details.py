@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition._errors import DataError
 from acquisition._session.journal import (
+    CAMERA_SETTINGS,
     COMPACTED,
     LEFT_OUT,
     REOPENED,
@@ -71,6 +72,11 @@ class Upgraded(_Exactly):
 
 class _LeftOut(_AtLeast):
     leds: list[Index]
+
+
+class _CameraSettings(_AtLeast):
+    turned_off: list[str]
+    settings: dict[str, bool | int | float | str]
 
 
 class _Check(_AtLeast):
@@ -175,6 +181,7 @@ _SCHEMAS: Final[dict[str, tuple[type[BaseModel], int]]] = {
     UPGRADED: (Upgraded, 2),
     SET_ASIDE: (SetAside, 3),
     REOPENED: (_Reopened, 3),
+    CAMERA_SETTINGS: (_CameraSettings, 3),
     "checked": (_Checked, 3),
     "metered": (_Metered, 3),
     "retake": (_Retake, 3),

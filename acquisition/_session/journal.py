@@ -31,6 +31,8 @@ from acquisition._storage import sha256_of
 from rig import validation_message
 
 GENESIS = "0" * 64
+# Settings of the camera, when a recording starts or is resumed.
+CAMERA_SETTINGS = "camera_settings"
 # Events that readers act on.
 COMPACTED = "compacted"
 LEFT_OUT = "left_out"

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
+from math import isqrt
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -12,9 +15,9 @@ from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.calibrations import Calibrations
 from acquisition._session.labels import Labels
+from acquisition._session.lights_record import LightColumns, LightsRecord
 from acquisition._session.value_records import (
     CameraModelRecord,
-    LightsRecord,
     SensorRecord,
     Size,
     Table,
@@ -24,11 +27,11 @@ from acquisition._software import SOFTWARE, software_version
 from acquisition._toml import parse_toml, validated
 from rig import Mounting
 
-FORMAT_VERSION: Final = 3
-_READ: Final = (1, 2, FORMAT_VERSION)
-# Versions that this program can write: a session of version 2 keeps its version.
-_WRITTEN: Final = (2, FORMAT_VERSION)
-# Keys that version 2 added to version 1, by table. Version 3 added events and one key.
+FORMAT_VERSION: Final = 4
+_READ: Final = (1, 2, 3, FORMAT_VERSION)
+# Versions that this program can write: a session of an older version keeps its version.
+_WRITTEN: Final = (2, 3, FORMAT_VERSION)
+# Keys that version 2 added to version 1, by table. Version 4 also has another form of the lights.
 _ADDED_2: Final = {
     "plan": (
         "exposures_by_led",
@@ -39,7 +42,7 @@ _ADDED_2: Final = {
     ),
     "rig": ("dead_leds", "mounting", "options", "trigger"),
 }
-_ADDED_3: Final = "transfer"
+_ADDED_LATER: Final = {"transfer": 3, "origin": 4, "echoes": 4}
 
 # Devices and driver of the simulator, by the names that they report.
 _SIMULATED_DRIVER: Final = "simulated"
@@ -87,7 +90,8 @@ class CameraRecord(Table):
     ``bit_depth`` is the number of significant low bits of each 16-bit sample. ``cfa`` names the
     colours of the filter mosaic from the top left, row by row; absent for grey and RGB.
     ``channels`` is 1 (grey or mosaic) or 3 (RGB). Default levels: black 0, white
-    ``2 ** bit_depth - 1``.
+    ``2 ** bit_depth - 1``. ``black_levels_dn`` are those of the positions of a square block that
+    repeats, row by row; absent if they are equal.
     """
 
     width: Size
@@ -101,6 +105,7 @@ class CameraRecord(Table):
     serial: str = ""
     black_level_dn: Annotated[float, Field(ge=0)] = 0.0
     white_level_dn: Annotated[float, Field(gt=0, le=65535)] | None = None
+    black_levels_dn: tuple[Annotated[float, Field(ge=0)], ...] | None = None
 
     @property
     def white_dn(self) -> float:
@@ -134,7 +139,14 @@ class CameraRecord(Table):
             )
         if self.black_level_dn >= self.white_dn:
             raise ValueError("the black level is not below the white level")
+        levels = self.black_levels_dn or (self.black_level_dn,)
+        if isqrt(len(levels)) ** 2 != len(levels) or max(levels) >= self.white_dn:
+            raise ValueError("the black levels are not a square block below the white level")
         return self
+
+
+class _OldLights(Table):
+    lights: LightColumns
 
 
 class Manifest(Table):
@@ -144,11 +156,13 @@ class Manifest(Table):
     is the version with which the session was created; see `Session.format_version`. ``plan`` and
     ``rig`` are absent in imported sessions. ``camera`` describes the device and its frames as
     stored; ``camera_model``, ``sensor`` and ``lights`` are calibrations, present if known. The
-    camera model describes the upright image. ``transfer`` is the transfer curve of the frames; a
+    camera model describes the upright image. ``origin`` is that of an imported recording whose
+    devices the session does not name. ``echoes`` states that the board of the rig confirms the
+    light of every frame. ``transfer`` is the transfer curve of the frames; a
     session without it is linear.
     """
 
-    format_version: Literal[1, 2, 3] = FORMAT_VERSION
+    format_version: Literal[1, 2, 3, 4] = FORMAT_VERSION
     started_utc: AwareDatetime
     operator: str
     object: str
@@ -159,6 +173,8 @@ class Manifest(Table):
     plan: CapturePlan | None = None
     rig: RigRecord | None = None
     camera: CameraRecord
+    origin: Literal["simulated"] | None = None
+    echoes: Literal[True] | None = None
     transfer: TransferRecord | None = None
     camera_model: CameraModelRecord | None = None
     sensor: SensorRecord | None = None
@@ -176,8 +192,9 @@ class Manifest(Table):
 
     @property
     def simulated(self) -> bool:
-        """Whether rig or camera are simulated, according to the identities that they reported."""
-        return self.camera.simulated or (self.rig is not None and self.rig.simulated)
+        """Whether rig or camera are simulated, by the names that they reported or by `origin`."""
+        devices = self.camera.simulated or (self.rig is not None and self.rig.simulated)
+        return devices or self.origin == "simulated"
 
     def check_current(self, folder: Path) -> None:
         """Refuse to continue a session of a format version that this program does not write.
@@ -190,7 +207,7 @@ class Manifest(Table):
         if self.format_version not in _WRITTEN:
             raise DataError(
                 f"{folder}: has format version {self.format_version}, this program writes "
-                f"{' and '.join(map(str, _WRITTEN))}: finish it with the program that started it "
+                f"{_listed(_WRITTEN)}: finish it with the program that started it "
                 f"({self.software.name} {self.software.version}), or record again"
             )
 
@@ -232,6 +249,7 @@ class Manifest(Table):
             "notes": labels.notes,
             "rights": labels.rights,
             "camera": camera,
+            "echoes": None if others.get("rig") is None else True,
             "camera_model": None if model is None else CameraModelRecord.of(model),
             "sensor": None if sensor is None else SensorRecord.of(sensor),
             "lights": None if lights is None else LightsRecord.of(lights),
@@ -254,22 +272,38 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
     if type(version) is not int or version not in _READ:
         raise DataError(
             f"{path}: format version {version!r} is unknown, this program reads "
-            f"{', '.join(map(str, _READ[:-1]))} and {_READ[-1]}; use the version that wrote it"
+            f"{_listed(_READ)}; use the version that wrote it"
         )
     if version < 2:
         _refuse_added(values, path)
-    if version < 3 and _ADDED_3 in values:
-        raise DataError(
-            f"{path}: unknown key '{_ADDED_3}': format version {version} does not have it"
-        )
+    for key, since in _ADDED_LATER.items():
+        if version < since and key in values:
+            raise DataError(
+                f"{path}: unknown key '{key}': format version {version} does not have it"
+            )
+    if version < 4 and "lights" in values:
+        columns = validated(_OldLights, {"lights": values["lights"]}, path).lights
+        with _named(path):
+            values["lights"] = LightsRecord.of(columns.value())
     manifest = validated(Manifest, values, path)
-    try:
+    with _named(path):
         for record in (manifest.camera_model, manifest.sensor, manifest.lights):
             if record is not None:
                 record.value()
+    return manifest
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Begin the message of an error with the path."""
+    try:
+        yield
     except DataError as error:
         raise DataError(f"{path}: {error}") from error
-    return manifest
+
+
+def _listed(versions: tuple[int, ...]) -> str:
+    return f"{', '.join(map(str, versions[:-1]))} and {versions[-1]}"
 
 
 def _refuse_added(values: dict[str, Any], path: Path) -> None:

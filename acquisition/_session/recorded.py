@@ -113,6 +113,7 @@ class _Reading:
     def __init__(self, folder: Path, manifest: Manifest, planned: Iterable[PlannedShot]) -> None:
         self._folder = folder
         self._camera = manifest.camera
+        self._echoes = bool(manifest.echoes)
         self._shots = {shot.key: shot for shot in planned}
         self._has_plan = manifest.plan is not None
         # First frame of each file name. Some file systems treat names as equal that differ only in
@@ -130,7 +131,7 @@ class _Reading:
         )
         shot = self._shots.get(line.key) or _shot_of(line)
         reported = {} if line.echo is None else {BOARD: line.echo.led}
-        conflict = wrong_light(shot, reported)
+        conflict = wrong_light(shot, reported, echoes=self._echoes)
         if conflict is not None:
             self._flaw(line.seq, line, f"{line.file} {conflict}")
         self._take_file(line.seq, line, line.file)

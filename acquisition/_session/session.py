@@ -9,6 +9,7 @@ from typing import Final
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.clock_steps import clock_steps
 from acquisition._session.damage import Damage
 from acquisition._session.journal import EventLine, Journal, StartLine, parse_journal
 from acquisition._session.layout import (
@@ -223,6 +224,7 @@ def _examine(folder: Path) -> Examination:
     complete = _completion(folder, mark, data, journal, problems, warnings)
     if manifest is None:
         return Examination(None, journal, frozenset(), toml_sha256, tuple(problems), {})
+    warnings += clock_steps(folder, manifest, journal)
     planned = () if manifest.plan is None else manifest.plan.shots()
     recorded = recorded_frames(folder, manifest, planned, journal)
     problems += recorded.problems

@@ -12,11 +12,13 @@ from acquisition._session.damage import Damage
 from acquisition._session.journal import SET_ASIDE, UPGRADED, EventLine
 from acquisition._session.journal_file import JournalFile
 from acquisition._session.layout import FRAMES, SET_ASIDE_FOLDER, UNRECORDED, leaves
-from acquisition._session.manifest import FORMAT_VERSION
 from acquisition._session.recorded import SetAsideFrame
 from acquisition._session.session import Session
 from acquisition._software import software_version
 from acquisition._storage import disk, is_hidden, make_folder, sync_folder
+
+# The first format version that has the event.
+_SINCE = 3
 
 
 def set_frames_aside(
@@ -56,10 +58,10 @@ def set_frames_aside(
     shelf = folder / SET_ASIDE_FOLDER
     _check_inside(shelf, folder)
     make_folder(shelf)
-    if session.format_version < FORMAT_VERSION:
+    if session.format_version < _SINCE:
         details = {
             "from_version": session.format_version,
-            "to_version": FORMAT_VERSION,
+            "to_version": _SINCE,
             "software_version": software_version(),
         }
         lines.append(journal.append(EventLine, {"event": UPGRADED, "details": details}))

@@ -1,4 +1,4 @@
-"""Calibrated values in ``session.toml``: sensor, camera model and lights."""
+"""Calibrated values in ``session.toml``: sensor, transfer curve and camera model."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Array, Lights
 from acquisition._values.noise_model import NoiseModel
 from acquisition._values.transfer_curve import TransferCurve
 
 Size = Annotated[int, Field(ge=1, lt=2**31)]
-_Vector = tuple[float, float, float]
+Vector = tuple[float, float, float]
 
 
 class Table(BaseModel):
@@ -76,7 +75,7 @@ class TransferRecord(Table):
 class CameraModelRecord(Table):
     """Fields of a `CameraModel`."""
 
-    K: tuple[_Vector, _Vector, _Vector]
+    K: tuple[Vector, Vector, Vector]
     distortion: tuple[float, ...]
     width: Size
     height: Size
@@ -107,38 +106,4 @@ class CameraModelRecord(Table):
             np.array(self.distortion),
             self.lens or "",
             self.focus_mm,
-        )
-
-
-class LightsRecord(Table):
-    """Fields of `Lights`: one row per light, directions or positions, without errors."""
-
-    ids: tuple[str, ...]
-    directions: tuple[_Vector, ...] | None = None
-    positions_mm: tuple[_Vector, ...] | None = None
-    intensities: tuple[_Vector, ...]
-    axes: tuple[_Vector, ...]
-    mu: tuple[float, ...]
-
-    @classmethod
-    def of(cls, lights: Lights) -> LightsRecord:
-        """Return the record of lights."""
-        columns = ("directions", "positions_mm", "intensities", "axes", "mu")
-        arrays = {name: getattr(lights, name) for name in columns}
-        rows = {name: array.tolist() for name, array in arrays.items() if array is not None}
-        return cls(ids=lights.ids, **rows)
-
-    def value(self) -> Lights:
-        """Return the lights; raise DataError if the values are invalid."""
-
-        def array(rows: tuple[_Vector, ...] | None) -> Array | None:
-            return None if rows is None else np.array(rows)
-
-        return Lights(
-            array(self.directions),
-            array(self.positions_mm),
-            np.array(self.intensities),
-            np.array(self.axes),
-            np.array(self.mu),
-            self.ids,
         )

@@ -236,12 +236,14 @@ class SessionWriter:
         ------
         DataError
             If the pixels do not agree with the manifest, the shot is not in the plan, or the board
-            turned on another LED than the planned one.
+            turned on another LED than the planned one, or sent no echo although the session has
+            ``echoes``.
         StorageError
             If the disk refuses. Frames recorded before stay intact.
         """
         planned = self._shots.planned(shot, self.folder)
-        conflict = wrong_light(planned, {} if echo is None else {BOARD: echo.led})
+        lit = {} if echo is None else {BOARD: echo.led}
+        conflict = wrong_light(planned, lit, echoes=bool(self.manifest.echoes))
         if conflict is not None:
             raise DataError(f"{self.folder}: {shot.file} {conflict}; it was not recorded")
         quality = quality or self.measure(shot, pixels)

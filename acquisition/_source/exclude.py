@@ -5,10 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from acquisition._errors import DataError
 from acquisition._source.source import Source
-from acquisition._values.lights import light_id
+from acquisition._values.image_names import SAME_NAME
+from acquisition._values.running_numbers import Numbered, numbers_of, turnover
 from rig import Notice, check_type, pluralize
 
 _LISTED = 12
@@ -25,7 +27,8 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
     images
         Ids of `Source.light_ids` (``L07``, ``buddha.7``; names of files are accepted too), numbers
         (``7``) or ranges of numbers (``0-5``). The number of an image is the first number in its
-        id that differs between all images. A range may contain numbers that no image has.
+        id that differs between all images. A range may contain numbers that no image has, and
+        the restart of a counter (``9998-2``).
         If it begins before the first or ends after the last, a notice says what it leaves out:
         the numbers may begin at 1 instead of 0.
 
@@ -56,16 +59,24 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
             f'images must be a list of names, not the text {images[:40]!r}: write ["L07"]'
         )
     ids = source.light_ids
-    numbers = _numbers(ids)
+    numbers = numbers_of(ids)
+    place = partial(_place, numbers)
+    by_place = {place(number.value): name for number, name in zip(numbers, ids, strict=False)}
     left_out: set[str] = set()
     notices = []
     for entry in map(str.strip, images):
         # Names come first, since they may look like ranges.
         named, span = _of_name(entry, ids), _range(entry)
         if span is not None and not named:
-            named = {name for number, name in numbers.items() if span[0] <= number <= span[1]}
-            if named and not min(numbers) <= span[0] <= span[1] <= max(numbers):
-                notices.append(_beyond(source, span, len(named), numbers))
+            low, high = sorted(span, key=place)
+            named = {name for at, name in by_place.items() if place(low) <= at <= place(high)}
+            if named and not min(by_place) <= place(low) <= place(high) <= max(by_place):
+                known = sorted((number.value for number in numbers), key=place)
+                text = (
+                    f"{low}-{high} leaves out {pluralize(len(named), 'image')}: the images have "
+                    f"the numbers {known[0]} to {known[-1]}"
+                )
+                notices.append(Notice("range-beyond-images", text, str(source.path)))
         if not named:
             raise DataError(
                 f"{source.path}: no image is named {entry[:40]!r}: there "
@@ -91,7 +102,7 @@ def exclude(source: Source, images: Sequence[str]) -> Source:
 
 def _of_name(entry: str, ids: tuple[str, ...]) -> set[str]:
     """Return the ids that are an entry: exactly, in other letters, or as names of files."""
-    for same in (str, str.casefold, light_id):
+    for same in SAME_NAME:
         found = {name for name in ids if same(name) == same(entry)}
         if found:
             return found
@@ -103,27 +114,13 @@ def _range(entry: str) -> tuple[int, int] | None:
     match = _RANGE.fullmatch(entry)
     if match is None:
         return None
-    first, last = sorted((int(match[1]), int(match[2] or match[1])))
-    return first, last
+    return int(match[1]), int(match[2] or match[1])
 
 
-def _beyond(source: Source, span: tuple[int, int], named: int, numbers: dict[int, str]) -> Notice:
-    """Return the notice about a range that the numbers of the images do not cover."""
-    text = (
-        f"{span[0]}-{span[1]} leaves out {pluralize(named, 'image')}: the images have the numbers "
-        f"{min(numbers)} to {max(numbers)}"
-    )
-    return Notice("range-beyond-images", text, str(source.path))
-
-
-def _numbers(ids: tuple[str, ...]) -> dict[int, str]:
-    """Return the ids by the first of their numbers that differs between all; empty without one."""
-    runs = [[int(run) for run in re.findall(r"[0-9]{1,18}", name)] for name in ids]
-    for place in range(min(map(len, runs), default=0)):
-        by_number = {run[place]: name for run, name in zip(runs, ids, strict=True)}
-        if len(by_number) == len(ids):
-            return by_number
-    return {}
+def _place(numbers: Sequence[Numbered], value: int) -> int:
+    """Return a number that keeps rising where the counter of the images restarted."""
+    more = turnover(numbers)
+    return value + more + 1 if more and value < numbers[0].value else value
 
 
 def _listing(ids: tuple[str, ...]) -> str:

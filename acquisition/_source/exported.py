@@ -35,7 +35,7 @@ def with_export_notes(source: Source) -> Source:
     if notes is None:
         return source
     if source.frames[0].path.suffix.lower() == ".exr":
-        source = replace(_with_facts(source, notes), simulated=notes.camera.simulated)
+        source = _with_facts(source, notes)
         if source.transfer == LINEAR:
             return source
         black, white = notes.camera.black_level_dn, notes.camera.white_dn
@@ -45,7 +45,7 @@ def with_export_notes(source: Source) -> Source:
     if strange is not None:
         text = f"is not in {RECORD_FILE} of the same folder, which is not used"
         notice = Notice("image-not-in-record", text, str(strange))
-        return replace(source, warnings=(*source.warnings, notice))
+        return replace(source, simulated=notes.simulated, warnings=(*source.warnings, notice))
     missing = [frame.file for frame in notes.frames if not (folder / frame.file).is_file()]
     if missing:
         words = (f"image that {RECORD_FILE} lists is", f"images that {RECORD_FILE} lists are")
@@ -70,8 +70,9 @@ def with_export_notes(source: Source) -> Source:
     if notes.camera_file in present:
         camera = read_camera(folder / notes.camera_file)
     ours = (RECORD_FILE, *present)
+    source = _with_facts(source, notes)
     return replace(
-        _with_facts(source, notes),
+        source,
         frames=tuple(
             replace(frame, exposure_us=noted[frame.path.name].exposure_us)
             for frame in source.frames
@@ -81,21 +82,27 @@ def with_export_notes(source: Source) -> Source:
         cfa=notes.camera.cfa,
         black_level=notes.camera.black_level_dn,
         white_level=notes.camera.white_dn,
-        simulated=notes.camera.simulated,
-        files=(*source.files, *(folder / name for name in ours)),
+        files=(*source.files, *(folder / name for name in present)),
         ignored=tuple(name for name in source.ignored if name not in (*ours, *_FOR_OTHERS)),
         warnings=(*source.warnings, *lost),
     )
 
 
 def _with_facts(source: Source, notes: RecordingNotes) -> Source:
-    """Return the source with camera, time and transfer curve of the notes.
+    """Return the source with camera, time, origin and transfer curve of the notes.
 
     A transfer curve that the caller gave stays.
     """
     camera = notes.camera
     setup = Setup("", camera.vendor, camera.model, camera.serial)
-    source = replace(source, setup=setup, recorded_utc=notes.started_utc)
+    folder = source.path if source.path.is_dir() else source.path.parent
+    source = replace(
+        source,
+        setup=setup,
+        recorded_utc=notes.started_utc,
+        simulated=notes.simulated,
+        files=(*source.files, folder / RECORD_FILE),
+    )
     if source.transfer_origin == "given":
         return source
     curve = LINEAR if notes.transfer is None else notes.transfer.value()

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -29,9 +28,10 @@ from acquisition._source.series_facts import (
 from acquisition._source.source import Frame, Source
 from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
 from acquisition._value_files.lights import read_lights
-from acquisition._values.lights import light_id
+from acquisition._values.image_names import SAME_NAME
+from acquisition._values.running_numbers import Numbered, numbers_in, numbers_of, start_of
 from acquisition._values.transfer_curve import TransferCurve
-from rig import MAX_PIXELS, pluralize
+from rig import MAX_PIXELS, Notice, pluralize
 
 # What else cameras and programs write, with the remedy.
 _UNREAD = {
@@ -51,7 +51,7 @@ def read_images(
     max_pixels: int = MAX_PIXELS,
     transfer: TransferCurve | None = None,
 ) -> Source:
-    """Read a plain folder: its largest series of numbered images, in natural order."""
+    """Read a plain folder: its largest series of numbered images, in their order."""
     files, twins = without_twins(_checked_files(folder))
     masks = [path for path in files if _is_mask(path)]
     images, references = split_references([path for path in files if path not in masks])
@@ -60,6 +60,7 @@ def read_images(
         raise DataError(f"{folder}: {_why_no_series(files)}")
     masks = [mask_path] if mask_path else masks
     source = images_source(folder, series, masks, max_pixels, transfer, references)
+    source = replace(source, warnings=(*source.warnings, *_restarted(folder, series)))
     return with_ignored(source, folder, twins)
 
 
@@ -80,15 +81,19 @@ def read_lp_folder(
     files = _checked_files(folder)
     masks = [path for path in files if _is_mask(path)]
     images = [path for path in files if _is_image(path) and path not in masks]
-    exact = {path.name: path for path in images}
-    by_name = {path.name.casefold(): path for path in images}
     # A name with its suffix may list either of a pair.
-    images, twins = without_twins(images)
-    by_stem = {light_id(path.name): path for path in images}
-    listed = {
-        name: exact.get(name) or by_name.get(name.casefold()) or by_stem.get(light_id(name))
-        for name in lights.ids
-    }
+    pairs, (images, twins) = images, without_twins(images)
+    tables = [
+        (same, _grouped(same, images if same("a.png") == "a" else pairs)) for same in SAME_NAME
+    ]
+    listed: dict[str, Path | None] = {}
+    for name in lights.ids:
+        found = next((table[same(name)] for same, table in tables if same(name) in table), [])
+        if len(found) > 1:
+            raise DataError(
+                f"{lp}: {name} may be {found[0].name} or {found[1].name}: list the name of the file"
+            )
+        listed[name] = found[0] if found else None
     present = [path for path in listed.values() if path is not None]
     if present and len(set(present)) < len(listed):
         absent = next((name for name, path in listed.items() if path is None), lights.ids[-1])
@@ -108,7 +113,14 @@ def read_lp_folder(
         )
     masks = [mask_path] if mask_path else masks
     source = images_source(folder, series, masks, max_pixels, transfer, references)
-    source = replace(source, kind="lp", lights=lights, files=(*source.files, lp))
+    restarted = () if present else _restarted(folder, series)
+    source = replace(
+        source,
+        kind="lp",
+        lights=lights,
+        files=(*source.files, lp),
+        warnings=(*source.warnings, *restarted),
+    )
     return with_ignored(source, folder, twins if set(present) <= set(images) else [])
 
 
@@ -241,38 +253,58 @@ def without_twins(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 
 
 def numbered_series(files: Sequence[Path]) -> list[Path]:
-    """Return the largest series of images that differ only in one number, sorted by that number.
+    """Return the largest series of images that differ only in one number, in the order of it.
+
+    If the counter restarted (9999, 0001), the images before that come first.
 
     Raises
     ------
     DataError
         If two series are equally long, or two images of the series have the same number.
     """
-    series: dict[str, list[tuple[int, Path]]] = defaultdict(list)
-    for path in files:
-        if _is_image(path):
-            for run in re.finditer(r"[0-9]+", path.stem):
-                name = f"{path.stem[: run.start()]}#{path.stem[run.end() :]}{path.suffix}"
-                series[name.casefold()].append((int(run.group()), path))
+    series: dict[str, dict[Path, Numbered]] = defaultdict(dict)
+    for path in filter(_is_image, files):
+        for number in numbers_in(path.name):
+            series[f"{number.series}{path.suffix.lower()}"][path] = number
     if not series:
         return []
-    longest = max(len(members) for members in series.values())
-    ties = {name: sorted(each) for name, each in series.items() if len(each) == longest}
-    first, *rest = ties.items()
-    for other in rest:
-        if {path for _, path in other[1]} != {path for _, path in first[1]}:
+    lengths = {name: len(set(each.values())) for name, each in series.items()}
+    longest = max(lengths.values())
+    ties = [name for name in series if lengths[name] == longest]
+    for other in ties:
+        if series[other].keys() != series[ties[0]].keys():
             raise DataError(
-                f"{first[1][0][1].parent}: {longest} images {first[0]} and {longest} images "
-                f"{other[0]}: put each series into a folder of its own"
+                f"{files[0].parent}: {longest} images {ties[0]} and {longest} images {other}: put "
+                "each series into a folder of its own"
             )
-    series_of = first[1]
-    for (number, path), (next_number, other_path) in pairwise(series_of):
-        if number == next_number:
+    rising = sorted((number, path) for path, number in series[ties[0]].items())
+    for (number, path), (next_number, other_path) in pairwise(rising):
+        if number.value == next_number.value:
             raise DataError(
                 f"{path} and {other_path.name} have the same number: remove one of them, or list "
                 "the right one in an .lp file"
             )
-    return [path for _, path in series_of]
+    start, certain = start_of([number for number, _ in rising])
+    paths = [path for _, path in rising]
+    return [*paths[start:], *paths[:start]] if certain else paths
+
+
+def _restarted(folder: Path, series: Sequence[Path]) -> tuple[Notice, ...]:
+    """Return the notice about a counter that restarted within a series."""
+    numbers = numbers_of([path.name for path in series])
+    for before, after in pairwise(zip(numbers, series, strict=True)) if numbers else ():
+        if before[0].value > after[0].value:
+            text = f"the counter restarted: {after[1].name} comes after {before[1].name}"
+            return (Notice("counter-restarted", text, str(folder), "info"),)
+    return ()
+
+
+def _grouped(same: Callable[[str], str], images: Sequence[Path]) -> dict[str, list[Path]]:
+    """Return the images by what makes two names the same."""
+    found: dict[str, list[Path]] = defaultdict(list)
+    for path in images:
+        found[same(path.name)].append(path)
+    return found
 
 
 def _why_no_series(files: Sequence[Path]) -> str:

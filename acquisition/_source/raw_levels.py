@@ -35,10 +35,10 @@ def read_levelled(path: Path, *, levels: RawLevels, max_pixels: int) -> Image:
             f"{path}: colour filter pattern {frame.cfa}, but {levels.name} has {levels.cfa}: all "
             "images of a recording must be of one camera and show the same part of its sensor"
         )
-    black, white = frame.black_level_dn, frame.white_level_dn
+    pixels, black, white = frame.levelled(), frame.black_level_dn, frame.white_level_dn
     if (black, white) == (levels.black_dn, levels.white_dn):
-        return frame.pixels
-    signal = (frame.pixels.astype(np.float32) - np.float32(black)) / np.float32(white - black)
+        return pixels
+    signal = (pixels.astype(np.float32) - np.float32(black)) / np.float32(white - black)
     scaled = signal * np.float32(levels.white_dn - levels.black_dn) + np.float32(levels.black_dn)
     # Rounding must not lift or lower saturated samples.
-    return np.where(frame.pixels >= white, np.float32(levels.white_dn), scaled)
+    return np.where(pixels >= white, np.float32(levels.white_dn), scaled)

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 
 from acquisition._errors import DataError, missing_path
-from acquisition._pixels.sample_bits import (
-    high_bits_notice,
-    high_bits_of,
-    low_bits_notice,
-    low_bits_of,
-    white_level_of,
-)
+from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._session.layout import MANIFEST, is_session
+from acquisition._source.clipped import with_clipped
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.exclude import exclude
 from acquisition._source.exported import with_export_notes
@@ -27,7 +21,8 @@ from acquisition._source.source import MaskOrigin, Source
 from acquisition._source.transfer_notice import transfer_notices
 from acquisition._staging import check_staging_finished
 from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights, led_of, light_id
+from acquisition._values.image_names import light_id
+from acquisition._values.lights import Lights, led_of
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice
 
@@ -47,21 +42,21 @@ def read_source(
 ) -> Source:
     """Detect the kind of a recording and read everything except its pixels.
 
-    The white level may need the pixels of 16-bit images (docs/importing.md): they are read, but not
-    kept.
+    The white level needs the pixels (docs/importing.md): they are read, but not kept.
 
     Parameters
     ----------
     path
         A session, a DiLiGenT object folder, a folder of images with an .lp file (or the .lp file
         itself), a plain folder of images, or one image file. In a plain folder the frames are the
-        images that differ only in one number, in natural order; ``mask.*`` or ``*.mask.*`` is the
+        images that differ only in one number, in the order of it; ``mask.*`` or ``*.mask.*`` is the
         mask, or else the alpha channel of the images, unless it is opaque everywhere; ``dark*`` and
         ``ambient*`` are dark and ambient frames. In an export written by this package,
         ``recording.json`` gives levels, filter pattern and exposures, and names the files with the
         full data of lights and camera.
     lights
-        Lights to use instead of those of the source: matched by id, or by order with a warning.
+        Lights to use instead of those of the source: matched by id, or by number or order with a
+        warning, as in `Lights.match`.
         Images whose light a calibration left out are not used, and named in a notice.
     mask_path
         Mask to use instead of that of the source.
@@ -109,7 +104,7 @@ def read_source(
         raise missing_path(path)
     check_staging_finished(path if path.is_dir() else path.parent)
     source = with_export_notes(_dispatch(path, mask_path, max_pixels, transfer))
-    source = _with_notice(_with_white_level(source))
+    source = _with_notice(_with_high_bits(source))
     source = replace(source, mask_origin=_mask_origin(source, given=mask_path is not None))
     if camera is not None:
         source = replace(source, camera=camera)
@@ -119,7 +114,7 @@ def read_source(
             f"{path}: images of {width} x {height} pixels, but a camera of {source.camera.width} x "
             f"{source.camera.height}: give the camera that took them"
         )
-    return _with_matched_lights(source, lights or source.lights, without)
+    return with_clipped(_with_matched_lights(source, lights or source.lights, without))
 
 
 def _dispatch(
@@ -151,27 +146,17 @@ def _with_notice(source: Source) -> Source:
     return replace(source, warnings=(*source.warnings, *notices))
 
 
-def _with_white_level(source: Source) -> Source:
-    """Set the white level of images whose samples have fewer than 16 bits, and add a notice.
-
-    Low bits need all images. They are read only if the first one is as dark as 14 bits.
-    """
+def _with_high_bits(source: Source) -> Source:
+    """Set the white level of images whose samples are in the high bits, and add a notice."""
     if source.white_level != _FULL or source.kind == "session" or source.cfa is not None:
         return source
     first = next((frame for frame in source.frames if frame.role == "light"), source.frames[0])
-    if first.load is not None:
+    bits = None if first.load is not None else high_bits_of(first.read())
+    if bits is None:
         return source
-    pixels, where = first.read(), str(source.path)
-    bits = high_bits_of(pixels)
-    if bits is not None:
-        level, notice = white_level_of(bits), high_bits_notice(bits, where)
-    else:
-        others = (frame.read() for frame in source.frames if frame is not first)
-        bits = low_bits_of(chain([pixels], others))
-        if bits is None:
-            return source
-        level, notice = float(2**bits - 1), low_bits_notice(bits, where)
-    return replace(source, white_level=level, warnings=(*source.warnings, notice))
+    notice = high_bits_notice(bits, str(source.path))
+    warnings = (*source.warnings, notice)
+    return replace(source, white_level=white_level_of(bits), warnings=warnings)
 
 
 def _mask_origin(source: Source, *, given: bool) -> MaskOrigin | None:
@@ -195,34 +180,35 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
     unlit = [name for name in _unlit(everything, lights) if name in source.light_ids]
     if unlit:
         source = _without(source, unlit)
-    if without:
-        lights = _of_the_left(lights, everything, source.light_ids)
     ids = source.light_ids
     try:
-        indices, by_name = lights.match(ids)
+        indices, by_name = _match(lights, everything, ids)
     except DataError as error:
         raise DataError(f"{source.path}: {error}") from error
-    warnings = source.warnings
+    warnings = (*source.warnings, *lights.warnings)
     if not by_name:
-        warnings += (
-            Notice(
-                "lights-matched-by-order",
-                "lights are matched to images by order because their names differ "
-                f"({lights.ids[0]} to {ids[0]} and so on)",
-                str(source.path),
-            ),
+        by = "order" if indices == sorted(indices) else "the numbers in their names"
+        text = (
+            f"lights are matched to images by {by} because their names differ "
+            f"({lights.ids[indices[0]]} to {ids[0]} and so on)"
         )
+        warnings += (Notice("lights-matched-by-order", text, str(source.path)),)
     lights = with_time_errors(replace(lights.take(indices), ids=ids), source.frames)
     return replace(source, lights=lights, warnings=warnings)
 
 
-def _of_the_left(lights: Lights, ids: Sequence[str], left: Sequence[str]) -> Lights:
-    """Return the lights of the images that are left if all images have one by order."""
-    try:
-        _, by_name = lights.match(ids)
-    except DataError:
-        return lights
-    return lights if by_name else lights.take([i for i, name in enumerate(ids) if name in left])
+def _match(
+    lights: Lights, everything: Sequence[str], left: Sequence[str]
+) -> tuple[list[int], bool]:
+    """Match lights to the images that are left, by order to all images if these have as many."""
+    if len(everything) == len(lights) != len(left):
+        try:
+            indices, by_name = lights.match(everything)
+        except DataError:
+            by_name = True  # perhaps the images that were left out have other names
+        if not by_name:
+            return [at for at, name in zip(indices, everything, strict=True) if name in left], False
+    return lights.match(left)
 
 
 def _unlit(ids: Sequence[str], lights: Lights) -> list[str]:

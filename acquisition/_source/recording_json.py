@@ -47,7 +47,8 @@ class RecordingNotes(_Record):
     levels are those of the session; linear samples have black level 0 and white level 1 (EXR) or
     65535. ``subtracted`` names the offset that was subtracted. ``lights_file`` and
     ``camera_file`` name the files with the full data of the lights and of the camera model.
-    ``transfer`` is the transfer curve of the samples, if they are not linear.
+    ``transfer`` is the transfer curve of the samples, if they are not linear. ``origin`` is stated
+    if rig or camera are simulated; earlier programs named only the camera.
     """
 
     format: Literal["sgp-recording"] = "sgp-recording"
@@ -61,17 +62,23 @@ class RecordingNotes(_Record):
     rights: str
     started_utc: AwareDatetime
     camera: CameraRecord
+    origin: Literal["simulated"] | None = None
     transfer: TransferRecord | None = None
     lights_file: _Name | None
     camera_file: _Name | None
     remarks: tuple[str, ...]
     frames: Annotated[tuple[ExportedFrame, ...], Field(min_length=1)]
 
+    @property
+    def simulated(self) -> bool:
+        """Whether rig or camera are simulated, as far as the notes state it."""
+        return self.origin == "simulated" or self.camera.simulated
+
 
 def write_recording_notes(folder: Path, notes: RecordingNotes) -> Path:
     """Write the notes into the folder of an export; return the path of the file."""
     path = folder / RECORD_FILE
-    left_out = {"transfer"} if notes.transfer is None else set()
+    left_out = {name for name in ("origin", "transfer") if getattr(notes, name) is None}
     write_durably(path, (notes.model_dump_json(indent=1, exclude=left_out) + "\n").encode())
     return path
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from math import isqrt
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ import numpy.typing as npt
 from acquisition._errors import DataError
 from acquisition._pixels.image_facts import ImageFacts
 from acquisition._pixels.images import Image, read_image
+from acquisition._pixels.levels import level_black
 from acquisition._pixels.mask_files import read_mask, read_mask_of
 from acquisition._pixels.shot_facts import ShotFacts
 from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_MASK, TRUE_NORMALS
+from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._source.source import Frame, Source
@@ -57,8 +60,8 @@ def read_session(
             recorded.role,
             recorded.bracket,
             recorded.exposure_us,
-            _upright(recorded, mounting),
-            check_rows=recorded.check_rows if mounting == Mounting() else None,
+            _load(recorded, mounting, device),
+            check_rows=recorded.check_rows if _as_stored(mounting, device) else None,
             gain_db=recorded.line.gain_db,
         )
         for recorded in session.frames
@@ -139,14 +142,23 @@ def _noise_at_gain(session: Session) -> NoiseModel | None:
     return session.sensor.at_gain(gains_db.pop())
 
 
-def _upright(recorded: SessionFrame, mounting: Mounting) -> Callable[[], Image]:
-    if mounting == Mounting():
+def _as_stored(mounting: Mounting, device: CameraRecord) -> bool:
+    return mounting == Mounting() and device.black_levels_dn is None
+
+
+def _load(recorded: SessionFrame, mounting: Mounting, device: CameraRecord) -> Callable[[], Image]:
+    if _as_stored(mounting, device):
         return recorded.read
-    return partial(_read_upright, recorded, mounting)
+    return partial(_read_upright, recorded, mounting, device)
 
 
-def _read_upright(recorded: SessionFrame, mounting: Mounting) -> Image:
-    return mounting.upright(recorded.read())
+def _read_upright(recorded: SessionFrame, mounting: Mounting, device: CameraRecord) -> Image:
+    pixels = recorded.read()
+    if device.black_levels_dn is not None:
+        side = isqrt(len(device.black_levels_dn))
+        levels = np.reshape(device.black_levels_dn, (side, side))
+        pixels = level_black(pixels, levels, device.black_level_dn, device.white_dn)
+    return mounting.upright(pixels)
 
 
 def _upright_cfa(session: Session, folder: Path) -> str | None:

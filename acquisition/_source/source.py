@@ -55,6 +55,8 @@ class Frame:
         None for files that must be read as a whole.
     gain_db
         Analogue gain, decibels; None if not known.
+    mark_clipped
+        Function that raises clipped samples to the white level; None if they have that value.
     exposure_sigma
         Relative standard deviation of `exposure_us`, where differing times are stated rounded.
     """
@@ -69,12 +71,26 @@ class Frame:
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
     check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
     gain_db: float | None = None
+    mark_clipped: Callable[[Image], Image] | None = field(default=None, repr=False)
     exposure_sigma: float = 0.0
 
     __repr__ = short_repr
 
     def read(self) -> Image:
-        """Return the pixels as stored, without subtracting the black level and without scaling.
+        """Return the pixels without subtracting the black level and without scaling.
+
+        Clipped samples have the white level.
+
+        Raises
+        ------
+        DataError
+            As `read_stored`.
+        """
+        pixels = self.read_stored()
+        return pixels if self.mark_clipped is None else self.mark_clipped(pixels)
+
+    def read_stored(self) -> Image:
+        """Return the pixels as stored.
 
         Raises
         ------
@@ -122,7 +138,7 @@ class Source:
     kind
         ``session``, ``diligent``, ``lp`` (images with an .lp) or ``images``.
     frames
-        All frames that count, at least one; frames from a folder of images in natural order.
+        All frames that count, at least one; those of a folder of images in order of their numbers.
     lights
         One light for each of `light_ids`, in that order and with those ids; None if not known.
     mask

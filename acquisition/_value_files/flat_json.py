@@ -14,9 +14,10 @@ from pydantic import ConfigDict, Field
 from acquisition._errors import DataError
 from acquisition._json import parse_json
 from acquisition._pixels.images import read_image, write_exr
+from acquisition._session.calibrated_record import CalibratedRecord
+from acquisition._session.value_records import Table
 from acquisition._storage import make_folder, write_durably
 from acquisition._text_files import read_text
-from acquisition._value_files.calibrated_record import CalibratedRecord, FileRecord
 from acquisition._values.flat import Flat, FloatImage
 from rig import MAX_PIXELS, check_type
 
@@ -26,19 +27,19 @@ _PARTS: Final = ("smooth", "pixel")
 _Deviation = Annotated[float, Field(ge=0)]
 
 
-class _Head(FileRecord):
+class _Head(Table):
     model_config = ConfigDict(extra="ignore")
 
     format: Literal["sgp-flat"]
     version: Any
 
 
-class _Image(FileRecord):
+class _Image(Table):
     file: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+\.exr$")]
     pixels_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
-class _FlatFile(FileRecord):
+class _FlatFile(Table):
     format: Literal["sgp-flat"] = "sgp-flat"
     version: Literal[1] = _VERSION
     smooth: _Image

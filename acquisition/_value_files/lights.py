@@ -27,14 +27,17 @@ def read_lights(path: str | Path) -> Lights:
     ----------
     path
         ``.json`` of our own format; ``.lp`` of RTI with a count, then one line ``file x y z`` per
-        light; any other text with N rows of three numbers; or a DiLiGenT folder or its
-        light_directions.txt, in which case light_intensities.txt and filenames.txt are read too.
+        light; any other text with N rows of three numbers, with or without a name before them; or a
+        DiLiGenT folder or its light_directions.txt, in which case light_intensities.txt and
+        filenames.txt are read too. Rows are separated by white space, tabs, commas or semicolons; a
+        first line may name the columns. A fourth number is used as intensity if it varies near 1.
 
     Returns
     -------
     Lights
         Lights of the file, whose vectors may have any length there. The ids are those of
         lights.json, or the file names in the .lp or in filenames.txt, or else L00, L01, ...
+        `Lights.warnings` say what was assumed, and if lengths are not used that may be distances.
 
     Raises
     ------

@@ -3,33 +3,44 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path, PureWindowsPath
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from acquisition._errors import DataError
 from acquisition._text_files import numbered_lines, read_text
+from acquisition._value_files.light_rows import LightRow, light_rows, same_length
 from acquisition._values.lights import Array, Lights
-from rig import pluralize
+from rig import Notice, pluralize
 
 DIRECTIONS_FILE = "light_directions.txt"
 INTENSITIES_FILE = "light_intensities.txt"
 FILENAMES_FILE = "filenames.txt"
 _MOST_LIGHTS = 100_000
+# Numbers that differ by less than this share are the same.
+_SAME = 0.01
+# Lights of one rig differ in intensity by less than this factor from their mean.
+_UNLIKE = 2.0
+# Vectors of one length are directions unless it is that of a rig in mm.
+_SHORTEST_MM = 20.0
 
 
 def parse_lp(text: str, path: Path) -> Lights:
     """Build lights from the text of an .lp file: the count, then one line ``file x y z`` per light.
 
-    File names may contain spaces and Windows folders, which are dropped from the ids. Numbers may
-    have a decimal comma, and vectors may have any length.
+    File names may contain spaces and Windows folders, which are dropped from the ids. Fields are
+    separated by semicolons, tabs, white space or commas, the first of these that fits all lines;
+    commas are decimal commas otherwise. A fourth number is the intensity of the light if it varies
+    near 1. Vectors may have any length: a notice says so if it may have a meaning.
 
     Raises
     ------
     DataError
         If the count or a row is invalid; the message names ``path`` and the line.
     """
-    lines = _rows(text, path)
+    lines = _lines(text, path)
     if not lines:
         raise DataError(
             f"{path}: an empty file: the first line of an .lp file must be the number of lights"
@@ -40,27 +51,14 @@ def parse_lp(text: str, path: Path) -> Lights:
             f"{path} line {first}: '{count[:40]}' is not a count: the first line of an .lp file "
             "must be the number of lights"
         )
-    if count.lstrip("0") != str(len(lines) - 1):
+    rows = light_rows(lines[1:], path, named=True) if len(lines) > 1 else []
+    if not rows or count.lstrip("0") != str(len(rows)):
         raise DataError(
             f"{path} line {first}: the count is {count[:40]}, but "
-            f"{pluralize(len(lines) - 1, 'light follows', 'lights follow')}: correct the count or "
+            f"{pluralize(len(rows), 'light follows', 'lights follow')}: correct the count or "
             "the rows"
         )
-    names: dict[str, None] = {}
-    vectors = []
-    for number, line in lines[1:]:
-        parts = line.rsplit(maxsplit=3)
-        if len(parts) != 4:
-            raise DataError(
-                f"{path} line {number}: '{line[:40]}' is not 'file x y z': correct the line"
-            )
-        name = PureWindowsPath(parts[0]).name
-        if name in names:
-            raise DataError(f"{path} line {number}: {name} is listed twice: remove one line")
-        names[name] = None
-        vectors.append(_numbers([part.replace(",", ".") for part in parts[1:]], path, number))
-        _refuse_zero(vectors[-1], path, number)
-    return Lights(directions=np.array(vectors), ids=tuple(names))
+    return _lights(rows, path)
 
 
 def lp_text(lights: Lights) -> str:
@@ -75,8 +73,9 @@ def lp_text(lights: Lights) -> str:
 def parse_directions(text: str, path: Path) -> Lights:
     """Build lights from N rows of three numbers, with or without a leading count.
 
-    A file named light_directions.txt is read as DiLiGenT's: light_intensities.txt and filenames.txt
-    in the same folder add intensities and ids.
+    Names before the numbers, and a fourth number, are read as in an .lp file. A first line may name
+    the columns (``name,x,y,z``). A file named light_directions.txt is read as DiLiGenT's:
+    light_intensities.txt and filenames.txt in the same folder add intensities and ids.
 
     Raises
     ------
@@ -84,75 +83,101 @@ def parse_directions(text: str, path: Path) -> Lights:
         If a row is not a vector, or the files have different counts; the message names file and
         line.
     """
-    rows = _table(text, path)
-    for number, vector in rows:
-        _refuse_zero(vector, path, number)
-    ids: tuple[str, ...] = ()
-    intensities: Array | None = None
+    lights = _lights(_table(text, path), path)
     if path.name == DIRECTIONS_FILE:
         names, strengths = path.with_name(FILENAMES_FILE), path.with_name(INTENSITIES_FILE)
         if names.exists():
             ids = tuple(name for _, name in numbered_lines(read_text(names)))
-            _same_count(path, len(rows), names, len(ids))
+            _same_count(path, len(lights), names, len(ids))
+            lights = replace(lights, ids=ids)
         if strengths.exists():
             intensities = _intensities(strengths)
-            _same_count(path, len(rows), strengths, len(intensities))
-    return Lights(
-        directions=np.array([vector for _, vector in rows]), intensities=intensities, ids=ids
-    )
+            _same_count(path, len(lights), strengths, len(intensities))
+            lights = replace(lights, intensities=intensities)
+    return lights
+
+
+def _lights(rows: Sequence[LightRow], path: Path) -> Lights:
+    """Build lights from rows, with a notice for what the file leaves open."""
+    names: dict[str, None] = {}
+    any_name = any(row.name for row in rows)
+    for row in rows:
+        if math.hypot(*row.vector) < 1e-9:
+            raise DataError(
+                f"{path} line {row.line}: a zero vector is not a direction: remove that light"
+            )
+        if any_name and not row.name:
+            raise DataError(f"{path} line {row.line}: '{row.text[:60]}' has no name: add it")
+        if any_name and row.name in names:
+            raise DataError(f"{path} line {row.line}: {row.name} is listed twice: remove one line")
+        names[row.name] = None
+    vectors = np.array([row.vector for row in rows])
+    lights = Lights(directions=vectors, ids=tuple(names) if any_name else ())
+    lengths = np.linalg.norm(vectors, axis=1)
+    intensities, warnings = _further(rows, lengths, path)
+    if not same_length(vectors) or lengths.max() > _SHORTEST_MM:
+        text = (
+            f"the vectors are {_span(lengths)} long: lengths are not used, the lights count as "
+            "distant; if these are positions in mm, give them as position_mm in lights.json"
+        )
+        warnings += (Notice("light-lengths-unused", text, str(path)),)
+    return replace(lights, intensities=intensities, warnings=warnings)
+
+
+def _further(
+    rows: Sequence[LightRow], lengths: Array, path: Path
+) -> tuple[Array | None, tuple[Notice, ...]]:
+    """Return the numbers after the vectors as intensities if they are that, and the notice."""
+    values = np.array([row.further for row in rows if row.further is not None])
+    if not len(values):
+        return None, ()
+    low, high = values.min(), values.max()
+    stated = rows[0].stated
+    if not stated and (high - low <= _SAME * abs(high) or np.allclose(values, lengths, _SAME)):
+        text = f"the number after each vector ({_span(values)}) is not used"
+        return None, (Notice("light-column-assumed", text, str(path), "info"),)
+    for row, value in zip(rows, values, strict=True):
+        if value <= 0 or not (stated or 1 / _UNLIKE < value < _UNLIKE):
+            raise DataError(
+                f"{path} line {row.line}: '{row.text[:60]}' has the number {value:g} after the "
+                "vector, which is not an intensity near 1: remove these numbers, or put a line "
+                "'name x y z intensity' before the lights"
+            )
+    text = f"the number after each vector ({_span(values)}) is used as intensity"
+    notice = Notice("light-column-assumed", text, str(path))
+    return values, () if stated else (notice,)
+
+
+def _span(values: Array) -> str:
+    low, high = f"{values.min():.4g}", f"{values.max():.4g}"
+    return low if low == high else f"{low} to {high}"
 
 
 def _intensities(path: Path) -> Array:
     rows = _table(read_text(path), path)
-    for number, values in rows:
-        if min(values) <= 0:
+    for row in rows:
+        if min(row.vector) <= 0:
             raise DataError(
-                f"{path} line {number}: an intensity that is not positive: remove that light"
+                f"{path} line {row.line}: an intensity that is not positive: remove that light"
             )
-    return np.array([values for _, values in rows])
+    return np.array([row.vector for row in rows])
 
 
-def _table(text: str, path: Path) -> list[tuple[int, list[float]]]:
-    lines = _rows(text, path)
+def _table(text: str, path: Path) -> list[LightRow]:
+    lines = _lines(text, path)
     if lines and lines[0][1] == str(len(lines) - 1):
         lines = lines[1:]
-    if not lines:
+    rows = light_rows(lines, path) if lines else []
+    if not rows:
         raise DataError(f"{path}: an empty file: give three numbers per line")
-    # In a line with points, commas are separators; in other lines they are decimal commas.
-    return [
-        (number, _numbers(line.replace(",", " " if "." in line else ".").split(), path, number))
-        for number, line in lines
-    ]
+    return rows
 
 
-def _rows(text: str, path: Path) -> list[tuple[int, str]]:
+def _lines(text: str, path: Path) -> list[tuple[int, str]]:
     lines = numbered_lines(text)
     if len(lines) > _MOST_LIGHTS + 1:
         raise DataError(f"{path}: {len(lines)} lines: at most {_MOST_LIGHTS} lights are allowed")
     return lines
-
-
-def _numbers(parts: list[str], path: Path, number: int) -> list[float]:
-    try:
-        values = [float(part) for part in parts]
-    except ValueError:
-        values = []
-    if len(values) != 3:
-        raise DataError(
-            f"{path} line {number}: '{' '.join(parts)[:40]}' is not three numbers: correct the line"
-        )
-    if not all(map(math.isfinite, values)):
-        raise DataError(
-            f"{path} line {number}: a number is not finite: remove that light or measure it"
-        )
-    return values
-
-
-def _refuse_zero(vector: list[float], path: Path, number: int) -> None:
-    if math.hypot(*vector) < 1e-9:
-        raise DataError(
-            f"{path} line {number}: a zero vector is not a direction: remove that light"
-        )
 
 
 def _same_count(path: Path, count: int, other: Path, other_count: int) -> None:

@@ -11,9 +11,9 @@ from pydantic import AwareDatetime, ConfigDict, Field
 
 from acquisition._errors import DataError
 from acquisition._json import parse_json
+from acquisition._session.value_records import Table
 from acquisition._storage import write_durably
 from acquisition._text_files import read_text
-from acquisition._value_files.calibrated_record import FileRecord
 from acquisition._values.measured_sensor import Measured, MeasuredSensor
 from acquisition._values.setup import Setup
 
@@ -22,20 +22,20 @@ _VERSION: Final = 1
 _Sigma = Annotated[float, Field(ge=0)]
 
 
-class _Head(FileRecord):
+class _Head(Table):
     model_config = ConfigDict(extra="ignore")
 
     format: Literal["sgp-sensor"]
     version: Any
 
 
-class _Camera(FileRecord):
+class _Camera(Table):
     vendor: str = ""
     model: str = ""
     serial: str = ""
 
 
-class _Figures(FileRecord):
+class _Figures(Table):
     electrons_per_dn: Annotated[float, Field(gt=0)]
     electrons_per_dn_sigma: _Sigma
     read_noise_e: Annotated[float, Field(ge=0)]
@@ -60,7 +60,7 @@ class _Figures(FileRecord):
     dynamic_range_sigma: _Sigma | None = None
 
 
-class _SensorFile(FileRecord):
+class _SensorFile(Table):
     format: Literal["sgp-sensor"]
     version: Literal[1]
     time_utc: AwareDatetime | None = None

@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
+from acquisition._values.image_names import light_id, unpadded
 from acquisition._values.light_errors import LightErrors
+from acquisition._values.running_numbers import pair_by_number
 from acquisition._values.setup import Calibrated
-from rig import pluralize
+from rig import Notice, pluralize
 
 Array = npt.NDArray[np.float64]
 
-_SUFFIXES = IMAGE_SUFFIXES | RAW_SUFFIXES
 _OF_LED = re.compile(r"l([0-9]{1,9})(?:_e[0-9]+)?(?:_r[0-9]+)?(?:\.z[0-9]*)?")
 # Closer points coincide with a light, so that the direction toward it is undefined.
 _TOUCHING_MM = 1e-9
@@ -47,26 +47,6 @@ def led_of(name: str) -> int | None:
     """
     match = _OF_LED.fullmatch(light_id(name))
     return None if match is None else int(match[1])
-
-
-def light_id(name: str) -> str:
-    r"""Reduce a file name or path to the id of a light: its stem in lower case, without folders.
-
-    Idempotent: ``chrome.0.tga``, ``D:\scan\CHROME.0.TGA`` and ``chrome.0`` all give ``chrome.0``.
-    Only suffixes of images and camera RAW are removed: ``scan.left`` is unchanged.
-
-    Examples
-    --------
-    >>> from acquisition import light_id
-    >>> light_id("scan/CHROME.0.TGA")
-    'chrome.0'
-    """
-    stem = re.split(r"[\\/]", name.rstrip("\\/"))[-1].casefold()
-    while True:
-        shorter, _, suffix = stem.rpartition(".")
-        if not shorter or f".{suffix}" not in _SUFFIXES:
-            return stem
-        stem = shorter
 
 
 # Larger lengths overflow when squared, or have no meaning in millimetres.
@@ -98,6 +78,8 @@ class Lights:
         Covariances, standard deviations and residuals; None if they are not known.
     calibrated
         When and with what the lights were calibrated; None if this is not known.
+    warnings
+        What was assumed when the lights were read from a file that leaves it open.
 
     Raises
     ------
@@ -114,6 +96,7 @@ class Lights:
     ids: tuple[str, ...] = ()
     errors: LightErrors | None = None
     calibrated: Calibrated | None = None
+    warnings: tuple[Notice, ...] = ()
 
     def __repr__(self) -> str:
         kind = "direction" if self.positions_mm is None else "position"
@@ -249,10 +232,11 @@ class Lights:
         return vectors
 
     def match(self, names: Sequence[str]) -> tuple[list[int], bool]:
-        """Find the light of each frame by its id, by its LED, or by order if no names match.
+        """Find the light of each frame by its id or LED, or by number or order if no names match.
 
         Different names with the same LED number, for instance ``L05`` and ``L05_E0.tif``, mean the
         same light. If both lights and frames are named after LEDs, they are never matched by order.
+        If no names match, but both have the same numbers (``light_3``, ``IMG_0003``), these count.
 
         Parameters
         ----------
@@ -264,16 +248,19 @@ class Lights:
         indices
             Index of the light of each frame.
         by_name
-            False if the lights were matched by order; callers should then issue a warning.
+            False if the lights were matched by number or order; callers should then issue a
+            warning.
 
         Raises
         ------
         DataError
-            If only some names match, or if no names match and the counts differ.
+            If only some names match, or if no names match and the counts differ, the order of the
+            images cannot be known from their names, or it contradicts the numbers in the names.
         """
         exact = _found(light_id, self.ids, names)
         by_led = _found(_led_or_id, self.ids, names)
-        for matches in (exact, by_led):
+        by_name = _found(unpadded, self.ids, names)
+        for matches in (exact, by_led, by_name):
             if len(matches) == len(names) == len(set(matches.values())):
                 return [matches[name] for name in names], True
         if len(names) != len(self):
@@ -284,7 +271,8 @@ class Lights:
         # The default ids of lights without names express only their order.
         named = self.ids != tuple(map(led_id, range(len(self))))
         leds = all(led_of(name) is not None for name in (*self.ids, *names))
-        if exact or (named and (by_led or leds)):
+        if exact or (named and (by_led or by_name or leds)):
+            by_led = by_name | by_led
             missing = next((name for name in names if name not in by_led), None)
             if missing is None:
                 raise DataError("two images or two lights share a name: rename one of them")
@@ -292,7 +280,8 @@ class Lights:
                 f"{len(by_led)} of {len(names)} image names match a light, {missing} does not: "
                 "rename the images or the lights"
             )
-        return list(range(len(self))), False
+        ids = self.ids if named else ()
+        return pair_by_number(ids, names), False
 
 
 def _led_or_id(name: str) -> str:

@@ -87,9 +87,9 @@ def measure_card(
         doubts = stack.warnings
     area = small.enlarged(blocks, sites.shape[:2]) if mask is None else mask
     measured = (response > 0) & (area if len(shape) == 2 else area[..., None])
-    warnings = [*source.warnings, *doubts]
+    warnings = [*source.warnings, *lights.warnings, *doubts]
     if not by_name:
-        text = "the lights were matched to the images by order, not by name"
+        text = "the lights were matched to the images by number or order, not by name"
         warnings.append(Notice("lights-matched-by-order", text, place))
     warnings += [replace(notice, where=place) for notice in (*fitted.warnings, *sheen)]
     return CardField(

@@ -45,13 +45,24 @@ def wind_alike(faces: Whole) -> WoundAlike:
         return WoundAlike(faces, 0, crowded)
     whole = np.flatnonzero((a != b) & (b != c) & (c != a))
     against = np.zeros(len(faces), np.bool_)
-    against[whole] = _against(_codes(faces[whole]), faces[whole].sum(axis=1, dtype=np.int64))
+    against[whole] = _against(half_edges(faces[whole]), faces[whole].sum(axis=1, dtype=np.int64))
     return WoundAlike(
         np.where(against[:, None], faces[:, ::-1], faces), int(against.sum()), crowded
     )
 
 
-def _codes(faces: Whole) -> Codes:
+def first_of_twins(faces: Whole) -> npt.NDArray[np.bool_]:
+    """Return the mask of the faces that do not repeat an earlier one, in either winding."""
+    a, b, c = np.sort(faces, axis=1).T
+    order = np.lexsort((c, b, a))  # stable: the first of equal faces remains first
+    same = np.zeros(len(faces), np.bool_)
+    same[1:] = (np.diff(np.stack([a, b, c])[:, order]) == 0).all(axis=0)
+    first = np.ones(len(faces), np.bool_)
+    first[order[same]] = False
+    return first
+
+
+def half_edges(faces: Whole) -> Codes:
     """Return the ``(3 F,)`` codes of the half-edges: twice the number of the edge + direction."""
     begin = faces.T.astype(np.int64)
     end = np.roll(begin, -1, axis=0)
@@ -60,22 +71,36 @@ def _codes(faces: Whole) -> Codes:
     return (2 * edges + (begin > end)).ravel()
 
 
+def neighbours(codes: Codes, every: int = 1) -> tuple[Codes, Codes, Codes]:
+    """Return the pairs of half-edges on the edges that have two faces, and the edges.
+
+    Parameters
+    ----------
+    codes
+        ``(3 F,)`` half-edges from `half_edges`; the face of half-edge `h` is ``h % F``.
+    every
+        Return only the edges whose number is a multiple of this.
+    """
+    chosen = np.flatnonzero((codes >> 1) % every == 0) if every > 1 else np.arange(len(codes))
+    order = chosen[np.argsort(codes[chosen], kind="stable")]
+    edges = codes[order] >> 1
+    same = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
+    pair = np.flatnonzero(same[1:-1] & ~same[:-2] & ~same[2:])
+    return order[pair], order[pair + 1], edges[pair]
+
+
 def _against(codes: Codes, totals: Codes) -> npt.NDArray[np.bool_]:
     """Return the faces whose winding is opposite to that of the majority of their part.
 
     Parameters
     ----------
     codes
-        ``(3 F,)`` half-edges from `_codes`.
+        ``(3 F,)`` half-edges from `half_edges`.
     totals
         ``(F,)`` sums of the vertex indices of each face.
     """
     count = len(totals)
-    order = np.argsort(codes, kind="stable")
-    edges = codes[order] >> 1
-    same = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
-    pair = np.flatnonzero(same[1:-1] & ~same[:-2] & ~same[2:])
-    first, second = order[pair], order[pair + 1]
+    first, second, _ = neighbours(codes)
     # Neighbours with the same winding traverse their common edge in opposite directions.
     unlike = codes[first] == codes[second]
     first, second = first % count, second % count

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, MeshFile, read_mesh_file
-from processing._projection.manifold import wind_alike
-from processing._projection.mesh_kernels import joined_vertices
+from processing._projection.manifold import first_of_twins, wind_alike
+from processing._projection.mesh_kernels import edge_faults, joined_vertices
 from rig import Notice, short_repr
 
 Double = npt.NDArray[np.float64]
@@ -20,6 +20,10 @@ Whole = npt.NDArray[np.int32]
 _CLOUDS = (".ply", ".xyz")
 # Normals in a file deviate from unit length only by rounding; colours are not unit vectors.
 _UNIT_TOLERANCE = 0.02
+# Steps of coordinates, relative to the distance of points, that tilt normals by a degree.
+_COARSE = 0.05
+# Extent of the faces, relative to that of all vertices, below which faces may be missing.
+_LEAST_REACH = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,8 @@ class Geometry:
     faces
         ``(F, 3)`` int32 vertex indices, counter-clockwise as seen from outside; None for points.
     normals
-        ``(V, 3)`` float64 unit vectors of the points, or None.
+        ``(V, 3)`` float64 unit vectors of points, ``(F, 3, 3)`` float32 ones of the corners of
+        faces, NaN where unknown, or None.
     warnings
         Faces and points that were changed or left out.
 
@@ -46,7 +51,7 @@ class Geometry:
 
     vertices: Double
     faces: Whole | None = None
-    normals: Double | None = None
+    normals: npt.NDArray[np.floating] | None = None
     warnings: tuple[Notice, ...] = ()
 
     __repr__ = short_repr
@@ -126,8 +131,27 @@ def _mesh(mesh: MeshFile, faces: npt.NDArray[Any]) -> Geometry:
     # This also rejects indices that exceed 32 bits.
     checked = Geometry(mesh.vertices, faces)
     joined, corners = _joined(checked.vertices, faces)
-    corners, turned, crowded = wind_alike(corners)
     warnings = list(mesh.warnings)
+    reach, used = (np.ptp(points, axis=0) for points in (checked.vertices, joined))
+    if (used < _LEAST_REACH * reach).any():
+        text = (
+            "the faces do not reach as far as the vertices of the file: "
+            f"{' x '.join(f'{span:.4g}' for span in used)} instead of "
+            f"{' x '.join(f'{span:.4g}' for span in reach)}; faces may be missing"
+        )
+        warnings.append(Notice("vertices-unused", text))
+    normals = _corner_normals(mesh.normals, faces)
+    if edge_faults(corners)[0]:
+        single = first_of_twins(corners)
+        if not single.all():
+            text = f"faces left out because they repeat others: {int((~single).sum())}"
+            warnings.append(Notice("faces-doubled", text))
+            corners, normals = corners[single], None if normals is None else normals[single]
+    wound = corners
+    corners, turned, crowded = wind_alike(wound)
+    if normals is not None and turned:
+        against = (corners != wound).any(axis=1)
+        normals[against] = normals[against, ::-1]
     if crowded:
         text = (
             f"edges with more than two faces: {crowded}; the mesh is not a manifold and is drawn "
@@ -137,7 +161,39 @@ def _mesh(mesh: MeshFile, faces: npt.NDArray[Any]) -> Geometry:
     if turned:
         text = f"faces reversed to match the winding of their neighbours: {turned}"
         warnings.append(Notice("faces-reversed", text))
-    return Geometry(joined, corners, warnings=tuple(warnings))
+    return Geometry(joined, corners, normals, (*warnings, *_coarse(joined)))
+
+
+def _corner_normals(
+    normals: Double | None, faces: npt.NDArray[np.int64]
+) -> npt.NDArray[np.float32] | None:
+    """Return the normals of vertices as unit vectors at the corners of the faces."""
+    if normals is None:
+        return None
+    with np.errstate(all="ignore"):
+        unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(unit, np.float32)[faces]
+
+
+def _coarse(points: Double) -> tuple[Notice, ...]:
+    """Return a notice if the coordinates were stored with too few digits for the points.
+
+    Numbers of 32 bits have 24 binary digits, which an offset to a map's origin uses up.
+    """
+    single = points.astype(np.float32)
+    if len(points) < 4 or (single != points).any():
+        return ()
+    step = float(np.spacing(np.abs(single).max()))
+    spans = np.sort(np.ptp(points, axis=0))
+    apart = float(np.sqrt(spans[1] * spans[2] / len(points)))
+    if step < _COARSE * apart:
+        return ()
+    text = (
+        f"coordinates up to {np.abs(points).max():.7g} are stored in steps of {step:.3g}, and "
+        f"points are about {apart:.3g} apart: normals are inaccurate; subtract an offset before "
+        "saving numbers of 32 bits"
+    )
+    return (Notice("coordinates-coarse", text),)
 
 
 def _joined(vertices: Double, faces: npt.NDArray[np.int64]) -> tuple[Double, Whole]:
@@ -153,7 +209,7 @@ def _joined(vertices: Double, faces: npt.NDArray[np.int64]) -> tuple[Double, Who
 def _cloud(mesh: MeshFile) -> Geometry:
     points = mesh.vertices
     finite = np.isfinite(points).all(axis=1)
-    warnings = []
+    warnings = list(mesh.warnings)
     if not finite.all():
         text = f"points left out because they are not finite: {int((~finite).sum())}"
         warnings.append(Notice("points-not-finite", text))
@@ -173,4 +229,4 @@ def _cloud(mesh: MeshFile) -> Geometry:
             )
             warnings.append(Notice("point-normals-not-unit", text))
             normals = None
-    return Geometry(points[finite], None, normals, tuple(warnings))
+    return Geometry(points[finite], None, normals, (*warnings, *_coarse(points[finite])))

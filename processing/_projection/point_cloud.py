@@ -7,6 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import binary_erosion
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from calibration import EstimateError
@@ -19,11 +22,30 @@ from rig import Notice, Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 # Number of points whose neighbours are processed together; it limits the memory.
 _CHUNK = 100_000
 # A neighbourhood is a line if its relative spread across the line is below this.
 _LINE = 1e-6
+# Below this, the points of a line scanner have mostly neighbours on their own line, and above the
+# second value also on those next to it. Random points are above .1, but for one in thousands.
+_OF_LINES, _ACROSS_LINES = 0.02, 0.1
+# Share of such points that makes a cloud one of lines, and the most neighbours that are tried.
+_SHARE_OF_LINES, _MOST_NEIGHBOURS = 0.1, 1024
+# A point is isolated if its neighbours are farther away than this many times those of most points,
+# and no chain of points whose neighbourhoods differ by less than the second factor leads to it.
+_ISOLATED, _LINKED = 5.0, 3.0
+# Isolated points are outliers if they are few; else the cloud is just uneven.
+_MOST_OUTLIERS = 0.05
+# Normals of the file are doubtful if half of them differ from fitted ones by more than this, in
+# degrees; unit vectors that are all the same, such as colours, if by more than the second value.
+_DOUBTFUL_DEG, _DOUBTFUL_SAME_DEG = 45.0, 5.0
+# A neighbourhood is flat, so that its normal is certain, if its relative spread across it is below.
+_FLAT = 0.05
+# Share of the outline that discs should cover; random points reach 99 %.
+_LEAST_COVERED = 0.9
+_POINTS_IN_CELL = 16
 # Weight of the regularisation of the quadric's coefficients, relative to the neighbours.
 _RIDGE = 1e-6
 # Number of points within a disc; enough to leave no holes between random points.
@@ -50,7 +72,8 @@ class Surfels:
     radii_mm
         ``(N,)`` radii of discs that contain eight points each.
     warnings
-        Points that were left out.
+        Points that were left out, or need more neighbours than requested; normals of the file that
+        are not used.
     """
 
     points_mm: Double
@@ -110,16 +133,42 @@ def fit_surfels(
     reach = np.zeros(len(points))
     sound = np.zeros(len(points), np.bool_)
     on_progress("fitting normals", 0, len(points))
-    for begin in range(0, len(points), _CHUNK):
-        part = slice(begin, begin + _CHUNK)
-        distance, near = map(np.asarray, tree.query(points[part], count))
-        reach[part] = distance[:, -1]
-        offset = points[near] - points[part, None]
+    shape = np.zeros(points.shape)
+
+    def fit(which: npt.NDArray[np.intp], count: int) -> None:
+        distance, near = map(np.asarray, tree.query(points[which], count))
+        reach[which] = distance[:, -1]
+        offset = points[near] - points[which, None]
         weight = np.exp(-2 * (distance / np.maximum(distance[:, -1:], 1e-300)) ** 2)
-        spread, axes = _plane(offset, weight)
-        sound[part] = spread[:, 1] > _LINE**2 * spread[:, 2]
-        fitted[part], bends[part] = _quadric(offset, weight, axes)
+        shape[which], axes = _plane(offset, weight)
+        sound[which] = shape[which, 1] > _LINE**2 * shape[which, 2]
+        fitted[which], bends[which] = _quadric(offset, weight, axes)
+
+    for begin in range(0, len(points), _CHUNK):
+        fit(np.arange(begin, min(begin + _CHUNK, len(points))), count)
         on_progress("fitting normals", min(begin + _CHUNK, len(points)), len(points))
+    along = np.flatnonzero(shape[:, 1] < _OF_LINES * shape[:, 2])
+    if len(along) > _SHARE_OF_LINES * len(points):
+        most = count
+        text = f"points in lines: {len(along)} of {len(points)}"
+        while len(along) and 2 * most <= min(len(points), _MOST_NEIGHBOURS):
+            most *= 2
+            step = max(_CHUNK * count // most, 1)
+            for begin in range(0, len(along), step):
+                fit(along[begin : begin + step], most)
+            along = along[shape[along, 1] < _ACROSS_LINES * shape[along, 2]]
+        text += f"; their normals are fitted to up to {most} neighbours"
+        warnings.append(Notice("points-in-lines", text))
+    if normals is not None:
+        off_deg = _median_angle_deg(normals[index], fitted, shape)
+        same = (np.ptp(normals, axis=0) < 1e-3).all()
+        if off_deg > (_DOUBTFUL_SAME_DEG if same else _DOUBTFUL_DEG):
+            text = (
+                f"the unit vectors in the file differ by {off_deg:.0f} degrees (median) from the "
+                "normals of the points, which are used instead: they may be colours"
+            )
+            warnings.append(Notice("point-normals-doubtful", text))
+            normals = None
     if normals is not None:
         agree = np.where((fitted * normals[index]).sum(axis=1) < 0, -1.0, 1.0)
         fitted, bends = normals[index], bends * agree[:, None, None]
@@ -131,7 +180,43 @@ def fit_surfels(
         warnings.append(Notice("points-on-a-line", text))
     radii = reach * math.sqrt(_POINTS_IN_DISC / count)
     radii = np.minimum(radii, _LARGEST_DISC * np.median(radii))
+    isolated = _isolated(tree, reach, count)
+    if isolated.any():
+        text = f"points left out because they are far from all others: {int(isolated.sum())}"
+        warnings.append(Notice("points-isolated", text))
+        sound &= ~isolated
     return Surfels(points[sound], fitted[sound], bends[sound], radii[sound], tuple(warnings))
+
+
+def _median_angle_deg(given: Double, fitted: Double, shape: Double) -> float:
+    """Return the median angle between normals of either sign where the fitted ones are certain."""
+    flat = shape[:, 0] < _FLAT * shape[:, 1]
+    if flat.sum() < len(flat) / 2:
+        return 0.0
+    crossed = np.linalg.norm(np.cross(given[flat], fitted[flat]), axis=1)
+    along = np.abs((given[flat] * fitted[flat]).sum(axis=1))
+    return float(np.degrees(np.median(np.arctan2(crossed, along))))
+
+
+def _isolated(tree: cKDTree, reach: Double, count: int) -> npt.NDArray[np.bool_]:
+    """Return the mask of the few points that are far from all others."""
+    isolated = np.zeros(len(reach), np.bool_)
+    lone = np.flatnonzero(reach > _ISOLATED * np.median(reach))
+    if not 0 < len(lone) <= _MOST_OUTLIERS * len(reach):
+        return isolated
+    distance, near = map(np.asarray, tree.query(tree.data[lone], count))
+    linked = distance <= _LINKED * np.minimum(reach[lone, None], reach[near])
+    # One more point represents all that are not lone.
+    place = np.full(len(reach), len(lone))
+    place[lone] = np.arange(len(lone))
+    row, column = np.nonzero(linked)
+    links = coo_array(
+        (np.ones(len(row), np.int8), (row, place[near[row, column]])),
+        shape=(len(lone) + 1, len(lone) + 1),
+    )
+    _, part = connected_components(links, directed=False)
+    isolated[lone[part[:-1] != part[-1]]] = True
+    return isolated
 
 
 def too_few_points(different: int) -> EstimateError:
@@ -246,4 +331,31 @@ def draw_points(surfels: Surfels, raster: Raster) -> Drawn:
     if front.any():
         # Points on the far side of the outline would show the inside of the surface.
         out, height = blend(inside & ((orient(points, normals, front) * toward).sum(axis=1) >= 0))
+    covered = _covered(row[inside], column[inside], np.isfinite(height))
+    if covered < _LEAST_COVERED:
+        text = (
+            f"the points cover {covered:.1%} of their outline: fit the normals to more neighbours, "
+            "or choose larger pixels"
+        )
+        warnings.append(Notice("outline-not-covered", text))
     return Drawn(out, height, tuple(warnings))
+
+
+def _covered(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], drawn: Mask) -> float:
+    """Return the share of the pixels within the outline of the points that are drawn.
+
+    The outline consists of cells of some points each; those at its rim do not count, because
+    they are partly empty.
+    """
+    if not len(row):
+        return 1.0
+    area = float((np.ptp(row) + 1) * (np.ptp(column) + 1))
+    size = max(math.ceil(math.sqrt(area * _POINTS_IN_CELL / len(row))), 1)
+    rows, columns = -(-drawn.shape[0] // size), -(-drawn.shape[1] // size)
+    cells = np.zeros((rows, columns), np.bool_)
+    cells[row // size, column // size] = True
+    inner = binary_erosion(cells, np.ones((3, 3), np.bool_))
+    pixels = np.zeros((rows * size, columns * size), np.bool_)
+    pixels[: drawn.shape[0], : drawn.shape[1]] = drawn
+    share = pixels.reshape(rows, size, columns, size).mean(axis=(1, 3))
+    return float(share[inner].mean()) if inner.any() else 1.0

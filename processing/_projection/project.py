@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -127,12 +127,21 @@ def project(
         middle = (low + high) / 2
         points -= middle
         low, high = low - middle, high - middle
-    raster = _raster(low, high, size, pixel_mm, camera)
+    normals = None if geometry.normals is None else geometry.normals @ turn.T
     if geometry.faces is not None:
-        drawn = draw_mesh(points, geometry.faces, raster, smooth=smooth, on_progress=on_progress)
+        raster = _raster(low, high, size, pixel_mm, camera)
+        drawn = draw_mesh(
+            points, geometry.faces, raster, smooth=smooth, given=normals, on_progress=on_progress
+        )
     else:
-        normals = None if geometry.normals is None else geometry.normals @ turn.T
         surfels = fit_surfels(points, normals, neighbours, on_progress)
+        left = bounds(surfels.points_mm)
+        if not np.array_equal(left, (low, high)):
+            # Points that were left out do not count for the extent.
+            middle = (left[0] + left[1]) / 2 if centred else np.zeros(3)
+            surfels = replace(surfels, points_mm=surfels.points_mm - middle)
+            low, high = left[0] - middle, left[1] - middle
+        raster = _raster(low, high, size, pixel_mm, camera)
         on_progress("drawing points", 0, 1)
         drawn = draw_points(surfels, raster)
         on_progress("drawing points", 1, 1)

@@ -28,6 +28,8 @@ _PARTS = 64
 # A face has no direction if twice its area, relative to the square of its longest edge, is below
 # this.
 _THIN = 1e-12
+# Squared cosine of 30 degrees.
+_BLUNT2 = 0.75
 # A value below any nonzero cross product of snapped corners.
 _NEXT_TO_ZERO = 1e-300
 
@@ -55,12 +57,14 @@ def bounds(points: Double) -> tuple[Double, Double]:
 
 
 @numba.njit(cache=True)
-def vertex_normals(vertices: Double, faces: Whole) -> tuple[Float, int]:
-    """Return area-weighted unit normals ``(V, 3)`` and the number of faces without area.
+def vertex_normals(vertices: Double, faces: Whole, corners: Whole, count: int) -> tuple[Float, int]:
+    """Return area-weighted unit normals ``(count, 3)`` and the number of faces without area.
 
-    The normal is 0 for a vertex without faces, and if the normals of its faces cancel out.
+    ``corners`` ``(F, 3)`` are the numbers of the normals at the corners of the faces: `faces`
+    itself if all faces at a vertex share its normal. The normal is 0 for a number without faces,
+    and if the normals of its faces cancel out.
     """
-    total = np.zeros(vertices.shape, np.float64)
+    total = np.zeros((count, 3), np.float64)
     thin = 0
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -68,12 +72,13 @@ def vertex_normals(vertices: Double, faces: Whole) -> tuple[Float, int]:
         if nx * nx + ny * ny + nz * nz <= (_THIN * _longest2(vertices, a, b, c)) ** 2:
             thin += 1
             continue
-        for v in (a, b, c):
+        for k in range(3):
+            v = corners[f, k]
             total[v, 0] += nx
             total[v, 1] += ny
             total[v, 2] += nz
-    normals = np.zeros(vertices.shape, np.float32)
-    for v in range(len(vertices)):
+    normals = np.zeros((count, 3), np.float32)
+    for v in range(count):
         length = math.sqrt(total[v, 0] ** 2 + total[v, 1] ** 2 + total[v, 2] ** 2)
         if length > 0:
             for axis in range(3):
@@ -231,6 +236,7 @@ def shade(
     vertices: Double,
     faces: Whole,
     vertex_normal: Float,
+    corners: Whole,
     smooth: bool,
     x: Double,
     y: Double,
@@ -239,8 +245,12 @@ def shade(
     normals: Float,
     height: Float,
     back: Whole,
+    blunt: Whole,
 ) -> None:
-    """Fill in normals and heights of visible faces, and the number of back sides in each row.
+    """Fill in normals and heights of visible faces, and two counts for each row.
+
+    They are the pixels that show back sides, and those whose blended normal differs by more than
+    30 degrees from that of their face. ``corners`` are those of `vertex_normals`.
 
     The line of sight of a pixel is ``(x[c] + s rays[r, c, 0], y[r] + s rays[r, c, 1], eye_z - s)``;
     `rays` of shape ``(1, 1, 2)`` applies to all pixels.
@@ -273,9 +283,14 @@ def shade(
             height[r, column] = wa * vertices[a, 2] + wb * vertices[b, 2] + wc * vertices[c, 2]
             nx = ny = nz = 0.0
             if smooth:
-                nx = wa * vertex_normal[a, 0] + wb * vertex_normal[b, 0] + wc * vertex_normal[c, 0]
-                ny = wa * vertex_normal[a, 1] + wb * vertex_normal[b, 1] + wc * vertex_normal[c, 1]
-                nz = wa * vertex_normal[a, 2] + wb * vertex_normal[b, 2] + wc * vertex_normal[c, 2]
+                i, j, k = corners[f, 0], corners[f, 1], corners[f, 2]
+                nx = wa * vertex_normal[i, 0] + wb * vertex_normal[j, 0] + wc * vertex_normal[k, 0]
+                ny = wa * vertex_normal[i, 1] + wb * vertex_normal[j, 1] + wc * vertex_normal[k, 1]
+                nz = wa * vertex_normal[i, 2] + wb * vertex_normal[j, 2] + wc * vertex_normal[k, 2]
+                fx, fy, fz = _cross(vertices, a, b, c)
+                along = nx * fx + ny * fy + nz * fz
+                size2 = (nx * nx + ny * ny + nz * nz) * (fx * fx + fy * fy + fz * fz)
+                blunt[r] += along < 0 or along * along < _BLUNT2 * size2
             # Flat shading, or smooth normals that cancel out.
             if nx * nx + ny * ny + nz * nz < 1e-12:
                 nx, ny, nz = _cross(vertices, a, b, c)

@@ -9,13 +9,16 @@ the highest one.
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, StorageError, write_durably
+from acquisition import DataError, Identity, StorageError, write_durably
 from processing._relight.bytes_of_coefficients import coded
 from processing._relight.relightable_image import RelightableImage
 from rig import check_type
@@ -33,6 +36,7 @@ def write_rti_planes(
     directions: npt.ArrayLike,
     *,
     quality: int = 95,
+    recordings: Iterable[Identity] = (),
 ) -> tuple[list[Path], RelightableImage]:
     """Write a relightable image as planes for web viewers: ``plane_0.jpg`` ... and ``info.json``.
 
@@ -47,6 +51,8 @@ def write_rti_planes(
     quality
         Quality of the JPEGs, 1 to 100. Chroma is not subsampled, because the channels are
         unrelated.
+    recordings
+        What the images are of, which info.json lists for people.
 
     Returns
     -------
@@ -93,7 +99,7 @@ def write_rti_planes(
         write_durably(written[-1], data)
         seen = np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR_RGB))
         stored.append(encoded._replace(samples=seen.astype(np.uint8)).decoded())
-    info = {
+    info: dict[str, Any] = {
         "width": width,
         "height": height,
         "format": "jpg",
@@ -104,6 +110,9 @@ def write_rti_planes(
         "quality": quality,
         "materials": [{"scale": scales, "bias": biases}],
     }
+    # Viewers ignore keys that they do not know.
+    if listed := [asdict(identity) for identity in recordings]:
+        info["recordings"] = listed
     written.append(Path(folder) / "info.json")
     write_durably(written[-1], f"{json.dumps(info, indent=1)}\n".encode())
     return written, _image(np.concatenate(stored, axis=2), image)

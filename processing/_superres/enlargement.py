@@ -19,6 +19,7 @@ from processing._superres.model import SCALES, SuperResolutionModel, read_superr
 from processing._superres.network import Network
 from processing._superres.super_resolution import PixelSampling, SuperResolutionMethod
 from processing._superres.tiles import Span, enlarged_rows, spans, tiles
+from processing._uncertainty.normal_uncertainty import UNIFORM_DEG
 
 Mask = npt.NDArray[np.bool_]
 Maps = dict[str, npt.NDArray[Any]]
@@ -199,7 +200,9 @@ def _put(maps: Maps, own: npt.NDArray[np.float32], columns: slice, made: HighTil
     squares = made.added_deg**2
     maps["invented"][part] = squares / np.maximum(squares + made.detail_deg**2, np.float32(1e-12))
     if made.variance is not None:
-        sigma = np.float32(math.degrees(1)) * np.sqrt(made.variance)
+        sigma = np.minimum(
+            np.float32(math.degrees(1)) * np.sqrt(made.variance), np.float32(UNIFORM_DEG)
+        )
         maps["sigma_deg"][part] = np.where(made.mask, sigma, np.float32(np.nan))
 
 

@@ -163,6 +163,11 @@ def read_superres_model(
     return made
 
 
+def comes_with_program(model: SuperResolutionModel) -> bool:
+    """Return whether the bytes of a network are those of one that comes with the program."""
+    return any(_description(path, path).sha256 == model.sha256 for path in _SHIPPED.glob("*.json"))
+
+
 def _path_of(model: str | Path | None, scale: int, method: Domain | None) -> Path:
     if model is not None and Path(model).suffix == ".onnx":
         return Path(model)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._superres.model import SuperResolutionModel
+from processing._superres.trial import try_network
 
 Float = npt.NDArray[np.float32]
 
@@ -26,7 +27,9 @@ class Network:
     Parameters
     ----------
     model
-        The file.
+        The file. One of another origin is tried in a separate process first.
+    tried
+        Whether this was done.
 
     Raises
     ------
@@ -34,7 +37,9 @@ class Network:
         If OpenCV cannot load it, or its output has another shape.
     """
 
-    def __init__(self, model: SuperResolutionModel) -> None:
+    def __init__(self, model: SuperResolutionModel, *, tried: bool = False) -> None:
+        if not tried:
+            try_network(model)
         self._model = model
         self.deviations = model.deviations
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ from processing._surface.grid_graph import apply_laplacian
 from processing._surface.multigrid import Solution, solve
 from processing._surface.multigrid_kernels import add_anchors
 from processing._surface.prior import HeightPrior
+from processing._surface.prior_outliers import prior_outliers
 from processing._surface.scale import Scale
 from rig import Notice, Progress, no_progress, pluralize
 
@@ -20,11 +21,17 @@ Double = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 
-# Heights that are known in fewer pixels do not show in which unit they are.
-_FEWEST = 10
-# A unit is doubtful if heights and surface are alike, but their ranges differ by this factor.
+# Heights that are known in fewer pixels do not show in which unit they are; few only if they are
+# alike to this correlation, which 4 unrelated heights are once in 200 times.
+_FEWEST = 4
+_FEW = 10
 _ALIKE = 0.8
+_ALIKE_IF_FEW = 0.99
+# A unit is doubtful if heights and surface are alike, but their ranges differ by this factor.
 _OTHER_UNIT = 2.0
+# The surface misses a known height by more than this many standard deviations.
+_MISSED = 4.0
+_NAMED = 5
 # Largest weight of a pixel relative to that of a typical edge: the height is then fixed.
 _FIXED = 1e5
 
@@ -39,10 +46,19 @@ class Anchors:
         ``(H+2, W+2)`` float32, relative to those of edges; 0 where the height is not known.
     target
         ``(H+2, W+2)`` heights in the unit of the steps, 0 where they are not known.
+    variance
+        Variance of the step along a typical edge, which a weight of 1 means.
     """
 
     weights: Float
     target: Double
+    variance: float = 1.0
+
+    @property
+    def spread(self) -> Double:
+        """``(H+2, W+2)`` standard deviations of the heights, infinite where they are not known."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.sqrt(self.variance / self.weights.astype(np.float64)), np.float64)
 
     @property
     def load(self) -> Double:
@@ -105,7 +121,7 @@ def anchors(
         target[known] = np.log(depth)
         spread *= scale.distance / depth
     weights[known] = np.minimum(variance / np.square(spread), _FIXED)
-    return Anchors(weights, target)
+    return Anchors(weights, target, variance)
 
 
 def solve_anchored(
@@ -115,10 +131,11 @@ def solve_anchored(
     labels: Labels,
     held: Anchors,
     *,
+    leave_out: bool,
     tolerance: float = 1e-6,
     max_iterations: int = 500,
     on_progress: Progress = no_progress,
-) -> tuple[Solution, Double]:
+) -> tuple[Solution, Double, Anchors]:
     """Solve L u = b with and without anchors.
 
     The surface without anchors is moved to them, part by part; the change that remains is small and
@@ -132,6 +149,8 @@ def solve_anchored(
         ``(H+2, W+2)`` part of each pixel, -1 for a pixel without edges.
     held
         The known heights.
+    leave_out
+        Whether isolated gross errors among them are left out, see `prior_outliers`.
 
     Returns
     -------
@@ -139,10 +158,16 @@ def solve_anchored(
         The solution with anchors.
     free
         ``(H+2, W+2)`` solution without them, moved to their mean in each part that has any.
+    held
+        The known heights that were used.
     """
     first = solve(
         right, down, b, tolerance=tolerance, max_iterations=max_iterations, on_progress=on_progress
     )
+    if leave_out:
+        off = np.where(held.weights > 0, held.target - first.u, np.nan)
+        outliers = prior_outliers(off, held.spread, labels)
+        held = replace(held, weights=np.where(outliers, np.float32(0), held.weights))
     inside = labels >= 0
     members, weights = labels[inside], held.weights[inside].astype(np.float64)
     sums = np.bincount(members, weights * (held.target - first.u)[inside])
@@ -180,23 +205,38 @@ def solve_anchored(
             converged=first.converged and change.converged,
         ),
         free,
+        held,
     )
 
 
-def doubts_of_prior(prior: HeightPrior, mask: Mask, held: Anchors, free: Double) -> list[Notice]:
+def doubts_of_prior(
+    prior: HeightPrior, height: Float, unit: str, held: Anchors, used: Mask, free: Double
+) -> list[Notice]:
     """Return notices about known heights that do not belong to the surface.
 
     Parameters
     ----------
     prior, held
         The known heights.
-    mask
-        ``(H, W)`` bool, the surface.
+    height, unit
+        ``(H, W)`` heights of the surface, NaN outside.
+    used
+        ``(H, W)`` bool, the known heights that were used.
     free
         ``(H+2, W+2)`` solution without them.
     """
     notices = []
-    known = prior.known
+    known, mask = prior.known, np.isfinite(height)
+    off = prior.height - height
+    left_out = known & mask & ~used
+    if left_out.any():
+        count = int(np.count_nonzero(left_out))
+        text = (
+            f"{pluralize(count, 'height')} of the prior, of {prior.count}, "
+            f"{'is' if count == 1 else 'are'} left out, because the others and the normals "
+            f"contradict {'it' if count == 1 else 'them'}: {_named(off, left_out, unit)}"
+        )
+        notices.append(Notice("prior-outliers", text))
     outside = prior.outside + int(np.count_nonzero(known & ~mask))
     if outside:
         text = (
@@ -204,23 +244,48 @@ def doubts_of_prior(prior: HeightPrior, mask: Mask, held: Anchors, free: Double)
             f"{'is' if outside == 1 else 'are'} outside the mask and not used"
         )
         notices.append(Notice("prior-outside", text, "", "info"))
-    used = held.weights > 0
-    wanted, found = held.target[used], free[used]
+    doubts = _doubtful(held, free)
+    missed = used & mask & (np.abs(off) > _MISSED * prior.sigma)
+    count = int(np.count_nonzero(missed))
+    # Of normal errors, fewer than one in ten thousand is as large.
+    if not doubts and count > np.count_nonzero(used) / 1000:
+        text = (
+            f"the surface misses {pluralize(count, 'height')} of the prior, of {prior.count}, by "
+            f"more than {_MISSED:g} standard deviations: {_named(off, missed, unit)}"
+        )
+        doubts.append(Notice("prior-missed", text, "", "info"))
+    return [*notices, *doubts]
+
+
+def _doubtful(held: Anchors, free: Double) -> list[Notice]:
+    """Return a notice if the heights have another sign or unit than the normals."""
+    holds = held.weights > 0
+    wanted, found = held.target[holds], free[holds]
     ranges = wanted.std(), found.std()
     if len(wanted) < _FEWEST or min(ranges) == 0:
-        return notices
+        return []
+    least = _ALIKE_IF_FEW if len(wanted) < _FEW else _ALIKE
     alike = float(np.corrcoef(wanted, found)[0, 1])
     factor = float(ranges[0] / ranges[1])
-    if alike < -_ALIKE:
+    if alike < -least:
         text = (
             "the heights of the prior fall where the normals rise: heights grow toward the camera; "
             "are these depths?"
         )
-        notices.append(Notice("prior-doubtful", text))
-    elif alike > _ALIKE and not 1 / _OTHER_UNIT < factor < _OTHER_UNIT:
+        return [Notice("prior-doubtful", text)]
+    if alike > least and not 1 / _OTHER_UNIT < factor < _OTHER_UNIT:
         text = (
             f"the differences in height of the prior are {factor:.3g} times those of the normals: "
             "check the units of the prior and the size of a pixel"
         )
-        notices.append(Notice("prior-doubtful", text))
-    return notices
+        return [Notice("prior-doubtful", text)]
+    return []
+
+
+def _named(off: Float, chosen: Mask, unit: str) -> str:
+    """Return the places and errors of the chosen heights, the largest first."""
+    rows, columns = np.nonzero(chosen)
+    order = np.argsort(-np.abs(off[chosen]), kind="stable")[:_NAMED]
+    places = [f"{columns[i]},{rows[i]} by {off[rows[i], columns[i]]:.3g} {unit}" for i in order]
+    more = len(rows) - len(places)
+    return f"column,row {'; '.join(places)}{f'; and {more} more' if more else ''}"

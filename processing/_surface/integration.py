@@ -158,7 +158,10 @@ def integrate(
     del chords, right, down, step_right, step_down
     jumps = free = None
     if held is not None:
-        solution, free = solve_anchored(*weights, b, labels, held, on_progress=on_progress)
+        # Jumps that the normals do not show look like errors of known heights.
+        solution, free, held = solve_anchored(
+            *weights, b, labels, held, leave_out=not discontinuity, on_progress=on_progress
+        )
     elif facing is None:
         solution = solve(*weights, b, on_progress=on_progress)
     del b
@@ -217,7 +220,9 @@ def integrate(
         *consistency_warning(angle_deg, shape),
     ]
     if prior is not None and held is not None and free is not None:
-        notices += doubts_of_prior(prior, mask, held, free)
+        used = np.zeros_like(mask)
+        used[window] = held.weights[1:-1, 1:-1] > 0
+        notices += doubts_of_prior(prior, height, scale.unit, held, used, free)
     return HeightMap(
         height=height,
         depth=depth,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +20,9 @@ from rig import Progress, check_type, no_progress, pluralize, short_repr
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
+# Root mean square angle between any direction and one that is uniform on the sphere:
+# sqrt((pi^2 - 4) / 2). No direction is less certain; to first order, variances have no limit.
+UNIFORM_DEG: Final = math.degrees(math.sqrt((math.pi**2 - 4) / 2))
 # Least correlation of residuals that are not noise.
 STRUCTURED = 0.1
 
@@ -30,8 +35,8 @@ class NormalUncertainty:
     ----------
     sigma_deg
         ``(H, W)`` float32, root mean square angle between estimated and true normal in degrees,
-        both tangent directions together; NaN where a pixel is not valid, and everywhere if the
-        noise is unknown and the samples are too few to show it.
+        both tangent directions together, at most `UNIFORM_DEG`; NaN where a pixel is not valid, and
+        everywhere if the noise is unknown and the samples are too few to show it.
     common_sigma_deg
         ``(H, W)`` float32, the part of it that is by the errors of lights and mean height. All
         pixels have it in common: averages over pixels do not make it smaller.
@@ -179,7 +184,11 @@ def sums_of(found: PixelVariances) -> tuple[Float, Float]:
 
 
 def in_degrees(variances: Float, valid: Mask) -> None:
-    """Replace variances in rad^2 by standard deviations in degrees, NaN where not valid."""
+    """Replace variances in rad^2 by standard deviations in degrees, NaN where not valid.
+
+    They are at most those of a uniform direction.
+    """
     np.sqrt(variances, out=variances, where=valid)
     np.degrees(variances, out=variances, where=valid)
+    np.minimum(variances, np.float32(UNIFORM_DEG), out=variances)
     variances[~valid] = np.nan

@@ -2,41 +2,28 @@
 
 from __future__ import annotations
 
-from rig._errors import CameraError
-from rig._genicam.nodes import Nodes
+import contextlib
+import itertools
+import re
 
-_OFF = (
-    "ExposureAuto",
-    "GainAuto",
-    "BalanceWhiteAuto",
-    "BlackLevelAuto",
-    "GainAutoBalance",
-    "BlackLevelAutoBalance",
-    "TestPattern",
-    "TestImageSelector",
-)
-_DISABLED = ("GammaEnable", "GammaEnabled", "LUTEnable", "SharpnessEnable", "NoiseReductionEnable")
-# Correction of defective pixels by their neighbours: an enumeration or a boolean, by vendor.
-_DEFECT_CORRECTION = (
-    "DefectCorrectStaticEnable",
-    "DefectCorrectDynamicEnable",
-    "DefectCorrectionEnable",
-    "DefectPixelCorrection",
-    "DefectPixelCorrectionEnable",
-    "DefectPixelCorrectionMode",
-    "DefectivePixelCorrection",
-    "DefectMaskEnable",
-    "BslDefectPixelCorrectionMode",
-    "mvDefectivePixelEnable",
-    "pgrDefectPixelCorrectionEnable",
-    "defectivePixelReplacementMode",
-)
+from rig._errors import CameraError
+from rig._genicam.nodes import Nodes, Setting
+from rig._genicam.processing import PROCESSING, UNRECORDED, Processing
+
+# Size and offset along the axis that a binning concerns; the offset fits only the larger size.
+_AXES = {
+    "Horizontal": ("Width", "OffsetX"),
+    "Vertical": ("Height", "OffsetY"),
+    "X": ("Width", "OffsetX"),
+    "Y": ("Height", "OffsetY"),
+}
 
 
 def turn_off_automatics(nodes: Nodes) -> tuple[str, ...]:
-    """Turn off every automatic of the camera, and check that it is off.
+    """Turn off all processing that alters samples, and check that it is off.
 
-    Some nodes exist only with some pixel formats: call this again after the format has been chosen.
+    A node with a value for each entry of a selector is set for every entry. Some nodes exist only
+    with some pixel formats: call this again after the format has been chosen.
 
     Returns
     -------
@@ -48,29 +35,79 @@ def turn_off_automatics(nodes: Nodes) -> tuple[str, ...]:
     CameraError
         If a node refuses; the message names it.
     """
-    changed = [name for name in _OFF if nodes.has(name) and nodes.set_choice(name, "Off")]
-    if nodes.has("ExposureMode") and nodes.set_choice("ExposureMode", "Timed"):
-        changed.append("ExposureMode")
-    switches = (*_DISABLED, *_DEFECT_CORRECTION)
-    changed += [name for name in switches if nodes.has(name) and _switch_off(nodes, name)]
-    if _straighten_gamma(nodes):
-        changed.append("Gamma")
+    changed: dict[str, None] = {}
+    # Levels last: many can only be written while their switch is off.
+    for matches, set_neutral in (
+        (Processing.has_switch, _switch_off),
+        (Processing.has_level, _set_level),
+    ):
+        for kind, name in itertools.product(PROCESSING, nodes.names()):
+            if matches(kind, name):
+                for entry in nodes.entries(name):
+                    if re.search(kind.entries, entry) and set_neutral(nodes, name, kind):
+                        changed[name] = None
     return tuple(changed)
 
 
-def _switch_off(nodes: Nodes, name: str) -> bool:
-    if nodes.is_choice(name):
-        return nodes.set_choice(name, "Off")
-    return nodes.set_flag(name, on=False)
+def camera_settings(nodes: Nodes) -> dict[str, Setting]:
+    """Return the settings of the camera that this program does not make, by node.
+
+    These are the nodes that can be written, and those of processing that cannot.
+    """
+    settings: dict[str, Setting] = {}
+    for name in nodes.names():
+        processing = any(kind.has_switch(name) or kind.has_level(name) for kind in PROCESSING)
+        recorded = nodes.can_set(name) and not UNRECORDED.fullmatch(name)
+        if nodes.has(name) and (processing or recorded):
+            with contextlib.suppress(CameraError):  # for instance an undefined enumeration value
+                settings[name] = nodes.value(name)
+    return settings
 
 
-def _straighten_gamma(nodes: Nodes) -> bool:
-    if not nodes.has("Gamma"):
+def _switch_off(nodes: Nodes, name: str, kind: Processing) -> bool:
+    """Turn a switch off; return whether it was on."""
+    if not nodes.has(name) or (kind.locked == "stated" and not nodes.can_set(name)):
         return False
-    bent = nodes.number("Gamma") != 1.0 and nodes.can_set("Gamma")
-    if bent:
-        nodes.set_number("Gamma", 1.0)
-    switched_off = any(nodes.has(name) for name in _DISABLED[:2])
-    if (gamma := nodes.number("Gamma")) != 1.0 and not switched_off:
-        raise CameraError(f"camera {nodes.camera}, Gamma: was set to 1 but is still {gamma:g}")
-    return bent
+    if nodes.is_flag(name):
+        return nodes.set_flag(name, on=False)
+    if not nodes.is_choice(name) or nodes.text(name) in kind.symbols:
+        return False
+    offered = nodes.choices(name)
+    symbol = next((symbol for symbol in kind.symbols if symbol in offered), None)
+    if symbol is None and not kind.required:
+        return False  # it chooses between variants, and another node turns them off
+    return nodes.set_choice(name, symbol or kind.symbols[0])
+
+
+def _set_level(nodes: Nodes, name: str, kind: Processing) -> bool:
+    """Set the strength of processing to its neutral value; return whether it was another."""
+    if not nodes.has(name) or not nodes.is_number(name):
+        return False
+    low, high = nodes.limits(name)
+    before, neutral = nodes.number(name), min(max(kind.neutral, low), high)
+    if before != neutral and nodes.can_set(name):
+        nodes.set_number(name, neutral)
+    after = nodes.number(name)
+    if after != kind.neutral and kind.locked == "refused" and not _has_switch(nodes, kind):
+        raise CameraError(
+            f"camera {nodes.camera}, {name}: was set to {kind.neutral:g} but is still {after:g}"
+        )
+    if after != before:
+        _enlarge(nodes, name, before / max(after, 1.0))
+    return after != before
+
+
+def _has_switch(nodes: Nodes, kind: Processing) -> bool:
+    return any(
+        kind.has_switch(name) and nodes.has(name) and not nodes.is_number(name)
+        for name in nodes.names()
+    )
+
+
+def _enlarge(nodes: Nodes, name: str, factor: float) -> None:
+    """Keep the field of view after binning or decimation along an axis was reduced."""
+    axis = next((axis for end, axis in _AXES.items() if name.endswith(end)), ())
+    for side in axis:
+        if nodes.can_set(side):
+            low, high = nodes.limits(side)
+            nodes.set_number(side, min(max(nodes.number(side) * factor, low), high))

@@ -11,7 +11,7 @@ from pathlib import Path
 from rig._camera import CameraFrame, Trigger
 from rig._errors import CameraError, FrameLostError, FrameTimeoutError
 from rig._genicam.acquisition import Acquisition
-from rig._genicam.automatics import turn_off_automatics
+from rig._genicam.automatics import camera_settings, turn_off_automatics
 from rig._genicam.count import BlockCount
 from rig._genicam.nodes import Nodes
 from rig._genicam.received import ReceivedFrame
@@ -24,8 +24,6 @@ from rig._plural import pluralize
 _POLL_S = 0.001
 _WAITING_EVERY_S = 0.1
 _TEMPERATURE_EVERY_S = 2.0
-# Devices of GigE Vision 1 count frames with 16 bits: acquisition is restarted before they overflow.
-_MOST_TRIGGERS = 60_000
 
 
 class GenICamCamera:
@@ -73,7 +71,11 @@ class GenICamCamera:
             info, form = set_up(self._nodes, self._settings, device.found, options)
             # The nodes for colour exist only after the pixel format has been chosen.
             changed += turn_off_automatics(self._nodes)
-            self.info = replace(info, turned_off=tuple(dict.fromkeys(changed)))
+            self.info = replace(
+                info,
+                turned_off=tuple(dict.fromkeys(changed)),
+                settings=camera_settings(self._nodes),
+            )
             self._acquisition.expect(form, (self.info.height, self.info.width))
         except BaseException:
             with contextlib.suppress(CameraError):
@@ -173,7 +175,7 @@ class GenICamCamera:
             raise CameraError(
                 f"camera {self._name} is armed for triggers by {self._armed}, not {trigger}"
             )
-        if self._stale or self._next_id - self._first_id >= _MOST_TRIGGERS:
+        if self._stale:
             self._acquisition.stop()
             self._start()
         elif self._next_id == self._unfetched_id:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from genicam import genapi
@@ -12,11 +12,21 @@ from rig._errors import CameraError
 from rig._genicam.errors import GENICAM_ERRORS, camera_errors
 
 Names = str | Sequence[str]
+Setting = bool | int | float | str
 
 _READABLE = (genapi.EAccessMode.RO, genapi.EAccessMode.RW)
 _WRITABLE = (genapi.EAccessMode.WO, genapi.EAccessMode.RW)
 # A value read back may differ from the one set by the rounding of a float register.
 _ROUNDING = 1e-6
+# Digits of a number that are recorded: a register may round the last ones differently.
+_DIGITS = 6
+_FLAG, _CHOICE, _NUMBER = (
+    (genapi.IBoolean,),
+    (genapi.IEnumeration,),
+    (genapi.IInteger, genapi.IFloat),
+)
+# More entries than a selector has for channels or taps: it selects places of a table.
+_MOST_ENTRIES = 32
 
 
 class Nodes:
@@ -52,6 +62,42 @@ class Nodes:
         """Return the name that this camera uses, or the first if it has none of them."""
         listed = [names] if isinstance(names, str) else list(names)
         return next((name for name in listed if self._map.has_node(name)), listed[0])
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the camera's booleans, enumerations and numbers."""
+        nodes = [node for node in self._map.nodes if isinstance(node, (*_FLAG, *_CHOICE, *_NUMBER))]
+        # Other nodes are registers behind these. A map without categories does not state which.
+        features = [node for node in nodes if node.node.is_feature()] or nodes
+        return tuple(str(node.node.name) for node in features)
+
+    def entries(self, name: str) -> Iterator[str]:
+        """Select each entry of a node's selector in turn, yield it, and restore the first one.
+
+        Yields an empty text once if the node has no selector that can be changed.
+        """
+        selectors = [str(one.node.name) for one in self._node(name).node.selecting_features]
+        selector = next(iter(selectors), f"{name}Selector")
+        if not self.can_set(selector) or not self.is_choice(selector):
+            yield ""
+            return
+        before = self.text(selector)
+        try:
+            for symbol in self.choices(selector)[:_MOST_ENTRIES]:
+                self.set_choice(selector, symbol)
+                yield symbol
+        finally:
+            self.set_choice(selector, before)
+
+    def value(self, name: str) -> Setting:
+        """Read a boolean, a number or the symbol of an enumeration."""
+        if self.is_flag(name):
+            return self.flag(name)
+        if self.is_choice(name):
+            return self.text(name)
+        number = self.number(name)
+        if not math.isfinite(number):
+            return str(number)
+        return int(number) if number.is_integer() else float(f"{number:.{_DIGITS}g}")
 
     def number(self, names: Names) -> float:
         """Read a number."""
@@ -117,7 +163,15 @@ class Nodes:
 
     def is_choice(self, names: Names) -> bool:
         """Return whether a node is an enumeration."""
-        return isinstance(self._node(names), genapi.IEnumeration)
+        return isinstance(self._node(names), _CHOICE)
+
+    def is_flag(self, names: Names) -> bool:
+        """Return whether a node is a boolean."""
+        return isinstance(self._node(names), _FLAG)
+
+    def is_number(self, names: Names) -> bool:
+        """Return whether a node is a number."""
+        return isinstance(self._node(names), _NUMBER)
 
     def set_choice(self, names: Names, symbol: str) -> bool:
         """Choose a symbol of an enumeration and read it back; return whether it has changed.

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 import uuid
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -32,12 +34,14 @@ class ClusterWorkers:
     ----------
     client
         The connection to the scheduler.
+    address
+        Its address.
     count
         Number of workers.
     """
 
-    def __init__(self, client: Client, count: int) -> None:
-        self._client, self.count = client, count
+    def __init__(self, client: Client, address: str, count: int) -> None:
+        self._client, self._address, self.count = client, address, count
 
     def outcomes(
         self, tasks: Sequence[Task], started: Callable[[Task], None]
@@ -45,6 +49,11 @@ class ClusterWorkers:
         """Yield each task with its outcome as it ends; ``started`` is called as it begins.
 
         If the caller stops early, tasks that wait are taken back.
+
+        Raises
+        ------
+        ClusterError
+            If the connection to the scheduler is lost.
         """
         from distributed import Future, as_completed
 
@@ -56,11 +65,20 @@ class ClusterWorkers:
             futures[self._client.submit(perform, task, key=key, pure=False, retries=0)] = task
         try:
             for future in as_completed(list(futures)):
+                try:
+                    error = future.exception()
+                except CancelledError as cancelled:
+                    error = cancelled
+                if self._client.status != "running":
+                    raise ClusterError(
+                        f"{self._address}: the scheduler is gone: start it and its workers, then "
+                        "run the command again"
+                    )
                 task = futures.pop(future)
-                error = future.exception()
                 yield task, (future.result() if error is None else _lost(error))
         finally:
-            self._client.cancel(list(futures))
+            if self._client.status == "running":
+                self._client.cancel(list(futures))
 
 
 def check_scheduler(address: str) -> None:
@@ -103,12 +121,20 @@ def cluster(address: str, folder: Path) -> Iterator[ClusterWorkers]:
     """
     from distributed import Client
 
+    # What Dask logs about a lost connection becomes one error of ours.
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] == "distributed":
+            logging.getLogger(name).disabled = True
     try:
         client = Client(address, timeout=_CONNECT_S)
     except (OSError, ValueError) as error:
         raise _unanswered(address) from error
     with client:
-        yield ClusterWorkers(client, _checked(client, address, folder))
+        try:
+            count = _checked(client, address, folder)
+        except (OSError, TimeoutError, CancelledError) as error:
+            raise _unanswered(address) from error
+        yield ClusterWorkers(client, address, count)
 
 
 def _unanswered(address: str) -> ClusterError:

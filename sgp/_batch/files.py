@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-import acquisition
-from sgp._output import sha256
+from sgp._compaction import JOURNAL, compacted_since
+from sgp._hashes import sha256
 
-_JOURNAL, _COMPLETE = "journal.jsonl", "COMPLETE"
-# Lines that a compaction appends to a journal.
-_OF_COMPACTION = ("reopened", "compacted")
+_COMPLETE = "COMPLETE"
 
 
 class Stamp(NamedTuple):
@@ -28,11 +24,15 @@ class Stamp(NamedTuple):
         Time of the last modification in ns.
     sha256
         Hash of the content; empty if the file was not read.
+    ctime_ns
+        Time of the last change of the file itself in ns, which shows a change after which the time
+        of modification was set back; 0 if an earlier program did not note it.
     """
 
     size: int
     mtime_ns: int
     sha256: str = ""
+    ctime_ns: int = 0
 
 
 def stamps(roots: Iterable[str | Path]) -> dict[str, Stamp]:
@@ -44,7 +44,9 @@ def stamps(roots: Iterable[str | Path]) -> dict[str, Stamp]:
     for root in roots:
         for path in _below(Path(root)):
             status = path.stat()
-            found[str(path)] = Stamp(status.st_size, status.st_mtime_ns)
+            found[str(path)] = Stamp(
+                status.st_size, status.st_mtime_ns, ctime_ns=status.st_ctime_ns
+            )
     return found
 
 
@@ -68,7 +70,7 @@ def difference(before: Mapping[str, Stamp], now: Mapping[str, Stamp]) -> str | N
     that was compacted in between is the same, too.
     """
     before, now = dict(before), dict(now)
-    for path in [path for path in now if Path(path).name == _JOURNAL]:
+    for path in [path for path in now if Path(path).name == JOURNAL]:
         for same in list(_compacted(Path(path), before, now)):
             before.pop(same, None)
             now.pop(same, None)
@@ -78,7 +80,12 @@ def difference(before: Mapping[str, Stamp], now: Mapping[str, Stamp]) -> str | N
         return f"{Path(path).name} was removed"
     for path, stamp in now.items():
         old = before[path]
-        if (old.size, old.mtime_ns) == (stamp.size, stamp.mtime_ns):
+        # Permissions and backups change the ctime of a file, too: of inputs, the hash decides.
+        noted = old.ctime_ns if old.sha256 else 0
+        if (old.size, old.mtime_ns) == (stamp.size, stamp.mtime_ns) and noted in (
+            0,
+            stamp.ctime_ns,
+        ):
             continue
         if not old.sha256 or old.size != stamp.size or sha256(Path(path)) != old.sha256:
             return f"{Path(path).name} was changed"
@@ -95,15 +102,8 @@ def _compacted(
     old = before.get(str(journal))
     if old is None or not now[str(journal)].size > old.size:
         return
-    try:
-        content = journal.read_bytes()
-        session = acquisition.Session.open(journal.parent)
-    except (OSError, acquisition.DataError):
-        return
-    known, later = content[: old.size], content[old.size :].splitlines()
-    if hashlib.sha256(known).hexdigest() != old.sha256 or not session.complete:
-        return
-    if any(json.loads(line).get("event") not in _OF_COMPACTION for line in later):
+    session = compacted_since(journal, old.sha256)
+    if session is None:
         return
     yield from (str(journal), str(journal.parent / _COMPLETE))
     for frame in session.recorded:

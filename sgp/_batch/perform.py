@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import chdir, contextmanager, redirect_stderr
+from contextlib import chdir, contextmanager, redirect_stderr, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,15 @@ import numpy as np
 from cyclopts import App, CycloptsError, Parameter
 
 import acquisition
+import rig
 from sgp._batch.files import Stamp, stamps
 from sgp._batch.task import Outcome, Stage, Task
 from sgp._exit import FAULT, error_text, exit_code
+from sgp._hashes import input_hashes, output_files
 from sgp._help import usage_complaint
 from sgp._options import require_inputs, transfer_files
-from sgp._output import flat_parameters, paths_of, sha256
+from sgp._output import flat_parameters, paths_of
+from sgp._own_files import own_files_named
 from sgp._result import Result
 from sgp._threads import opencv_threads
 
@@ -68,10 +72,12 @@ def _attempt(task: Task) -> Outcome:
     before: dict[str, Stamp] = {}
     try:
         acquisition.make_folder(task.log.parent)
-        with _logged(task.log), chdir(task.folder), _threads(task.threads):
+        with _claimed(task.log), chdir(task.folder), _threads(task.threads):
             return _stages(task, roots, before)
     except CycloptsError as error:
         return Outcome(usage_complaint(error, "sgp batch"), 2)
+    except _TakenOver as error:
+        return Outcome(str(error), FAULT)
     except MemoryError as error:
         text = "needs more memory than this process may have"
         return Outcome(
@@ -84,6 +90,7 @@ def _attempt(task: Task) -> Outcome:
 
 def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Outcome:
     results: list[Result] = []
+    hashes: dict[str, str] = {}
     for stage in task.stages:
         bound = bound_arguments(stage)
         require_inputs(stage.command, bound.arguments)
@@ -91,10 +98,12 @@ def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Out
             if not root.absolute().is_relative_to(task.out):
                 roots[str(root.absolute())] = None
         before |= {path: stamp for path, stamp in stamps(roots).items() if path not in before}
-        results.append(stage.command(*bound.args, **bound.kwargs))
-        if not results[-1].ok:
-            return Outcome("; ".join(results[-1].summary), results[-1].failing_code)
-    hashes = {str(path.absolute()): sha256(path) for result in results for path in result.inputs}
+        with own_files_named():
+            results.append(stage.command(*bound.args, **bound.kwargs))
+            if not results[-1].ok:
+                return Outcome("; ".join(results[-1].summary), results[-1].failing_code)
+            used = input_hashes(results[-1].inputs)
+        hashes |= {str(Path(name).absolute()): digest for name, digest in used.items()}
     outputs = {name: path for result in results for name, path in result.outputs.items()}
     _write_thumbnail(outputs, task.thumbnail)
     notices = Counter[str](notice.severity for result in results for notice in result.warnings)
@@ -102,6 +111,9 @@ def _stages(task: Task, roots: dict[str, None], before: dict[str, Stamp]) -> Out
         roots=tuple(roots),
         files={path: stamp._replace(sha256=hashes.get(path, "")) for path, stamp in before.items()},
         outputs=tuple(str(path.absolute()) for path in outputs.values()),
+        sizes={
+            str(path.absolute()): path.stat().st_size for path in output_files(outputs.values())
+        },
         notices=dict(notices),
         figures={name: value for one in results for name, value in _figures(one.metrics).items()},
     )
@@ -120,10 +132,28 @@ def _figures(metrics: Mapping[str, Any]) -> dict[str, int | float | None]:
     return {name: normals[name] for name in names if isinstance(normals.get(name), (int, float))}
 
 
+class _TakenOver(rig.SgpError):
+    """Another worker has begun the task since."""
+
+
 @contextmanager
-def _logged(path: Path) -> Iterator[None]:
-    with path.open("w", encoding="utf-8", errors="backslashreplace") as log, redirect_stderr(log):
-        yield
+def _claimed(path: Path) -> Iterator[None]:
+    """Write messages to a new log; as long as it has its name, the task is this worker's.
+
+    A cluster gives the task of a worker that does not answer to another one. If the first was only
+    suspended, it may wake up after the other one has finished, and must not replace its result.
+    """
+    path.unlink(missing_ok=True)
+    with path.open("x", encoding="utf-8", errors="backslashreplace") as log:
+
+        def check() -> None:
+            with suppress(OSError), path.open("rb") as now:  # opened: a network file system
+                if os.path.samestat(os.fstat(now.fileno()), os.fstat(log.fileno())):
+                    return
+            raise _TakenOver("another worker has begun this recording again: this one ends")
+
+        with redirect_stderr(log), acquisition.publishing_if(check):
+            yield
 
 
 @contextmanager

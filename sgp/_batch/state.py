@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import acquisition
 import rig
@@ -34,6 +34,8 @@ class State(BaseModel):
         Version of the program.
     error, exit_code, attempts, seconds, cpu_seconds, roots, files, outputs, notices, figures
         As in `Outcome`.
+    sizes
+        As in `Outcome`; earlier programs did not write them.
     """
 
     model_config = ConfigDict(extra="ignore", frozen=True)
@@ -53,6 +55,7 @@ class State(BaseModel):
     outputs: list[str]
     notices: dict[str, int]
     figures: dict[str, int | float | None]
+    sizes: dict[str, int] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -90,29 +93,58 @@ class States:
 
     def write(self, task: Task, outcome: Outcome) -> State:
         """Write the outcome of a task."""
-        state = State(
-            format=FORMAT,
-            version=VERSION,
-            source=str(task.source),
-            lines=task.lines(),
-            software=acquisition.software_version(),
-            error=outcome.error,
-            exit_code=outcome.exit_code,
-            attempts=outcome.attempts,
-            seconds=outcome.seconds,
-            cpu_seconds=outcome.cpu_seconds,
-            roots=list(outcome.roots),
-            files=dict(outcome.files),
-            outputs=list(outcome.outputs),
-            notices=dict(outcome.notices),
-            figures=dict(outcome.figures),
-        )
+        state = state_of(task, outcome)
         self._store(task.name, state)
         return state
+
+    def confirm(self, name: str, state: State) -> None:
+        """Note the times that the files of a result have now, so that they are not read again.
+
+        Only after `reason_to_run` has found none.
+        """
+        now = stamps(state.roots)
+        if now.keys() == state.files.keys():
+            files = {
+                path: one._replace(sha256=state.files[path].sha256) for path, one in now.items()
+            }
+            if files != state.files:
+                self._store(name, state.model_copy(update={"files": files}))
+
+    def unusable(self, name: str) -> str | None:
+        """Return why the system cannot store the state of a source of this name; None if it can."""
+        try:
+            os.lstat(acquisition.part_path(self.path(name)))
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            return error.strerror
+        return None
 
     def _store(self, name: str, state: State) -> None:
         content = f"{dumps(state.model_dump())}\n".encode()
         acquisition.write_durably(self.path(name), content)
+
+
+def state_of(task: Task, outcome: Outcome) -> State:
+    """Return the state that an outcome leaves."""
+    return State(
+        format=FORMAT,
+        version=VERSION,
+        source=str(task.source),
+        lines=task.lines(),
+        software=acquisition.software_version(),
+        error=outcome.error,
+        exit_code=outcome.exit_code,
+        attempts=outcome.attempts,
+        seconds=outcome.seconds,
+        cpu_seconds=outcome.cpu_seconds,
+        roots=list(outcome.roots),
+        files=dict(outcome.files),
+        outputs=list(outcome.outputs),
+        sizes=dict(outcome.sizes),
+        notices=dict(outcome.notices),
+        figures=dict(outcome.figures),
+    )
 
 
 def _read(path: Path) -> State | None:
@@ -149,4 +181,8 @@ def reason_to_run(task: Task, states: Mapping[str, State]) -> str | None:
     missing = [name for name in state.outputs if not os.path.isfile(name)]
     if missing:
         return f"{Path(missing[0]).name} is missing"
+    for name, size in state.sizes.items():
+        now = os.path.getsize(name)
+        if now != size:
+            return f"{Path(name).name} has {now} bytes instead of {size}"
     return difference(state.files, stamps(state.roots))

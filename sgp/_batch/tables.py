@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -21,6 +22,8 @@ _FIGURES = {
     "mae_deg": "error (deg)",
 }
 _COLUMNS = ("name", "source", "status", "seconds", "cpu_seconds", "attempts", "errors", "warnings")
+# What begins a formula in a spreadsheet, also in its wide form.
+_FORMULA = ("=", "+", "-", "@", "\t", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
 # Pages that a result may have, the best one first.
 _PAGES = ("report.html", "overview.png")
 
@@ -49,15 +52,18 @@ td.text {{ max-width: 36rem; overflow-wrap: anywhere; }}
 
 
 def csv_table(states: Mapping[str, State]) -> str:
-    """Return the table as CSV, one line for each source."""
+    """Return the table as CSV, one line for each source.
+
+    A text that a spreadsheet would run as a formula begins with an apostrophe.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*_COLUMNS, *_FIGURES, "error"])
     for name, state in states.items():
         writer.writerow(
             [
-                name,
-                state.source,
+                _csv_text(name),
+                _csv_text(state.source),
                 "done" if state.error is None else "failed",
                 state.seconds,
                 state.cpu_seconds,
@@ -65,10 +71,15 @@ def csv_table(states: Mapping[str, State]) -> str:
                 state.notices.get("error", 0),
                 state.notices.get("warning", 0),
                 *[state.figures.get(key, "") for key in _FIGURES],
-                state.error or "",
+                _csv_text(state.error or ""),
             ]
         )
     return text.getvalue()
+
+
+def _csv_text(text: str) -> str:
+    text = text.replace("\r", "\\r")  # it would begin a row: the writer does not quote it
+    return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def html_table(folder: Path, states: Mapping[str, State], others: int = 0) -> str:
@@ -97,9 +108,12 @@ def other_results(count: int) -> str:
 
 
 def _row(folder: Path, name: str, state: State) -> str:
-    page = next((one for one in _PAGES if (folder / name / one).is_file()), None)
+    # A name may be too long for a path; `Path.is_file` would raise an error.
+    page = next((one for one in _PAGES if os.path.isfile(folder / name / one)), None)
     picture = folder / "thumbnails" / f"{name}.png"
-    image = f'<img src="{_link("thumbnails", picture.name)}" alt="">' if picture.is_file() else ""
+    image = (
+        f'<img src="{_link("thumbnails", picture.name)}" alt="">' if os.path.isfile(picture) else ""
+    )
     label = _text(name)
     if page is not None:
         link = _link(name, page)

@@ -91,6 +91,8 @@ class Outcome:
         Every file in them as it was before the work, by its path.
     outputs
         Files of the result.
+    sizes
+        Bytes of those that no later command writes again, by path.
     notices
         Number of notices by severity.
     figures
@@ -105,6 +107,7 @@ class Outcome:
     roots: tuple[str, ...] = ()
     files: Mapping[str, Stamp] = field(default_factory=dict)
     outputs: tuple[str, ...] = ()
+    sizes: Mapping[str, int] = field(default_factory=dict)
     notices: Mapping[str, int] = field(default_factory=dict)
     figures: Mapping[str, Any] = field(default_factory=dict)
 

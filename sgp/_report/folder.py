@@ -67,6 +67,12 @@ class ResultFolder:
                 return self.located(named)
         return None
 
+    @property
+    def recordings(self) -> tuple[acquisition.Identity, ...]:
+        """What the recordings of all records were of, each once."""
+        records = self.records.values()
+        return tuple(dict.fromkeys(one for record in records for one in record.recordings))
+
     def located(self, named: str) -> Path:
         """Return where a path of the records is.
 

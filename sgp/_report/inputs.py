@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import rig
-from sgp._output import sha256
+from sgp._hashes import sha256
 from sgp._report.folder import ResultFolder
 
 State = Literal["same", "changed", "unlisted"]

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import acquisition
 import rig
 from sgp._panels.crop import Crop
+from sgp._recordings import recordings_of
 from sgp._report.folder import ResultFolder
 from sgp._report.inputs import Inputs, changed_notice
 from sgp._report.maps import Embedded
@@ -69,6 +70,8 @@ class Recording:
         Whether the images show the same rectangle as the maps.
     notices
         What could not be read.
+    identities
+        What the recording was of.
     """
 
     images: Sequence[Image] = ()
@@ -76,6 +79,7 @@ class Recording:
     lights: acquisition.Lights | None = None
     aligned: bool = False
     notices: list[rig.Notice] = field(default_factory=list)
+    identities: Sequence[acquisition.Identity] = ()
 
 
 def read_recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> Recording:
@@ -127,7 +131,14 @@ def _recording(
 ) -> Recording:
     chosen = [shots[i] for i in _evenly(len(shots))]
     images = _images(source, chosen, region or Crop(slice(0, None), slice(0, None)), notices)
-    return Recording(images, len(shots), lights or source.lights, region is not None, notices)
+    return Recording(
+        images,
+        len(shots),
+        lights or source.lights,
+        region is not None,
+        notices,
+        recordings_of(source.files),
+    )
 
 
 def _lights(

@@ -14,6 +14,7 @@ from sgp._report.companions import Companion, companions
 from sgp._report.differences import camera_of, height_differences
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
+from sgp._report.identity import identity_list, marked
 from sgp._report.maps import Embedded, FolderMaps, embed, embed_beside
 from sgp._report.page import colour_maps, page
 from sgp._report.prerendered import prerendered
@@ -50,6 +51,12 @@ class _Part:
     folder: ResultFolder | None = None
     recording: Recording = field(default_factory=Recording)
     notices: list[rig.Notice] = field(default_factory=list)
+
+    @property
+    def identities(self) -> Sequence[acquisition.Identity]:
+        """What the recordings were of: by the records, or by the recording that is still there."""
+        stated = () if self.folder is None else self.folder.recordings
+        return stated or self.recording.identities
 
 
 def make_report(
@@ -174,7 +181,8 @@ def _recording(folder: ResultFolder, maps: Embedded | None, max_pixels: int) -> 
 def _page(parts: Sequence[_Part], *, maps: bool = True) -> str:
     """Return the page; without ``maps``, all of it but the encoded maps."""
     folders = [part for part in parts if part.folder]
-    name = ", ".join(part.name for part in folders)
+    identities = list(dict.fromkeys(one for part in folders for one in part.identities))
+    name = marked(", ".join(part.name for part in folders), identities)
     shown = [(part, part.maps) for part in parts if part.maps]
     planes = [
         (_plane_id(part, plane.name), plane.encoded if maps else "")
@@ -189,7 +197,12 @@ def _page(parts: Sequence[_Part], *, maps: bool = True) -> str:
     ]
     heading = " of {}" if len(folders) > 1 else ""
     body = [
-        tag("header", tag("h1", name), tag("p", _lead(parts), class_="lead")),
+        tag(
+            "header",
+            tag("h1", name),
+            tag("p", _lead(parts), class_="lead"),
+            map(identity_list, identities),
+        ),
         tag(
             "main",
             tag("div", id="views"),

@@ -13,6 +13,7 @@ from sgp._report.lights import lights_section
 from sgp._report.maps import Embedded
 from sgp._report.recording import Image, Recording
 
+_NOT_GIVEN: Final[tuple[object, ...]] = (None, False, [], "")
 _SEVERITIES: Final = {"error": "Error", "warning": "Warning", "info": "Note"}
 
 
@@ -109,12 +110,16 @@ def notices_list(notices: Iterable[rig.Notice]) -> Html:
 
 
 def _record(name: str, record: ResultRecord) -> Html:
+    stated = {key: value for key, value in record.parameters.items() if value not in _NOT_GIVEN}
+    given = {key: value for key, value in stated.items() if key not in record.defaults}
+    defaults = {key: value for key, value in stated.items() if key in record.defaults}
     return tag(
         "div",
         tag("h3", name),
         tag("p", f"{record.command}, {record.software.name} {record.software.version}"),
         _details("Figures", _rows(record.metrics)),
-        _details("Parameters", _rows(record.parameters)),
+        _details("Parameters", _rows(given)),
+        _details("Parameters with default values", _rows(defaults)) if defaults else (),
         _details("Inputs (SHA-256)", _rows(record.inputs)),
     )
 
@@ -138,4 +143,4 @@ def _shown(value: object) -> str:
         return ", ".join(f"{key} {_shown(item)}" for key, item in value.items())
     if isinstance(value, (list, tuple)):
         return ", ".join(map(_shown, value)) or "none"
-    return "not given" if value is None else str(value)
+    return "not defined" if value is None else str(value)

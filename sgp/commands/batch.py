@@ -20,11 +20,11 @@ from sgp._batch.names import names_of
 from sgp._batch.perform import bound_arguments
 from sgp._batch.progress import BatchProgress
 from sgp._batch.recipe import Recipe, is_placed, option_words, placed, places_of, read_recipe
-from sgp._batch.state import State, States, reason_to_run
+from sgp._batch.state import State, States, reason_to_run, state_of
 from sgp._batch.tables import csv_table, html_table, other_results
-from sgp._batch.task import Stage, Task, Workers
+from sgp._batch.task import Outcome, Stage, Task, Workers
 from sgp._console import note
-from sgp._exit import UsageError
+from sgp._exit import ClusterError, UsageError, exit_code
 from sgp._help import usage_complaint
 from sgp._memory_limit import size_text
 from sgp._metrics import BatchMetrics
@@ -114,9 +114,15 @@ def batch(
             _task(name, place, chosen, out.absolute(), threads=threads, attempts=retries + 1)
             for name, place in named.items()
         ]
-        due = _due(tasks, known)
-        with _pool(scheduler, workers, memory, states.folder) as pool:
-            _work(pool, due, states, known)
+        due = _due(tasks, states, known)
+        lost: ClusterError | None = None
+        try:
+            with _pool(scheduler, workers, memory, states.folder) as pool:
+                _work(pool, due, states, known)
+        except ClusterError as error:
+            if not all(task.name in known for task in tasks):  # no work had begun
+                raise
+            lost = error
         shown = {task.name: known[task.name] for task in tasks}
         result = _written(out, shown, recipe, len(due), len(known) - len(shown))
         parameters = {
@@ -129,6 +135,8 @@ def batch(
         }
         write_record(out / "batch.json", "sgp batch", parameters, result)
         result.outputs["record"] = out / "batch.json"
+        if lost is not None:
+            raise lost
     return result
 
 
@@ -212,16 +220,27 @@ def _check_options(recipe: Recipe, path: Path | None, first: Path) -> None:
                     raise UsageError(f"{text}; its paths are relative to {recipe.folder}")
 
 
-def _due(tasks: list[Task], known: Mapping[str, State]) -> list[Task]:
-    """Return the tasks that have to run, and report why those that have a result do."""
-    due = []
+def _due(tasks: list[Task], states: States, known: dict[str, State]) -> list[Task]:
+    """Return the tasks that have to run, and report why those that have a result do.
+
+    Sources whose names cannot be those of files fail here, before the work.
+    """
+    due, failed = [], 0
     for task in tasks:
+        if (refused := states.unusable(task.name)) is not None:
+            error = f"{refused}: rename the recording ({len(os.fsencode(task.name))} bytes)"
+            known[task.name] = state_of(task, Outcome(error, exit_code=4))
+            note(f"{task.name}: FAILED: {error}")
+            failed += 1
+            continue
         why = reason_to_run(task, known)
-        if why is not None:
+        if why is None:
+            states.confirm(task.name, known[task.name])
+        else:
             due.append(task)
         if why not in (None, "new"):
             note(f"{task.name}: computed again: {why}")
-    done = len(tasks) - len(due)
+    done = len(tasks) - len(due) - failed
     if done:
         note(f"{rigs.pluralize(done, 'result is', 'results are')} up to date")
     return due
@@ -236,9 +255,15 @@ def _work(pool: Workers, due: list[Task], states: States, known: dict[str, State
         progress.started(task)
 
     with BatchProgress(len(due), pool.count) as progress:
-        for task, outcome in pool.outcomes(due, started):
-            known[task.name] = states.write(task, outcome)
-            progress.ended(task, outcome)
+        left = {task.name: task for task in due}
+        try:
+            for task, outcome in pool.outcomes(due, started):
+                known[task.name] = states.write(left.pop(task.name), outcome)
+                progress.ended(task, outcome)
+        except ClusterError as error:
+            for task in left.values():
+                known[task.name] = states.write(task, Outcome(str(error), exit_code(error)))
+            raise
 
 
 def _written(

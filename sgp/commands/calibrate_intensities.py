@@ -116,7 +116,7 @@ def intensities(
     outline = () if ball is None else tuple(numbers("--ball", ball, 3))
     positions = acquisition.read_lights(lights)
     surfaces: list[calibration.MatteSurface] = []
-    files, warnings, curves = [lights], list[rig.Notice](), list[dict[str, Any]]()
+    files, warnings, curves = [lights], [*positions.warnings], list[dict[str, Any]]()
     for path, height in zip(source, height_mm or (0.0,) * len(source), strict=True):
         opened, read = open_source(
             path, camera=camera, mask=mask, gamma=gamma, flat=flat, max_pixels=max_pixels
@@ -131,7 +131,7 @@ def intensities(
             )
         order, by_name = positions.match(stack.ids)
         if not by_name:
-            text = "matched to the images by order, not by name"
+            text = "matched to the images by number or order, not by name"
             warnings.append(rig.Notice("lights-matched-by-order", text, str(lights)))
         # The images of each recording are put into the order of the lights of the first.
         if not surfaces:

@@ -95,6 +95,7 @@ def run(
         if dry_run:
             return rehearsed(opened, chosen, chosen.shots())
         prepared = Preparation()
+        prepared.warnings += () if stored_lights is None else stored_lights.warnings
         if left_out:
             dead = {"leds": list(left_out), "reason": "listed as dead"}
             prepared.events.append(("left_out", dead))
@@ -117,6 +118,7 @@ def run(
                     opened, chosen, out, self_test=tested, on_progress=progress
                 )
             accept(flight, prepared)
+        prepared.warnings += acquisition.camera_notices(opened, out)
         for warning in prepared.warnings:
             note(f"note: {warning}")
         with CaptureTalk(ResumeCommand(out, rig_name, skip_check)) as talk:
@@ -206,6 +208,7 @@ def resume(
                     opened, alive, session, len(missing), on_progress=progress
                 )
             accept(flight, prepared)
+        prepared.warnings += acquisition.camera_notices(opened, session)
         # An operator who resumes with only flats missing has placed the card; this does not hold
         # for damaged flats.
         only_flats = bool(missing) and all(shot.role == "flat" for shot in missing) and not damaged

@@ -112,7 +112,7 @@ def export(
     bracket
         Number of the bracket, from 0, to export if the format has one image per light.
     lights
-        Lights file: lights.json, .lp or DiLiGenT text; default: the lights of the session.
+        Lights file: lights.json, .lp, CSV or DiLiGenT text; default: the lights of the session.
     mask
         Mask image of the object; default: the mask of the session.
     force

@@ -82,6 +82,13 @@ def plan(
     chosen, left_out = chosen_plan(plan, config, numbers)
     frame_s = (frame_ms + config.settle_ms) / 1000
     cost = acquisition.estimate_plan(chosen, width=columns, height=rows, frame_s=frame_s)
+    metered = {
+        meter: acquisition.estimate_metered(
+            chosen, each=meter == "each", width=columns, height=rows, frame_s=frame_s
+        )
+        for meter in ("each", "one")
+    }
+    most, trials = metered["each"]
     shots = chosen.shots()
     counts = {role: sum(shot.role == role for shot in shots) for role in _ROLES}
     frames = ", ".join(f"{count} {role}" for role, count in counts.items() if count)
@@ -93,6 +100,15 @@ def plan(
             "bytes": cost.bytes,
             "exposure_seconds": cost.exposure_s,
             "seconds": cost.seconds,
+            "metering": {
+                meter: {
+                    "most_shots": cost.shots,
+                    "most_trials": trials,
+                    "most_bytes": cost.bytes,
+                    "seconds": cost.seconds,
+                }
+                for meter, (cost, trials) in metered.items()
+            },
             "exposures_us": {
                 str(led): [chosen.exposure_us(led, b) for b in range(len(chosen.exposures_us))]
                 for led in chosen.leds
@@ -108,6 +124,9 @@ def plan(
             f"{frame_s * 1000:g} ms per frame (see --frame-ms)",
             f"{cost.bytes / 1e6:.0f} MB at {columns} x {rows} and 16 bits; "
             f"{_ROOM * cost.bytes / 1e6:.0f} MB should be free",
+            f"with --meter each: at most {rigs.pluralize(most.shots, 'shot')}, with unlit frames "
+            f"for the exposures of each LED, {most.bytes / 1e6:.0f} MB, about "
+            f"{_duration(most.seconds)} or more; at most {trials} trial shots are not recorded",
         ],
     )
 
@@ -146,6 +165,7 @@ def check(
             self_test=not quick,
             on_progress=progress,
         )
+        notices = [*_left_out(left_out), *_metered_disk(opened, chosen, flight)]
     failed = [check.name for check in flight.failed]
     summary = [
         f"{'' if number else check.state:<9} {'' if number else check.name:<11} {line}"
@@ -155,11 +175,29 @@ def check(
     summary.append(f"NOT READY: {', '.join(failed)}" if failed else "ready to record")
     return Result(
         metrics={"ready": flight.ok, **flight.details()},
-        warnings=_left_out(left_out),
+        warnings=notices,
         summary=summary,
         ok=flight.ok,
         failing_code=3,
     )
+
+
+def _metered_disk(
+    rig: rigs.Rig, plan: acquisition.CapturePlan, flight: acquisition.Preflight
+) -> list[rigs.Notice]:
+    """Return a notice if the disk has room for the plan, but maybe not after metering."""
+    free, needed = (flight.checks[0].values.get(name) for name in ("free_bytes", "needed_bytes"))
+    info = rig.camera.info
+    most, _ = acquisition.estimate_metered(plan, each=True, width=info.width, height=info.height)
+    if not isinstance(free, int) or not isinstance(needed, int):
+        return []
+    if not needed <= free < _ROOM * most.bytes:
+        return []
+    text = (
+        f"with --meter each, up to {rigs.pluralize(most.shots, 'shot')} are recorded, for which "
+        f"{_ROOM * most.bytes / 1e6:.0f} MB should be free, {free / 1e6:.0f} MB are"
+    )
+    return [rigs.Notice("check-disk", text, "disk")]
 
 
 def chosen_plan(

@@ -30,6 +30,8 @@ _GENTL_ENTRY = b"GCInitLib\0"
 _LOW_DISK, _NO_DISK = 5e9, 0.5e9
 # A run of 12 images of 24 Mpx needs 2.5 GB.
 _LOW_MEMORY, _LOW_FREE = 3.5e9, 1e9
+# More than most compiled kernels take.
+_KERNEL_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,24 @@ def _compiler() -> _Findings:
         yield "warning", f"{error}; until then the simulated rig has a camera in Python"
 
 
+def _kernels() -> _Findings:
+    folder = rig.kernel_folder()
+    if folder is None:
+        yield (
+            "warning",
+            "compiled kernels cannot be kept, so that every run compiles them: set NUMBA_CACHE_DIR "
+            "to a folder that can be written",
+        )
+        return
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(_KERNEL_BYTES))
+    except OSError as error:
+        yield "warning", f"{folder}: {error.strerror}: compiled kernels cannot be kept: free space"
+    else:
+        yield "ok", f"compiled kernels are kept in {folder} and folders like it"
+
+
 def _gentl() -> _Findings:
     folders = [Path(name) for name in os.environ.get(_GENTL, "").split(os.pathsep) if name]
     found = 0
@@ -263,6 +283,7 @@ _CHECKS: dict[str, Callable[[], _Findings]] = {
     "versions": _versions,
     "names": _names,
     "compiler": _compiler,
+    "kernels": _kernels,
     "gentl": _gentl,
     "serial": _serial,
     "rig": _rig,

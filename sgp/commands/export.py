@@ -10,6 +10,7 @@ import rig
 from sgp._console import Stages
 from sgp._options import Input, Pixels, Quality
 from sgp._output import claim_folder, writes_folder
+from sgp._recordings import recordings_of
 from sgp._relight_options import RelightOptions
 from sgp._result import Result
 from sgp._result_source import find_normals
@@ -66,7 +67,9 @@ def export(
     with Stages() as progress:
         made = fit_result(result, found, read.normal_map, options, max_pixels, progress)
     folder = claim_folder(out, "export.json")
-    written = write_relightable(folder, made, read.normal_map.mask, options, quality)
-    written.inputs = list(dict.fromkeys([found.record_file, *read.files, *written.inputs]))
+    inputs = list(dict.fromkeys([found.record_file, *read.files, *made.files]))
+    about = recordings_of(inputs)
+    written = write_relightable(folder, made, read.normal_map.mask, options, quality, about)
+    written.inputs = inputs
     written.warnings = [*read.warnings, *written.warnings]
     return written

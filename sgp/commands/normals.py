@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sgp._hashes import input_hashes
 from sgp._options import Input, Memory, Positive, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
@@ -59,11 +60,12 @@ def normals(
         Write into an output folder that already contains files.
     """
     opened = open_recording(source, options)
+    input_hashes(opened.files)
     seen, pixel = with_scale(opened.source, pixel_mm)
     with normals_within(
         memory, seen, options, pixel, files=opened.files, out=out, force=force
     ) as stage:
-        folder = claim_folder(out, "normals.json")
+        folder = claim_folder(out, "normals.json", opened.files)
         result = write_normals_stage(folder, stage, maps, command="sgp normals", files=opened.files)
     result.inputs = opened.files
     result.parameters |= {"transfer": opened.source.transfer.record()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from sgp._hashes import input_hashes
 from sgp._metrics import RunMetrics, TruthMetrics
 from sgp._options import Input, Memory, SourceOptions
 from sgp._output import claim_folder, writes_folder
@@ -61,6 +62,7 @@ def run(
     """
     watch = Stopwatch()
     recording = open_recording(source, options)
+    input_hashes(recording.files)
     opened = recording.source
     given = RunOptions(source=options, maps=maps, separation=separation, surfaces=surfaces)
     with processed_within(

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 Tag = tuple[int, int, int, bytes]
 _BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SRATIONAL = 1, 2, 3, 4, 5, 10
+SHORT, SRATIONAL = _SHORT, _SRATIONAL
 _LAYOUT = {_BYTE: "B", _SHORT: "H", _LONG: "I", _RATIONAL: "I", _SRATIONAL: "i"}
 
 
@@ -41,8 +43,12 @@ def dng(
     exposure: tuple[int, int] = (1, 200),
     iso: int = 400,
     taken: str = "2026:01:02 03:04:05",
+    other: Sequence[Tag] = (),
 ) -> bytes:
-    """Build an uncompressed DNG file (Adobe's specification 1.4); ``active`` is top, left, ..."""
+    """Build an uncompressed DNG file (Adobe's specification 1.4); ``active`` is top, left, ...
+
+    Tags of ``other`` are added, or replace those of the same number.
+    """
     height, width = pixels.shape
     samples = pixels.astype("<u2").tobytes()
     exif = [
@@ -53,7 +59,7 @@ def dng(
     matrix = tuple(number for i in range(9) for number in (int(i % 4 == 0), 1))
 
     def tags(exif_at: int, samples_at: int) -> list[Tag]:
-        return [
+        usual = [
             tag(254, _LONG, (0,)),
             tag(256, _LONG, (width,)),
             tag(257, _LONG, (height,)),
@@ -79,6 +85,7 @@ def dng(
             tag(50721, _SRATIONAL, matrix),
             *([] if active is None else [tag(50829, _LONG, active)]),
         ]
+        return [*({each[0]: each for each in (*usual, *other)}.values())]
 
     exif_at = 8 + len(directory(tags(0, 0), 8))
     samples_at = exif_at + len(directory(exif, exif_at))

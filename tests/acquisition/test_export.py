@@ -15,9 +15,9 @@ from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.compact import compact_session
+from acquisition._session.lights_record import LightsRecord
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
-from acquisition._session.value_records import LightsRecord
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source

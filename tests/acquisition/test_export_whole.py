@@ -23,8 +23,8 @@ from acquisition._export.export import prepare_export
 from acquisition._import.frames import read_import
 from acquisition._pixels.images import write_exr
 from acquisition._plan.planned_shot import PlannedShot
+from acquisition._session.lights_record import LightsRecord
 from acquisition._session.manifest import Manifest
-from acquisition._session.value_records import LightsRecord
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._staging import staged

@@ -17,7 +17,7 @@ from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.compact import compact_session
 from acquisition._session.journal import Echo
-from acquisition._session.light_proof import wrong_light
+from acquisition._session.light_proof import BOARD, wrong_light
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
@@ -61,6 +61,12 @@ def test_reports_are_compared_with_the_plan(
 ) -> None:
     found = wrong_light(shot, lit)
     assert found is None if said is None else said in (found or "")
+
+
+def test_a_board_that_confirms_every_frame_must_report() -> None:
+    for shot in (LIGHT, DARK, AMBIENT, FLAT):
+        assert "has no echo" in (wrong_light(shot, {}, echoes=True) or "")
+        assert wrong_light(shot, {BOARD: shot.led}, echoes=True) is None
 
 
 def lying(rig: Rig, monkeypatch: pytest.MonkeyPatch, at: int, change: dict[str, Any]) -> None:
@@ -189,12 +195,20 @@ READERS: dict[str, Callable[[Path], object]] = {
             3,
             r"frames/D_200us\.tif was planned with all LEDs off, but the LED board .* LED 3",
         ),
+        ("light", None, r"frames/L\d\d_E\d\.tif has no echo"),
+        ("dark", None, r"frames/D_\d+us\.tif has no echo"),
         ("ambient", 0, r"frames/A_200us\.tif was planned with all LEDs off"),
         ("flat", 0, r"frames/F_E0\.tif was planned with LED 3, but the LED board reports LED 0"),
     ],
 )
 def test_every_reader_names_the_line(
-    rig: Rig, bench: Bench, tmp_path: Path, role: str, echo_led: int, said: str, complete: bool
+    rig: Rig,
+    bench: Bench,
+    tmp_path: Path,
+    role: str,
+    echo_led: int | None,
+    said: str,
+    complete: bool,
 ) -> None:
     """And `resume` can repair it: the frame is set aside and taken again."""
 
@@ -210,7 +224,7 @@ def test_every_reader_names_the_line(
         bench.on_trigger = lambda number: None
     rows = rows_of(folder)
     row = next(row for row in rows if row.get("role") == role)
-    row["echo"]["led"] = echo_led
+    row["echo"] = None if echo_led is None else row["echo"] | {"led": echo_led}
     seal(folder, rows)
     found = verify_session(folder)
     assert [f"line {row['seq'] + 1}: " in problem for problem in found.problems] == [True]

@@ -206,7 +206,7 @@ def test_lp_files_of_other_programs(
         pytest.param("2\na 0 0 1\n\nb 0 0 0\n", "line 4: a zero vector", id="zero"),
         pytest.param("1\na 0 nan 1\n", "line 2: a number is not finite", id="NaN"),
         pytest.param("1\na 0 inf 1\n", "line 2: a number is not finite", id="infinity"),
-        pytest.param("1\na 0 up 1\n", "line 2: '0 up 1' is not three", id="text"),
+        pytest.param("1\na 0 up 1\n", "line 2: 'a 0 up 1' is not 'file x y z'", id="text"),
         pytest.param("1\n0 0 1\n", "line 2: '0 0 1' is not 'file x y z'", id="no name"),
         pytest.param("2\na 0 0 1\na 0 1 1\n", "line 3: a is listed twice", id="same name"),
     ],
@@ -237,6 +237,11 @@ def test_lp_written(tmp_path: Path) -> None:
         pytest.param("2\n0 0 1\n3 0 4", id="count first"),
         pytest.param("0.0, 0.0, 1.0\r\n0.6,0.0,0.8\r\n", id="commas between"),
         pytest.param("0 0 1\n0,6 0 0,8\n", id="decimal commas"),
+        pytest.param("0,0,1\n3,0,4\n", id="whole numbers between commas"),
+        pytest.param("0;0;1\n0,6;0;0,8\n", id="semicolons"),
+        pytest.param("0, 0, 1\n0,6, 0, 0,8\n", id="commas with spaces and decimal commas"),
+        pytest.param("x\ty\tz\n0\t0\t1\n0.6\t0\t0.8\n", id="tabs and a heading"),
+        pytest.param("# light_z, light_x, light_y\n1,0,0\n0.8,0.6,0\n", id="other columns"),
     ],
 )
 def test_tables_of_directions(tmp_path: Path, text: str) -> None:
@@ -252,7 +257,8 @@ def test_tables_of_directions(tmp_path: Path, text: str) -> None:
         pytest.param("0 0 1\n\n0 0 0\n", "line 3: a zero vector", id="zero"),
         pytest.param("0 0 1\n0 0\n", "line 2: '0 0' is not three numbers", id="two numbers"),
         pytest.param("3\n0 0 1\n", "line 1: '3' is not three numbers", id="wrong count"),
-        pytest.param("x y z\n0 0 1\n", "line 1: 'x y z' is not", id="heading"),
+        pytest.param("a b c\n0 0 1\n", "line 1: 'a b c' is not", id="heading"),
+        pytest.param("0,0,1\n1,0,up\n", "line 2: '1,0,up' is not three", id="line as it is"),
         pytest.param("0 0 1\nnan 0 1\n", "line 2: a number is not finite", id="NaN"),
     ],
 )
@@ -261,6 +267,89 @@ def test_tables_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
     with pytest.raises(DataError, match=match) as caught:
         read_lights(path)
     assert str(caught.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "strengths", "assumed"),
+    [
+        pytest.param(
+            '"a 1.png","0","0","1"\nb.png,0.6,0,0.8', ("a 1.png", "b.png"), 1, "", id="quoted"
+        ),
+        pytest.param("1;a.png;0;0;1\n2;b;0,6;0;0,8", ("a.png", "b"), 1, "", id="rows counted"),
+        pytest.param("3 0 0 1\n1 0.6 0 0.8", ("3", "1"), 1, "", id="numbers of images"),
+        pytest.param("img 1 0 0 1\nimg 2 3 0 4", ("img 1", "img 2"), 1, "", id="name of two words"),
+        pytest.param(
+            "file,x,y,z,intensity\na,0,0,1,30\nb,0.6,0,0.8,7", ("a", "b"), [30, 7], "", id="stated"
+        ),
+        pytest.param(
+            "0 0 1 1.2\n0.6 0 0.8 .8", ("L00", "L01"), [1.2, 0.8], "as intensity", id="no names"
+        ),
+        pytest.param(
+            "a.png 0 0 1 1.2\nb.png 3 0 4 .8",
+            ("a.png", "b.png"),
+            [1.2, 0.8],
+            "as intensity",
+            id="after a suffix",
+        ),
+        pytest.param(
+            "img_1 0 0 1 1.2\nimg_2 1 0 0 .8",
+            ("img_1", "img_2"),
+            [1.2, 0.8],
+            "as intensity",
+            id="whole numbers of one length",
+        ),
+        pytest.param(
+            "a.png 0 0 1 450\nb.png 3 0 4 450", ("a.png", "b.png"), 1, "not used", id="radius"
+        ),
+    ],
+)
+def test_rows_with_names_or_a_further_number(
+    tmp_path: Path, text: str, names: tuple[str, ...], strengths: list[float] | int, assumed: str
+) -> None:
+    lights = read_lights(put(tmp_path / "lights.csv", text))
+    assert lights.ids == names
+    np.testing.assert_allclose(np.asarray(lights.intensities)[:, 0], strengths)
+    texts = [each.text for each in lights.warnings if each.code == "light-column-assumed"]
+    assert [text for text in texts if assumed in text] == texts
+    assert len(texts) == bool(assumed)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        pytest.param("0,6,0,1,0,8\n", "line 1: '0,6,0,1,0,8' is not three", id="two commas"),
+        pytest.param("a,0,6,0,1,0,8\n", "line 1: 'a,0,6,0,1,0,8' is not", id="the same, named"),
+        pytest.param("azimuth,elevation,radius\n10,20,1\n", "line 1: 'azimuth", id="angles"),
+        pytest.param("x,y,z\n1,0\n", "line 2: '1,0' is not a row with 3 columns", id="short"),
+        pytest.param("x,y,z\n", "line 1: 'x,y,z' is not followed by lights", id="only a heading"),
+        pytest.param("a 0 0 1\n0 1 1\n", "line 2: '0 1 1' has no name", id="one name missing"),
+        pytest.param("0,0,1,1\n0,1,1,1\n1,0,1,1\n", "line 1: .* may belong", id="undecided"),
+        pytest.param("a.png 0 0 1 1\nb.png 0 1 1\n", "line 2: .* as the lines", id="one without"),
+        pytest.param("a.png 0 0 1 1 1 1\n", "line 1: 'a.png 0 0 1 1 1 1' is not", id="rgb"),
+        pytest.param("a.png 0 0 1 1\nb.png 3 0 4 412\n", "line 2: .* number 412", id="distance"),
+        pytest.param("a.png 0 0 1 1\nb.png 3 0 4 -1\n", "line 2: .* number -1", id="negative"),
+    ],
+)
+def test_rows_that_cannot_be_known_are_refused_by_line(
+    tmp_path: Path, text: str, match: str
+) -> None:
+    with pytest.raises(DataError, match=match):
+        read_lights(put(tmp_path / "lights.csv", text))
+
+
+@pytest.mark.parametrize(
+    ("text", "lengths"),
+    [
+        pytest.param("300 0 0\n0 0 500\n", "300 to 500 long", id="positions"),
+        pytest.param("450 0 0\n0 0 450\n", "450 long", id="dome"),
+        pytest.param("0.57 0.57 0.58\n0.71 0 0.71\n", "", id="rounded"),
+        pytest.param("1 0 1\n0 0 1\n", "", id="whole numbers"),
+    ],
+)
+def test_lengths_that_are_not_used_are_noted(tmp_path: Path, text: str, lengths: str) -> None:
+    notices = read_lights(put(tmp_path / "lights.txt", text)).warnings
+    assert [notice.code for notice in notices] == ["light-lengths-unused"] * bool(lengths)
+    assert all(lengths in notice.text for notice in notices)
 
 
 def diligent(folder: Path, *, names: int = 2, strengths: str = "1 2 3\n4 5 6\n") -> Path:

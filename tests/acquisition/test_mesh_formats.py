@@ -80,11 +80,12 @@ def test_both_byte_orders_with_other_elements_between(order: str, count: str, co
         ([2, 3, 1], [[2, 3, 4]]),
     ],
 )
-def test_polygons_become_fans(order: str, sides: list[int], cut: list[list[int]]) -> None:
+def test_convex_polygons_become_fans(order: str, sides: list[int], cut: list[list[int]]) -> None:
     elements = f"element vertex 8\n{XYZ}element face {len(sides)}\n"
     elements += "property list uchar int vertex_index\n"
     corners = np.split(np.arange(sum(sides)), np.cumsum(sides)[:-1])
-    points = np.random.default_rng(0).random((8, 3))
+    turn = np.arange(8) * np.pi / 4
+    points = np.stack([np.cos(turn), np.sin(turn), np.cos(turn)], axis=1)
     if order:
         body = points.astype(order + "f4").tobytes()
         for face in corners:

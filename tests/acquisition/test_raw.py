@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError, MissingPathError
@@ -22,7 +23,7 @@ from acquisition._session.verify import verify_session
 from acquisition._source.reader import read_source
 from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
-from tests.acquisition.dng_file import dng
+from tests.acquisition.dng_file import SHORT, SRATIONAL, Tag, dng, tag
 
 DATA = os.environ.get("SGP_DATA")
 needs_data = pytest.mark.skipif(not DATA, reason="SGP_DATA names no folder of real data")
@@ -142,6 +143,103 @@ def test_a_tethered_camera_that_writes_raw_and_jpeg(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame.read(), SENSOR + number)
     assert result.session.manifest.camera.cfa == "RGGB"
     assert verify_session(tmp_path / "out").ok
+
+
+MONO = [tag(262, SHORT, (34892,)), tag(50713, SHORT, (1, 1)), tag(50714, SHORT, (64,))]
+
+
+def ramp(levels: npt.NDArray[np.int64]) -> Tag:
+    """Build BlackLevelDeltaV."""
+    return tag(50716, SRATIONAL, tuple(int(part) for level in levels for part in (level, 1)))
+
+
+def test_a_black_level_that_varies_along_rows_is_levelled(tmp_path: Path) -> None:
+    rise = np.arange(40) * 4
+    light = np.minimum(SENSOR, 3000)
+    data = np.where(SENSOR > 4000, 4095, light + 40 + rise[:, None]).astype(np.uint16)
+    path = tmp_path / "a.dng"
+    path.write_bytes(dng(data, black=(40, 40, 40, 40), other=[ramp(rise)]))
+    raw = read_raw(path)
+    assert raw.black_levels_dn == (118,) * 4
+    np.testing.assert_array_equal(raw.pixels, np.where(SENSOR > 4000, 4095, light + 118))
+
+
+def test_a_source_has_one_black_level_and_a_session_keeps_the_samples(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for number in range(3):
+        data = np.minimum(SENSOR + number, 4000)
+        (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(dng(data, black=(60, 64, 66, 70)))
+    levelled = SENSOR.astype(int)
+    levelled[::2, ::2] += 5
+    levelled[::2, 1::2] += 1
+    levelled[1::2, ::2] -= 1
+    levelled[1::2, 1::2] -= 5
+    import_frames(read_import(tmp_path / "in"), tmp_path / "out")
+    for folder in ("in", "out"):
+        source = read_source(tmp_path / folder)
+        np.testing.assert_array_equal(
+            source.frames[0].read(), np.where(SENSOR >= 4000, source.frames[0].read(), levelled)
+        )
+        assert source.black_level == 65
+
+
+def test_a_camera_without_a_colour_filter_is_read_watched_and_imported(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for number in range(3):
+        (tmp_path / "in" / f"IMG_{number}.dng").write_bytes(dng(SENSOR + number, other=MONO))
+    raw = read_raw(tmp_path / "in" / "IMG_0.dng")
+    assert (raw.cfa, raw.black_levels_dn) == (None, (64,))
+    np.testing.assert_array_equal(raw.pixels, SENSOR)
+    watch = Watch(tmp_path / "in", lights_in_order(3), timeout_s=0.6, settle_s=0.05)
+    watched = watch_folder(watch, tmp_path / "watched").session
+    imported = import_frames(read_import(tmp_path / "in"), tmp_path / "imported")
+    for session in (watched, imported):
+        camera = session.manifest.camera
+        assert (camera.cfa, camera.black_level_dn, camera.white_dn) == (None, 64, 4095)
+        np.testing.assert_array_equal(session.frames[2].read(), SENSOR + 2)
+
+
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        pytest.param([tag(339, SHORT, (3,))], "floating-point", id="float"),
+        pytest.param([tag(259, SHORT, (8,))], "Deflate", id="codec"),
+        pytest.param([tag(50713, SHORT, (3, 3))], "BlackLevel has 4 values", id="table"),
+        pytest.param([tag(50713, SHORT, (2,))], "BlackLevel", id="table without columns"),
+        pytest.param([ramp(np.arange(9))], "BlackLevelDeltaV has 9", id="short ramp"),
+        pytest.param([tag(33421, SHORT, (0, 4))], "CFAPattern", id="filter"),
+        pytest.param(
+            [tag(50716, SRATIONAL, (1, 0) * 40)], "black levels .* damaged", id="not a number"
+        ),
+    ],
+)
+def test_what_cannot_be_read_as_stated_is_refused(
+    tmp_path: Path, other: list[Tag], said: str
+) -> None:
+    path = tmp_path / "a.dng"
+    path.write_bytes(dng(SENSOR, other=other))
+    with pytest.raises(DataError, match=said):
+        read_raw(path)
+
+
+@pytest.mark.parametrize(
+    ("stated", "block"),
+    [
+        pytest.param((3000, 4000, 3500), [[3000, 4000], [4000, 3500]], id="of colours"),
+        pytest.param((3000, 4000, 3900, 3500), [[3000, 4000], [3900, 3500]], id="of positions"),
+        pytest.param((3000, 4000), [[3000, 3000], [3000, 3000]], id="unclear"),
+    ],
+)
+def test_white_levels_of_colours_are_used(
+    tmp_path: Path, stated: tuple[int, ...], block: list[list[int]]
+) -> None:
+    path = tmp_path / "a.dng"
+    path.write_bytes(dng(SENSOR, other=[tag(50717, SHORT, stated)]))
+    raw = read_raw(path)
+    assert raw.white_level_dn == np.max(block)
+    saturated = np.tile(block, (20, 30)) <= SENSOR
+    np.testing.assert_array_equal(raw.pixels >= raw.white_level_dn, saturated)
+    np.testing.assert_array_equal(raw.pixels[~saturated], SENSOR[~saturated])
 
 
 @pytest.fixture

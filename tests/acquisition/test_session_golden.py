@@ -14,6 +14,7 @@ import shutil
 import struct
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from unittest.mock import patch
@@ -26,6 +27,7 @@ from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.camera_report import CameraReport
 from acquisition._session.journal import Echo
+from acquisition._session.lights_record import LightsRecord
 from acquisition._session.manifest import (
     FORMAT_VERSION,
     CameraRecord,
@@ -35,20 +37,43 @@ from acquisition._session.manifest import (
     parse_manifest,
 )
 from acquisition._session.session import Session
-from acquisition._session.value_records import LightsRecord
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
+from acquisition._value_files.lights_json import lights_json
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.light_errors import LightErrors
 from acquisition._values.lights import Lights
+from acquisition._values.setup import Calibrated, Setup, UsedSphere
 from rig import Mounting
 
 FOLDERS = {
     1: Path(__file__).parent / "golden_session",
     2: Path(__file__).parent / "golden_session_2",
     3: Path(__file__).parent / "golden_session_3",
+    4: Path(__file__).parent / "golden_session_4",
 }
 NEWEST = FOLDERS[FORMAT_VERSION]
 EVERY = pytest.mark.parametrize("version", FOLDERS)
 START = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC)
+
+LIGHTS = Lights(
+    positions_mm=np.array([[300.0, 0, 300], [0, 300, 300]]),
+    ids=("L00", "L03"),
+    # Nothing is known of the error of the second position.
+    errors=LightErrors(
+        np.stack([np.diag([4.0, 1.0, 2.25]), np.full((3, 3), np.nan)]),
+        intensity_std=np.array([[0.01, 0.02, 0.03], [0.04, 0.05, 0.06]]),
+        axis_std_deg=np.array([1.5, 2.0]),
+        mu_std=np.array([0.1, 0.2]),
+        residual_px=np.array([0.05, 0.25]),
+        spheres=np.array([3, 0]),
+    ),
+    calibrated=Calibrated(
+        START,
+        Setup("dome", "Maker", "Eye", "42", CameraModel(np.diag([500.0, 500, 1]), 8, 6, 600.0)),
+        (UsedSphere((4.5, 3.25), 2.5, (1.0, 2.0, 3.0), 5.0, "balls"),),
+    ),
+)
 
 
 def samples_of(file: bytes) -> bytes:
@@ -108,9 +133,7 @@ def write(folder: Path) -> None:
             serial="42",
             black_level_dn=64.0,
         ),
-        lights=LightsRecord.of(
-            Lights(positions_mm=np.array([[300.0, 0, 300], [0, 300, 300]]), ids=("L00", "L03"))
-        ),
+        lights=LightsRecord.of(LIGHTS),
     )
     with SessionWriter.create(folder, content, clock=clock()) as writer:
         writer.write_event("checked", checks=[{"name": "disk", "state": "ok", "text": "room"}])
@@ -300,6 +323,19 @@ def test_reading_the_golden_session_of_version_3() -> None:
     assert names == ["checked", "retake", "reopened", "set_aside", "set_aside"]
 
 
+def test_reading_the_golden_session_of_version_4() -> None:
+    """Version 4 keeps all that `lights.json` keeps of lights; older ones have no errors."""
+    assert verify_session(FOLDERS[4]).problems == ()
+    lights = Session.open(FOLDERS[4]).lights
+    assert lights is not None
+    assert lights_json(lights, {}) == lights_json(LIGHTS, {})
+    for version in (1, 2, 3):
+        old = Session.open(FOLDERS[version]).lights
+        assert old is not None
+        bare = replace(LIGHTS, errors=None, calibrated=None)
+        assert lights_json(old, {}) == lights_json(bare, {})
+
+
 @EVERY
 def test_the_golden_session_is_read_after_moving(version: int, tmp_path: Path) -> None:
     shutil.copytree(FOLDERS[version], tmp_path / "moved")
@@ -324,11 +360,28 @@ def test_version_1_has_no_keys_of_version_2(old: str, new: str, said: str) -> No
         parse_manifest(data.replace(old, new).encode(), path)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        pytest.param("mu = [", "mu = [[1],", "lights.mu.0", id="type"),
+        pytest.param("mu = [", "mu = [1.0,", "2 lights need 2 finite values mu", id="count"),
+        pytest.param("[lights]", "[lights]\ncalibrated = {}", "unknown key 'lights.c", id="key"),
+    ],
+)
+def test_lights_of_older_versions_are_checked(old: str, new: str, said: str) -> None:
+    path = FOLDERS[3] / "session.toml"
+    data = path.read_text(encoding="utf-8")
+    assert old in data
+    with pytest.raises(DataError, match=said) as caught:
+        parse_manifest(data.replace(old, new).encode(), path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
 def test_a_session_of_an_unsupported_version_is_not_continued() -> None:
     old, *newer = (Session.open(folder) for folder in FOLDERS.values())
     for session in newer:
         session.manifest.check_current(session.folder)
-    with pytest.raises(DataError, match=r"has format version 1, this program writes 2 and 3"):
+    with pytest.raises(DataError, match=r"has format version 1, this program writes 2, 3 and 4"):
         old.manifest.check_current(old.folder)
 
 

@@ -353,7 +353,7 @@ def recorded(folder: Path, *, cut: bool) -> Path:
 def models(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     root = tmp_path_factory.mktemp("models")
     ours = [recorded(root / "whole", cut=False), recorded(root / "cut", cut=True)]
-    return [*ours, *(GOLDEN / f"golden_session{end}" for end in ("", "_2", "_3"))]
+    return [*ours, *(GOLDEN / f"golden_session{end}" for end in ("", "_2", "_3", "_4"))]
 
 
 def attacked(models: list[Path], root: Path, seed: int) -> list[str]:

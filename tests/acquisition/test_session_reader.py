@@ -116,13 +116,13 @@ def broken_middle(folder: Path) -> None:
     ("change", "name", "said"),
     [
         pytest.param(
-            toml_with("format_version = 3", "format_version = 4"),
+            toml_with("format_version = 4", "format_version = 5"),
             "session.toml",
-            "format version 4 is unknown, this program reads 1, 2 and 3",
+            "format version 5 is unknown, this program reads 1, 2, 3 and 4",
             id="newer-version",
         ),
         pytest.param(
-            toml_with("format_version = 3\n", ""), "session.toml", "version None", id="no-version"
+            toml_with("format_version = 4\n", ""), "session.toml", "version None", id="no-version"
         ),
         pytest.param(
             toml_with("[camera]", 'colour = "red"\n[camera]'),
@@ -148,8 +148,7 @@ def broken_middle(folder: Path) -> None:
         pytest.param(
             toml_with(
                 "[camera]",
-                "[lights]\nids = ['L00']\ndirections = [[0, 0, 0]]\nintensities = [[1, 1, 1]]\n"
-                "axes = [[0, 0, -1]]\nmu = [0]\n[camera]",
+                "[[lights.lights]]\nid = 'L00'\ndirection = [0, 0, 0]\n[camera]",
             ),
             "session.toml",
             "zero vector",

@@ -15,9 +15,10 @@ from acquisition._pixels.images import read_image
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.journal import EventLine
+from acquisition._session.lights_record import LightsRecord
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.session import Session
-from acquisition._session.value_records import CameraModelRecord, LightsRecord, SensorRecord
+from acquisition._session.value_records import CameraModelRecord, SensorRecord
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._values.camera_model import CameraModel

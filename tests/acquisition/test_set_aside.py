@@ -19,6 +19,7 @@ from acquisition._plan.plan import CapturePlan
 from acquisition._session import frame_proofs as _frame_proofs
 from acquisition._session.compact import compact_session
 from acquisition._session.damaged import damaged_frames
+from acquisition._session.journal import Echo
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
@@ -212,7 +213,7 @@ def test_frames_that_do_not_count_are_set_aside_and_not_retaken(
     (rejected,) = (f for f in session.recorded if f.line.status == "rejected")
     with SessionWriter.reopen(folder) as writer:
         again = next(shot for shot in PLAN.shots() if shot.file == "L00_E0.tif")
-        writer.write_frame(again, np.full((7, 10), 500, np.uint16))
+        writer.write_frame(again, np.full((7, 10), 500, np.uint16), echo=Echo(seq=1, led=again.led))
     replaced = folder / "frames/L00_E0.tif"
     for path in (rejected.path, replaced):
         flip(path)
@@ -237,7 +238,9 @@ def test_a_replaced_take_stays_replaced(tmp_path: Path) -> None:
     with SessionWriter.reopen(folder, set_aside_damaged=True) as writer:
         assert writer.missing == (shot,)
         assert (writer.demanded, Session.open(folder).frames) == (1, ())
-        line = writer.write_frame(shot, np.full((7, 10), 3, np.uint16))
+        line = writer.write_frame(
+            shot, np.full((7, 10), 3, np.uint16), echo=Echo(seq=1, led=shot.led)
+        )
         assert line.file == "frames/L00_E0_R2.tif"
         writer.complete()
     assert [int(frame.read()[0, 0]) for frame in Session.open(folder).frames] == [3]
@@ -295,7 +298,8 @@ def test_complete_reads_frames_of_other_processes(
         assert writer.check_next()
         assert (read, writer.checked) == (earlier[:1], (1, 7))
         for shot in writer.missing:
-            writer.write_frame(shot, seen(shot.led, shot.exposure_us or 0))
+            pixels = seen(shot.led, shot.exposure_us or 0)
+            writer.write_frame(shot, pixels, echo=Echo(seq=1, led=shot.led))
         # One file changed after writing, one after reading: each is read once more.
         (folder / "frames/L05_E1.tif").touch()
         (folder / "frames" / earlier[0]).touch()
@@ -313,7 +317,8 @@ def test_a_frame_that_is_damaged_while_the_writer_is_open_is_detected(
         while writer.check_next():
             pass
         for shot in writer.missing:
-            writer.write_frame(shot, seen(shot.led, shot.exposure_us or 0))
+            pixels = seen(shot.led, shot.exposure_us or 0)
+            writer.write_frame(shot, pixels, echo=Echo(seq=1, led=shot.led))
         time.sleep(0.02)  # timestamps of file systems are coarse
         flip(folder / "frames" / name)
         with pytest.raises(DataError, match=f"{name}: was changed since it was recorded"):

@@ -27,7 +27,7 @@ def test_version_2_is_upgraded_by_an_event_and_only_if_needed(
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
     toml = folder / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
+    toml.write_text(toml.read_text().replace("format_version = 4", "format_version = 2"))
     seal(folder, rows_of(folder))
     written = toml.read_bytes()
     shutil.copytree(folder, tmp_path / "whole")
@@ -84,7 +84,7 @@ def test_events_that_change_what_counts_are_checked(
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 9)
     toml = folder / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 3", f"format_version = {version}"))
+    toml.write_text(toml.read_text().replace("format_version = 4", f"format_version = {version}"))
     rows = rows_of(folder)[:11]
     row = next(row for row in rows if row.get("file") == "frames/L03_E0.tif")
     details = changed
@@ -166,7 +166,7 @@ def test_a_kill_at_any_call_to_the_disk_loses_nothing(
     model = tmp_path / "model"
     record(rig, PLAN, model, LABELS)
     toml = model / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 3", "format_version = 2"))
+    toml.write_text(toml.read_text().replace("format_version = 4", "format_version = 2"))
     seal(model, rows_of(model))
     flip(model / "frames/L03_E0.tif")
     (model / "frames/D_200us.tif").unlink()

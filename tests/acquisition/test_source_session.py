@@ -11,8 +11,9 @@ import pytest
 from acquisition._errors import DataError
 from acquisition._pixels.images import write_exr, write_png
 from acquisition._plan.plan import CapturePlan
+from acquisition._session.lights_record import LightsRecord
 from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.value_records import CameraModelRecord, LightsRecord
+from acquisition._session.value_records import CameraModelRecord
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source

@@ -111,7 +111,7 @@ def test_take_keeps_every_field_in_order():
             ("L05_E1", "L05_E0"), ("L05_E0", "L05_E1"), [1, 0], True, id="whole names first"
         ),
         pytest.param(("L00", "L01"), ("L04_E0", "L00_E0"), [0, 1], False, id="lights not named"),
-        pytest.param(("L05", "L03"), ("IMG_1", "IMG_2"), [0, 1], False, id="images not named"),
+        pytest.param(("L03", "L05"), ("IMG_1", "IMG_2"), [0, 1], False, id="images not named"),
     ],
 )
 def test_match(ids, names, expected, by_name):

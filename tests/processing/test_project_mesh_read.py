@@ -240,7 +240,7 @@ def test_invalid_geometry_is_refused(vertices, faces, words):
         pytest.param("1 2 3,2 1 4", 0, id="two faces"),
         pytest.param("1 2 3,2 1 4,1 2 5", 1, id="three faces at an edge"),
         pytest.param("1 2 3,2 1 4,1 2 5,2 1 6", 1, id="four faces at an edge"),
-        pytest.param("1 2 3,1 2 3,1 2 3", 3, id="one face three times"),
+        pytest.param("1 2 3,1 2 3,1 2 3", 0, id="one face three times"),
         pytest.param("1 2 3,2 1 4,1 2 2", 0, id="a vertex twice"),
     ],
 )
@@ -248,7 +248,8 @@ def test_edges_of_more_than_two_faces_are_reported(tmp_path, faces, edges):
     places = ["0 0 0", "1 0 0", "0 1 0", "0 -1 0", "0 0 1", "0 0 -1"]
     lines = [f"v {place}" for place in places] + [f"f {face}" for face in faces.split(",")]
     (tmp_path / "mesh.obj").write_text("\n".join(lines), encoding="utf-8")
-    warnings = read_geometry(tmp_path / "mesh.obj").warnings
+    notices = read_geometry(tmp_path / "mesh.obj").warnings
+    warnings = [notice for notice in notices if notice.code == "mesh-not-manifold"]
     assert len(warnings) == bool(edges)
     assert f"more than two faces: {edges}" in "".join(map(str, warnings)) or not edges
 

@@ -466,13 +466,6 @@ def test_a_closed_camera_leaves_nothing_behind(make):
     assert acquirer() is None
 
 
-def test_acquisition_restarts_before_the_devices_count_overflows(make, monkeypatch):
-    monkeypatch.setattr("rig._genicam.camera._MOST_TRIGGERS", 3)
-    bench = make()
-    camera = armed(bench)
-    assert [shoot(bench, camera, led).frame_id for led in range(8)] == list(range(8))
-
-
 def test_without_triggers_the_next_frames_are_returned(make):
     bench = make(without_nodes=["TriggerMode", "ExposureTime"])
     camera = bench.open(needs=())

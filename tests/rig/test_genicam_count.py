@@ -37,6 +37,18 @@ def places(*starts):
         pytest.param([(3, [0, 1, 1])], [[0, 1, None]], id="repeated"),
         pytest.param([(3, [0, 2, 1])], [[0, 2, None]], id="backwards"),
         pytest.param([(1, [1]), (2, [0])], [[0], [None]], id="before the first"),
+        pytest.param([(1, [65534]), (1, [65535]), (1, [1]), (1, [2])], [[0], [0], [0], [0]],
+                     id="16 bits overflow between acquisitions"),
+        pytest.param([(1, [65535]), (1, [1])], [[0], [0]], id="overflow before it is learned"),
+        pytest.param([(5, [65533, 65534, 2])], [[0, 1, 4]], id="lost at an overflow to 1"),
+        pytest.param([(1, [65534]), (4, [65535, 0, 1, 2])], [[0], [0, 1, 2, 3]],
+                     id="overflow to 0"),
+        pytest.param([(1, [2**32 - 1]), (2, [0, 1])], [[0], [0, 1]], id="32 bits"),
+        pytest.param([(1, [2**64 - 1]), (2, [1, 2])], [[0], [0, 1]], id="64 bits"),
+        pytest.param([(4, [65534, 65535, 1, 65535])], [[0, 1, 2, None]], id="late after one"),
+        pytest.param([(3, [65535, 1, 1])], [[0, 1, None]], id="repeated after one"),
+        pytest.param([(1, [1]), (65_000, range(1, 65_001)), (3, [2, 3])],
+                     [[0], list(range(65_000)), [1, 2]], id="restarts near the end of its range"),
     ],
 )  # fmt: skip
 def test_frames_are_assigned_to_triggers(starts, expected):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 import sys
 from dataclasses import replace
@@ -23,7 +24,7 @@ from sgp._batch.state import States, reason_to_run
 from sgp._batch.tables import csv_table, html_table
 from sgp._batch.task import Outcome, Stage, Task
 from sgp._exit import UsageError
-from sgp._output import sha256
+from sgp._hashes import sha256
 from sgp._result import Result
 from sgp.commands.batch import _task
 
@@ -125,6 +126,8 @@ def test_a_result_is_computed_again_only_if_it_has_to_be(task, monkeypatch) -> N
     (task.out / "copy.txt").unlink()
     assert reason_to_run(task, states.read_all()) == "copy.txt is missing"
     (task.out / "copy.txt").touch()
+    assert reason_to_run(task, states.read_all()) == "copy.txt has 0 bytes instead of 2"
+    (task.out / "copy.txt").write_text("ab")
     edit(task.source)
     assert reason_to_run(task, states.read_all()) == "a.txt was changed"
     states.write(task, replace(outcome, error="the disk is full", exit_code=3))
@@ -260,6 +263,60 @@ def test_tables_escape_what_names_and_errors_contain(task, tmp_path) -> None:
     assert [row["status"] for row in rows] == ["done", "failed"]
     assert rows[0]["pixels"] == "12"
     assert rows[1]["name"] == hostile
+
+
+@pytest.mark.parametrize("begin", ["=", "+", "-", "@", "\t", "\n", "\uff1d"])
+def test_no_text_of_the_table_is_a_formula(task, begin) -> None:
+    formula = f"{begin}1+1\r=2"
+    state = States(task.log.parent).write(task, perform(task))
+    state = state.model_copy(update={"error": formula, "source": formula, "seconds": -1.5})
+    text = csv_table({formula: state})
+    (row,) = csv.DictReader(io.StringIO(text, newline=""))
+    assert (row["name"], row["source"], row["error"]) == (f"'{begin}1+1\\r=2",) * 3
+    assert row["seconds"] == "-1.5"
+
+
+def test_a_time_that_was_set_back_and_new_permissions_cost_one_reading(task) -> None:
+    states, path = States(task.log.parent), task.source / "a.txt"
+    states.write(task, perform(task))
+    path.chmod(0o600)
+    known = states.read_all()
+    assert reason_to_run(task, known) is None
+    states.confirm(task.name, known[task.name])
+    noted = states.read_all()[task.name].files[str(path)]
+    assert noted == Stamp(1, path.stat().st_mtime_ns, sha256(path), path.stat().st_ctime_ns)
+    times = path.stat().st_atime_ns, path.stat().st_mtime_ns
+    path.write_text("c")
+    os.utime(path, ns=times)
+    assert reason_to_run(task, states.read_all()) == "a.txt was changed"
+
+
+def test_a_worker_that_wakes_up_late_replaces_nothing(task) -> None:
+    late: list[Outcome] = []
+
+    def sleep(source: Path, *, out: Path, force: bool = False) -> Result:
+        if not late:
+            late.append(Outcome())
+            (source / "a.txt").write_text("newer")
+            late.append(perform(awake))
+        acquisition.make_folder(out)
+        acquisition.write_durably(out / "copy.txt", b"late" if len(late) == 2 else b"new")
+        return Result({"copy": out / "copy.txt"}, inputs=[])
+
+    awake = task
+    slow = replace(task, stages=(replace(task.stages[0], command=sleep),))
+    outcome = perform(slow)
+    assert late[1].error is None
+    assert outcome.error == "another worker has begun this recording again: this one ends"
+    assert outcome.attempts == 1
+    assert (task.out / "copy.txt").read_text() in ("newerb", "bnewer")
+
+
+def test_a_name_that_is_too_long_for_a_file_is_found_before_the_work(task) -> None:
+    states = States(task.log.parent)
+    acquisition.make_folder(states.folder)
+    assert states.unusable("owl") is None
+    assert states.unusable("o" * 252) == "File name too long"
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,9 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from contextlib import contextmanager
+from copy import copy
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +19,7 @@ import pytest
 import acquisition
 from sgp._batch import cluster
 from sgp._batch.cluster import _checked, _probe
+from sgp._batch.task import Outcome
 from sgp._exit import ClusterError, UsageError
 from tests.sgp.test_cli_batch import recipe as recipe
 from tests.sgp.test_cli_batch import table, wait_for
@@ -68,6 +72,55 @@ def test_workers_that_cannot_do_the_work_are_named(client, error, message, tmp_p
 def test_a_good_cluster_is_accepted(tmp_path) -> None:
     assert _checked(Cluster(answer=(HERE, True)), ADDRESS, tmp_path) == 1
     assert _probe(str(tmp_path / "missing")) == (HERE, False)
+
+
+class Lost:
+    """A client whose scheduler dies after some tasks."""
+
+    status = "running"
+
+    def __init__(self, good: int) -> None:
+        self.good, self.cancelled = good, False
+
+    def submit(self, function, task, **_: object) -> Lost:
+        return self
+
+    def cancel(self, futures) -> None:
+        self.cancelled = True
+
+    def exception(self) -> None:
+        self.good -= 1
+        if self.good < 0:
+            self.status = "closed"
+            raise CancelledError("scheduler-connection-lost")
+
+    def result(self) -> Outcome:
+        return Outcome()
+
+
+def test_a_lost_scheduler_is_one_error_and_the_tables_are_written(
+    sgp, two, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr("sgp.commands.batch.check_scheduler", lambda address: None)
+    client = Lost(good=1)
+
+    @contextmanager
+    def connected(address: str, folder: Path) -> Iterator[cluster.ClusterWorkers]:
+        yield cluster.ClusterWorkers(client, address, 1)
+
+    monkeypatch.setattr("sgp.commands.batch.cluster", connected)
+    # The client stands for its futures, too, which must differ.
+    kinds = iter([client, copy(client)])
+    monkeypatch.setattr(client, "submit", lambda *_, **__: next(kinds))
+    monkeypatch.setattr("distributed.as_completed", lambda futures: [client, client])
+    out = tmp_path / "out"
+    answer = sgp("batch", *two, "--out", out, "--scheduler", ADDRESS)
+    assert answer.code == 3
+    assert answer.err.splitlines()[-1] == (
+        f"error: {ADDRESS}: the scheduler is gone: start it and its workers, then run the command "
+        "again"
+    )
+    assert {row["status"] for row in table(out).values()} == {"done", "failed"}
 
 
 def test_without_dask_the_extra_is_named(sgp, two, tmp_path, monkeypatch) -> None:

@@ -16,7 +16,7 @@ def test_a_session_is_checked_recorded_verified_and_described(sgp, rig, plan, tm
     more = ("--place", "hall 3", "--rights", "CC0", "--notes", "rim scratched")
     answer = capture(sgp, out, *words, *more, check=True)
     assert answer.code == 0, answer.err
-    assert events(out) == ["checked"]
+    assert events(out) == ["checked", "camera_settings"]
     assert sgp("capture", "verify", out).code == 0
     info = sgp("capture", "info", out, "--frames")
     for text in ("coin, by Ada", "hall 3", "CC0", "rim scratched", "L05_E0.tif", "1 x checked"):
@@ -87,7 +87,8 @@ def test_a_dead_led_passes_the_wiring_check_and_is_left_out_by_metering(sgp, tmp
     words = ("--rig", rig, "--plan", plan(5000.0), "--meter", "each")
     answer = capture(sgp, tmp_path / "s", *words, check=True)
     session = Session.open(tmp_path / "s")
-    assert [line.event for line in session.events] == ["metered", "left_out", "checked"]
+    events = [line.event for line in session.events]
+    assert events == ["metered", "left_out", "checked", "camera_settings"]
     checks = session.events[2].details["checks"]
     assert [check["state"] for check in checks if check["name"] == "LEDs"] == ["warning"]
     assert session.complete, answer.err

@@ -118,7 +118,7 @@ def test_input_that_is_refused(sgp, folder: Path) -> None:
     bad("none.exr", np.full(size, np.nan))
     bad("negative.exr", np.full(size, -1))
     bad("shape.exr", np.ones((7, 30)))
-    bad("large.exr", np.full(size, 91))
+    bad("large.exr", np.full(size, 181))
     assert sgp("surface", "n", "--out", "earlier").code == 0
     write_png("sigma.png", np.ones(size, np.uint16))
     Path("px.csv").write_text("x_px,y_px,height_px\n26,20,7.5\n")
@@ -134,7 +134,7 @@ def test_input_that_is_refused(sgp, folder: Path) -> None:
         (["--sigma", "none.exr"], "none.exr", 4),
         (["--sigma", "negative.exr"], "negative.exr", 4),
         (["--sigma", "sigma.png"], "sigma.png", 4),
-        (["--sigma", "large.exr"], "values up to 91", 4),
+        (["--sigma", "large.exr"], "values up to 181", 4),
         (["--sigma", "earlier/height.exr"], "surface.json says that this is height", 4),
         (["--sigma", "missing.exr"], "missing.exr", 2),
         (["--prior", "px.csv", "--pixel-mm", "1"], "px.csv: the heights are in px", 4),

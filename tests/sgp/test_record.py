@@ -61,7 +61,13 @@ GOLDEN = """{
       "where": "",
       "severity": "info"
     }
-  ]
+  ],
+  "files": {
+    "normals.exr": {
+      "bytes": 3,
+      "sha256": "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    }
+  }
 }
 """
 
@@ -83,6 +89,7 @@ NOTICES = (
 def record(tmp_path: Path) -> Path:
     source = tmp_path / "in.png"
     source.write_bytes(b"abc")
+    (tmp_path / "normals.exr").write_bytes(b"abc")
     result = Result(
         outputs={"normals": tmp_path / "normals.exr", "elsewhere": Path("/x/y.exr")},
         metrics=METRICS,

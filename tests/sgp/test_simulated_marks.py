@@ -19,11 +19,12 @@ RIG = {"name": "dome", "driver": "bench", "board": "sgp-led-board", "protocol": 
 RIG |= {"firmware": "1", "leds": 4}
 
 
-def manifest(camera=(), rig=()):
+def manifest(camera=(), rig=(), **others):
     return Manifest.begin(
         "session",
         camera=CAMERA | dict(camera),
         rig=None if rig is None else RigRecord(**(RIG | dict(rig))),
+        **others,
     )
 
 
@@ -43,6 +44,7 @@ def manifest(camera=(), rig=()):
             True,
             id="imported from an export",
         ),
+        pytest.param(manifest(rig=None, origin="simulated"), True, id="imported, by its origin"),
     ],
 )
 def test_the_devices_show_whether_a_recording_is_simulated(one, simulated):

@@ -1,31 +1,25 @@
-"""When and with what lights were calibrated, as the key ``calibrated`` of lights.json."""
+"""When and with what lights were calibrated, as the key ``calibrated`` of stored lights."""
 
 from __future__ import annotations
 
 import json
 from typing import Annotated
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, Field
 
-from acquisition._session.value_records import CameraModelRecord
+from acquisition._session.value_records import CameraModelRecord, Table
 from acquisition._values.setup import Calibrated, Setup, UsedSphere
 
 _Positive = Annotated[float, Field(gt=0)]
 
 
-class FileRecord(BaseModel):
-    """An object of lights.json: unknown keys, NaN and infinities are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class _Camera(FileRecord):
+class _Camera(Table):
     vendor: str = ""
     model: str = ""
     serial: str = ""
 
 
-class _Sphere(FileRecord):
+class _Sphere(Table):
     centre_px: tuple[float, float]
     radius_px: _Positive
     centre_mm: tuple[float, float, float] | None = None
@@ -33,7 +27,7 @@ class _Sphere(FileRecord):
     recording: str = ""
 
 
-class CalibratedRecord(FileRecord):
+class CalibratedRecord(Table):
     """Fields of `Calibrated` and its `Setup`; what is not known is absent."""
 
     time_utc: AwareDatetime | None = None

@@ -1,0 +1,203 @@
+"""Samples that pile up at one value, because they were clipped there.
+
+A value is a pile-up if many samples of a recording are equal to it, far more than to any value just
+below, and hardly any is brighter. An even area that is the brightest of the scene looks the same
+without noise, so other images decide: samples that are equal because they were clipped differ under
+other lights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition._pixels.images import Image
+
+Plane = npt.NDArray[Any]
+Reader = Callable[[], Image | None]
+
+# The values just below are those within a 64th, at least four. The most frequent one counts: the
+# largest value of a smooth surface without noise occurs 2.4 times as often as the next, at most.
+_NEAR: Final = 64
+_LEAST_NEAR: Final = 4
+_PILE: Final = 4
+_LEAST_PILE: Final = 16
+# Brighter samples are hot pixels, or an interpolation of colours that overshoots.
+_BRIGHTER: Final = 20
+_BRIGHTEST_FLOATS: Final = 1024
+# Largest values of converters; there no other image has to decide.
+_CONVERTER_ENDS: Final = (2**10 - 1, 2**12 - 1, 2**14 - 1)
+# Samples of a pile-up say nothing in another image where they are in shadow, below a 64th.
+# An even area has one value there; half of the samples allow for gloss and few grey values.
+_DARK: Final = 64
+_SAME: Final = 0.5
+_WITNESSES: Final = 8
+# Images in memory at a time; and samples that are counted at a time, in eight bytes each.
+_THREADS: Final = 2
+_PART: Final = 1 << 20
+
+
+class PileUp(NamedTuple):
+    """Values at which samples were clipped.
+
+    Parameters
+    ----------
+    levels
+        The value by plane (see `planes_of`), NaN where nothing is clipped.
+    samples
+        Number of clipped samples.
+    brightest
+        The largest value of the planes in which nothing is clipped, 0 without such a plane.
+    """
+
+    levels: tuple[float, ...]
+    samples: int
+    brightest: float
+
+
+def planes_of(pixels: Plane, side: int) -> list[Plane]:
+    """Return views of the samples of each colour, or of each position of a filter's block."""
+    if pixels.ndim == 3:
+        return [pixels[..., colour] for colour in range(pixels.shape[2])]
+    return [pixels[y::side, x::side] for y in range(side) for x in range(side)]
+
+
+def find_pile_up(images: Sequence[Reader], side: int, white: float) -> PileUp | None:
+    """Return where samples of a recording were clipped below its white level; None if nowhere.
+
+    Parameters
+    ----------
+    images
+        Readers of its images, which return None for one that cannot be read.
+    side
+        Side of the block of the colour filter; 1 without a filter.
+    white
+        The white level that is assumed so far. It is infinite for floats.
+    """
+    planes: list[_Histogram] = []
+    with ThreadPoolExecutor(_THREADS) as pool:
+        # In groups, because the pool would read further images before the results are used.
+        for first in range(0, len(images), _THREADS):
+            numbers = range(first, min(first + _THREADS, len(images)))
+            for found in pool.map(partial(_histograms, images, side), numbers):
+                joined = [one.joined(two) for one, two in zip(planes, found, strict=False)]
+                planes = joined or planes or found
+    levels, samples = [], 0
+    for index, histogram in enumerate(planes):
+        level, count = histogram.pile(white)
+        if count and level not in _CONVERTER_ENDS:
+            count *= _varies(images, side, index, level, histogram.images)
+        levels.append(level if count else np.nan)
+        samples += count
+    if not samples:
+        return None
+    tops = [histogram.values.max(initial=0) for histogram in planes]
+    unclipped = [float(top) for top, level in zip(tops, levels, strict=True) if np.isnan(level)]
+    return PileUp(tuple(levels), samples, max(unclipped, default=0.0))
+
+
+@dataclass(frozen=True)
+class _Histogram:
+    """How often the values of a plane occur.
+
+    Parameters
+    ----------
+    values, counts
+        The values, increasing, and the number of samples of each.
+    images
+        By value, the image in which most samples pile up at it, and how many they are.
+    """
+
+    values: Plane
+    counts: npt.NDArray[np.int64]
+    images: dict[float, tuple[int, int]]
+
+    def joined(self, other: _Histogram) -> _Histogram:
+        values, place = np.unique(np.concatenate([self.values, other.values]), return_inverse=True)
+        counts = np.zeros(len(values), np.int64)
+        np.add.at(counts, place, np.concatenate([self.counts, other.counts]))
+        images = dict(self.images)
+        for value, most in other.images.items():
+            images[value] = max(images.get(value, (0, 0)), most)
+        return _Histogram(values, counts, images)
+
+    def piles(self, white: float) -> list[tuple[float, int]]:
+        """Return the values below white at which samples pile up, and their numbers."""
+        brighter = np.cumsum(self.counts[::-1])[::-1] - self.counts
+        often = (self.counts >= _LEAST_PILE) & (self.counts >= _BRIGHTER * brighter)
+        found = []
+        for at in np.flatnonzero(often & (self.values < white)):
+            value, count = float(self.values[at]), int(self.counts[at])
+            near = value / _NEAR
+            if self.values.dtype.kind != "f":
+                near = max(near, _LEAST_NEAR)
+            below = self.counts[np.searchsorted(self.values, value - near) : at]
+            # A scene of which parts are clipped has values just below, too.
+            if count >= _PILE * below.max(initial=0) and (len(below) or value in _CONVERTER_ENDS):
+                found.append((value, count))
+        return found
+
+    def pile(self, white: float) -> tuple[float, int]:
+        """Return the value at which most samples pile up, and their number, which may be 0."""
+        return max(self.piles(white), key=lambda pile: pile[1], default=(np.nan, 0))
+
+
+def _histograms(images: Sequence[Reader], side: int, number: int) -> list[_Histogram]:
+    pixels = images[number]()
+    if pixels is None or not pixels.size:
+        return []
+    histograms = []
+    for plane in planes_of(pixels, side):
+        if plane.dtype.kind == "f":
+            values, counts = np.unique(plane[np.isfinite(plane)], return_counts=True)
+            # Values that occur once are as many as samples; the largest of them are enough.
+            kept = counts > 1
+            kept[-_BRIGHTEST_FLOATS:] = True
+            values, counts = values[kept], counts[kept]
+        else:
+            counts = np.zeros(np.iinfo(plane.dtype).max + 1, np.int64)
+            rows = max(1, _PART // plane.shape[1])
+            for top in range(0, len(plane), rows):
+                part = np.bincount(plane[top : top + rows].ravel(), minlength=len(counts))
+                counts += part
+            values = np.flatnonzero(counts)
+            counts = counts[values]
+        one = _Histogram(values, counts.astype(np.int64), {})
+        most = {value: (count, number) for value, count in one.piles(np.inf)}
+        histograms.append(_Histogram(one.values, one.counts, most))
+    return histograms
+
+
+def _varies(
+    images: Sequence[Reader],
+    side: int,
+    index: int,
+    level: float,
+    most: dict[float, tuple[int, int]],
+) -> bool:
+    """Return whether samples that are equal in the pile-up of one image differ in others."""
+    if level not in most:
+        return False
+    number = most[level][1]
+    pixels = images[number]()
+    if pixels is None:
+        return False
+    pile = planes_of(pixels, side)[index] == level
+    shares: list[float] = []
+    for other in (read for i, read in enumerate(images) if i != number):
+        pixels = other()
+        if pixels is None:
+            continue
+        values = planes_of(pixels, side)[index][pile]
+        values = values[(values > level / _DARK) & (values < level)]
+        if len(values) >= _LEAST_PILE:
+            shares.append(np.unique(values, return_counts=True)[1].max() / len(values))
+        if len(shares) == _WITNESSES:
+            break
+    return bool(shares) and float(np.median(shares)) < _SAME

@@ -1,0 +1,100 @@
+"""The cache of compiled kernels: numba's files, checked when they are read back."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from numba.core import config, event
+from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
+
+from rig._kernel_folder import private_folder
+from rig._kernel_watch import state_compiling, state_uncached
+
+_DIGEST = hashlib.sha256().digest_size
+
+
+def cache_of(function: Callable[..., object]) -> Any:
+    """Return the cache of a kernel: in numba's usual places, a private folder, or none."""
+    with contextlib.suppress(RuntimeError):  # no usual place can be written
+        return _KernelCache(function)
+    usual = config.CACHE_DIR
+    folder = private_folder()
+    if folder is not None:
+        config.CACHE_DIR = str(folder)
+        try:
+            return _KernelCache(function)
+        except RuntimeError:
+            pass
+        finally:
+            config.CACHE_DIR = usual
+    state_uncached("no folder for them can be written")
+    return NullCache()
+
+
+def count_compilations() -> None:
+    """Report from now on how many kernels are being compiled."""
+    event.register("numba:compile", _Count())
+
+
+class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc] # numba has no types
+    """Files that end with their SHA-256: damaged machine code could do anything."""
+
+    def _dump(self, obj: object) -> bytes:
+        data: bytes = super()._dump(obj)
+        return data + hashlib.sha256(data).digest()
+
+    def _load_data(self, name: str) -> Any:
+        data = Path(self._data_path(name)).read_bytes()
+        data, digest = data[:-_DIGEST], data[-_DIGEST:]
+        if hashlib.sha256(data).digest() != digest:
+            raise ValueError(f"{name} is damaged")
+        return pickle.loads(data)
+
+
+class _KernelCache(FunctionCache):  # type: ignore[misc] # numba has no types
+    """A cache that never ends the work."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        self._cache_file = _CheckedFiles(
+            cache_path=self.cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return a kernel that was kept, or None; files that cannot be used are given up."""
+        try:
+            return super().load_overload(signature, target)
+        except Exception:  # noqa: BLE001 - damaged files cause any error
+            try:
+                self.flush()
+            except OSError:
+                self.disable()
+            return None
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Keep a kernel; without room for it, it is compiled again in the next run."""
+        try:
+            super().save_overload(signature, compiled)
+        except OSError as error:
+            self.disable()
+            state_uncached(f"{self.cache_path} cannot be written ({error.strerror})")
+
+
+class _Count(event.Listener):  # type: ignore[misc] # numba has no types
+    def __init__(self) -> None:
+        self._active = 0
+
+    def on_start(self, _: event.Event) -> None:
+        self._active += 1
+        state_compiling(self._active)
+
+    def on_end(self, _: event.Event) -> None:
+        self._active -= 1
+        state_compiling(self._active)

@@ -1,0 +1,75 @@
+"""Hashes of files: of inputs as they were used, and of the files of a result."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import acquisition
+import rig
+from sgp._console import shown
+
+# `sgp report` makes pages again from the other files of a result.
+_PAGE = ".html"
+_digests: dict[tuple[Path, rig.FileStatus], str] = {}
+
+
+def sha256(path: Path) -> str:
+    """Return the hex digest of a file's bytes; an unchanged file is read only once.
+
+    Raises
+    ------
+    OSError
+        If it does not exist or cannot be read.
+    DataError
+        If another program is writing into it.
+    """
+    key = path.absolute(), rig.FileStatus.of(path.stat())
+    if key not in _digests:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        if rig.FileStatus.of(path.stat()) != key[1]:
+            raise _changed(path)
+        _digests[key] = digest
+    return _digests[key]
+
+
+def input_hashes(files: Iterable[Path]) -> dict[str, str]:
+    """Return the hashes of the inputs of a command by their paths, as the command used them.
+
+    A command that takes long calls this before the work, too: a file whose time is another one at
+    the end is then recognised as the same if its content is.
+
+    Raises
+    ------
+    DataError
+        If a file was changed, replaced or removed after the command had opened it.
+    """
+    return {str(file): _input_hash(file) for file in shown("hashing the inputs", [*files])}
+
+
+def _input_hash(path: Path) -> str:
+    first = rig.status_when_read(path)
+    try:
+        digest = sha256(path)
+        same = first in (None, rig.FileStatus.of(path.stat()))
+    except FileNotFoundError:
+        if first is None:
+            raise
+        raise _changed(path, "removed") from None
+    if same or (first is not None and _digests.get((path.absolute(), first)) == digest):
+        return digest
+    raise _changed(path)
+
+
+def _changed(path: Path, what: str = "changed") -> acquisition.DataError:
+    return acquisition.DataError(
+        f"{path}: was {what} while this command used it: run the command again when no other "
+        "program writes it"
+    )
+
+
+def output_files(paths: Iterable[Path]) -> Sequence[Path]:
+    """Return the files of a result whose content is final: pages may be made again."""
+    return [path for path in dict.fromkeys(paths) if path.suffix != _PAGE and path.is_file()]

@@ -1,0 +1,74 @@
+"""The recordings that a result was computed from, by their files and by the records of inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import acquisition
+import rig
+from sgp._metrics import RECORD_FORMAT
+
+# Options that name files of calibrations: these may be from recordings of other objects.
+CALIBRATIONS: Final = ("lights", "camera", "flat", "sensor")
+_MOST_RECORDS: Final = 40  # in a folder, as in `sgp._report.folder`
+_TEXTS: Final = ("object", "operator", "place", "notes", "rights", "started_utc")
+
+
+def recordings_of(
+    inputs: Iterable[Path], calibrations: Iterable[Path] = ()
+) -> list[acquisition.Identity]:
+    """Return the identities of the recordings behind some inputs, each once.
+
+    They are in ``session.toml`` or ``recording.json`` if these are inputs, else in the record of an
+    earlier result that names an input as its output.
+
+    Parameters
+    ----------
+    inputs
+        Files that a command read.
+    calibrations
+        Files and folders among them, or around them, that do not count.
+    """
+    apart = {path.absolute() for path in calibrations}
+    names: dict[Path, set[str]] = {}
+    for path in (path.absolute() for path in inputs):
+        if apart.isdisjoint((path, *path.parents)):
+            names.setdefault(path.parent, set()).add(path.name)
+    found = (one for folder, files in names.items() for one in _of_folder(folder, files))
+    return list(dict.fromkeys(found))
+
+
+def _of_folder(folder: Path, names: set[str]) -> Iterator[acquisition.Identity]:
+    for name in sorted(names):
+        identity = acquisition.read_identity(folder / name)
+        if identity is not None:
+            yield identity
+    for file in sorted(folder.glob("*.json"))[:_MOST_RECORDS]:
+        record = _record(file)
+        outputs = record.get("outputs")
+        made = outputs.values() if isinstance(outputs, dict) else ()
+        if file.name in names or not names.isdisjoint(one for one in made if isinstance(one, str)):
+            stated = record.get("recordings")
+            yield from map(_identity, stated if isinstance(stated, list) else ())
+
+
+def _record(path: Path) -> dict[str, Any]:
+    """Return the content of a record; empty for other files.
+
+    Validation by `sgp._record` would cost a quarter of a second for importing pydantic.
+    """
+    try:
+        content = rig.parse_json(rig.read_bounded(path))
+    except (FileNotFoundError, rig.UnreadableError):
+        return {}
+    known = isinstance(content, dict) and content.get("format") == RECORD_FORMAT
+    return content if known else {}
+
+
+def _identity(stated: object) -> acquisition.Identity:
+    """Return the identity that a record states, without values of other types."""
+    values = stated if isinstance(stated, dict) else {}
+    texts = {key: values[key] for key in _TEXTS if isinstance(values.get(key), str)}
+    return acquisition.Identity(**texts, simulated=values.get("simulated") is True)

@@ -1,0 +1,109 @@
+"""How images encode normals: zero at 127, 127.5 or 128, curves, two channels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from processing._normal_encoding import normal_encoding
+from processing._normal_map_files import read_normals, store_normals
+
+Codes = npt.NDArray[np.uint8]
+
+Y, X = np.mgrid[:60, :80]
+
+
+def surface(slope: float) -> npt.NDArray[np.float64]:
+    """Return unit normals ``(60, 80, 3)`` whose slopes are up to about ``slope``."""
+    right = slope * np.sin(X / 7.3 + Y / 11) * np.cos(Y / 19)
+    up = slope * np.cos(X / 13 - Y / 8.1)
+    normals = np.stack([right, up, np.ones_like(right)], -1)
+    return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+
+
+def coded(
+    scale: float, zero: float, rounded: Callable[..., object] = np.rint
+) -> Callable[..., Codes]:
+    return lambda n: np.clip(rounded(n * scale + zero), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("slope", [0.12, 0.5, 2.0])
+@pytest.mark.parametrize(
+    ("code", "zero"),
+    [
+        pytest.param(coded(127.5, 127.5), 127.5, id="of 255"),
+        pytest.param(coded(127, 128), 128, id="around 128"),
+        pytest.param(coded(127, 127), 127, id="around 127"),
+        pytest.param(coded(127.5, 127.5, np.floor), 127, id="rounded down"),
+        pytest.param(coded(128, 128), 128, id="128 for one, cut off"),
+        pytest.param(coded(127, 128, np.floor), 127.5, id="around 128, rounded down"),
+    ],
+)
+def test_the_code_of_zero(slope: float, code: Callable[..., Codes], zero: float) -> None:
+    codes = code(surface(slope)).reshape(-1, 3)
+    found = normal_encoding((codes / 127.5 - 1).astype(np.float32))
+    # Shallow slopes leave the scales 127.5 and 128 open, and then the answer is None.
+    assert found.zero in ([zero / 127.5 - 1] if slope > 0.2 else [zero / 127.5 - 1, None])
+
+
+@pytest.mark.parametrize("change", ["jpeg", "noise", "half"])
+@pytest.mark.parametrize("zero", [127.5, 128.0])
+def test_lossy_codes_do_not_show_it_or_show_it_rightly(change: str, zero: float) -> None:
+    codes = coded(255 - zero, zero)(surface(0.5))
+    if change == "jpeg":
+        codes = cv2.imdecode(cv2.imencode(".jpg", codes)[1], cv2.IMREAD_UNCHANGED)
+    elif change == "noise":
+        noise = np.random.default_rng(1).normal(0, 2, codes.shape)
+        codes = np.clip(np.rint(codes + noise), 0, 255)
+    else:
+        codes = cv2.resize(codes, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    found = normal_encoding((codes.reshape(-1, 3) / 127.5 - 1).astype(np.float32))
+    assert found.zero in (None, zero / 127.5 - 1)
+    assert found.curve is None
+
+
+@pytest.mark.parametrize(
+    ("coded_as", "said"),
+    [
+        pytest.param(lambda n: ((n + 1) / 2) ** (1 / 1.1), "power curve of exponent 1.1", id="1.1"),
+        pytest.param(lambda n: ((n + 1) / 2) ** 2.2, "power curve of exponent 0.45", id="2.2"),
+        pytest.param(
+            lambda n: 1.055 * ((n + 1) / 2) ** (1 / 2.4) - 0.055, "the sRGB curve", id="srgb"
+        ),
+        pytest.param(
+            lambda n: np.concatenate([n[..., :2] / 2 + 0.5, 0 * n[..., :1] + 1], -1),
+            "z is computed",
+            id="two channels",
+        ),
+    ],
+)
+@pytest.mark.parametrize("most", [255, 65535])
+def test_curves_and_two_channels_are_undone(
+    tmp_path: Path, coded_as: Callable[..., npt.NDArray[np.float64]], said: str, most: int
+) -> None:
+    # Away from black, where the sRGB curve is a line.
+    normals = surface(0.8)
+    samples = np.rint(coded_as(normals) * most).astype(np.uint8 if most == 255 else np.uint16)
+    cv2.imwrite(str(tmp_path / "n.png"), samples[..., ::-1])
+    found = read_normals(tmp_path / "n.png")
+    assert [said in notice.text for notice in found.warnings if notice.code == "normals-encoding"]
+    off = np.linalg.norm(found.normal_map.normals - normals, axis=-1)
+    assert off.max() < 0.02
+    stored = store_normals(tmp_path / "n.png", tmp_path / "bands.raw")
+    assert (stored.normals[:] == found.normal_map.normals).all()
+    assert stored.warnings == found.warnings
+    stored.normals.close()
+
+
+@pytest.mark.parametrize(
+    ("code", "facing"), [((128, 128, 255), 1), ((127, 127, 255), 1), ((128, 131, 255), 0)]
+)
+def test_a_flat_map(tmp_path: Path, code: tuple[int, int, int], facing: int) -> None:
+    cv2.imwrite(str(tmp_path / "flat.png"), np.full((8, 9, 3), code[::-1], np.uint8))
+    normals = read_normals(tmp_path / "flat.png").normal_map.normals
+    assert (normals == [0, 0, 1]).all() == facing
