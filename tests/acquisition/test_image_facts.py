@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
@@ -85,6 +86,14 @@ def test_attributes_of_exr(tmp_path: Path) -> None:
     assert facts.shot == ShotFacts(exposure_us=20_000, f_number=8, orientation=1)
     assert facts.window is not None
     assert facts.window[:2] == (3, 0)
+
+
+def test_exposure_of_radiance_files(tmp_path: Path) -> None:
+    path = tmp_path / "a.hdr"
+    cv2.imwrite(str(path), np.full((6, 8, 3), 0.5, np.float32))
+    first, _, rest = path.read_bytes().partition(b"\n")
+    path.write_bytes(first + b"\nEXPOSURE=2.0\n" + rest)
+    assert image_facts(path).shot.time_us == 2e6
 
 
 @pytest.mark.parametrize(
