@@ -131,3 +131,24 @@ def test_equal_times_change_nothing(tmp_path: Path, time: tuple[int, int] | None
         "reference-frames-found", "lights-matched-by-order",
     ]  # fmt: skip
     np.testing.assert_allclose(linear_stack(source).values, 7500 / 65535, rtol=1e-6)
+
+
+def test_sessions_keep_how_viewers_turn_their_images(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    tags = [(274, "H", 1, 3, True), (34855, "H", 1, 200, True)]
+    inside = np.full((6, 8), 255, np.uint8)
+    for i in range(3):
+        tifffile.imwrite(
+            tmp_path / "in" / f"a.{i}.tif", np.full((6, 8), 700, np.uint16), extratags=tags
+        )
+    tifffile.imwrite(tmp_path / "in" / "mask.tif", inside, extratags=tags[:1])
+    source = read_import(tmp_path / "in")
+    assert [notice.code for notice in source.warnings] == ["orientation-tag"]
+    session = import_frames(source, tmp_path / "session")
+    details = session.events[0].details
+    assert (details["iso"], details["orientation"]) == (200, 3)
+    assert read_source(tmp_path / "session").mask is not None
+    tifffile.imwrite(tmp_path / "upright.tif", inside)
+    with pytest.raises(DataError, match=r"upright\.tif: a mask with the Orientation tag 1"):
+        read_source(tmp_path / "session", mask_path=tmp_path / "upright.tif")
+    read_source(tmp_path / "session", mask_path=tmp_path / "in" / "mask.tif")
