@@ -88,6 +88,7 @@ from ._source.reduce import crop as crop
 from ._source.reduce import downscale as downscale
 from ._source.reduction import Reduction as Reduction
 from ._source.row_reader import RowReader as RowReader
+from ._source.series_facts import with_time_errors as with_time_errors
 from ._source.source import Frame as Frame
 from ._source.source import Source as Source
 from ._source.source_setup import lens_notices as lens_notices

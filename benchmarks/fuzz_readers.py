@@ -110,7 +110,7 @@ READERS: dict[str, Reader] = {
     "image": Reader(read_image, "image"),
     "import": Reader(read_for_import, "image"),
     "facts": Reader(image_facts, "image"),
-    "raw facts": Reader(image_facts, "raw"),
+    "raw-facts": Reader(image_facts, "raw"),
     "icc": Reader(lambda path: icc_curve(path.read_bytes()), "icc", (UnreadableError,)),
     "transfer": Reader(read_transfer, "transfer"),
     "mask": Reader(read_mask, "mask"),

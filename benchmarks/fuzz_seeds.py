@@ -194,8 +194,10 @@ def _images(root: Path) -> Iterator[Seed]:
 def _with_metadata(root: Path, image: Image.Image) -> None:
     """Write images whose metadata state a transfer curve."""
     tags = Image.Exif()
-    tags.get_ifd(0x8769)[0xA001] = 2
-    image.save(root / "exif.jpg", exif=tags.tobytes())
+    tags.get_ifd(0x8769).update({0xA001: 2, 0x829A: 1 / 60, 0x9201: 6.0, 0x8827: 200})
+    for suffix in ("jpg", "png", "webp"):
+        image.save(root / f"exif.{suffix}", exif=tags.tobytes())
+    image.save(root / "pages.tif", save_all=True, append_images=[image.reduce(2)])
     for suffix in ("jpg", "png", "tif", "webp"):
         image.save(root / f"profile.{suffix}", icc_profile=_profile(_FUNCTION))
     chunks = PngImagePlugin.PngInfo()

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from acquisition._pixels.image_head import kind_of
-from acquisition._pixels.png_chunks import SIGNATURE
+from acquisition._pixels.png_chunks import SIGNATURE, chunk
 from acquisition._pixels.tiff_tags import Tags, tiff_tags
 
 # A segment of JPEG holds at most 64 kB; the blocks of other formats are of this size too.
 _MOST_BYTES: Final = 1 << 20
-# More parts of a file are not searched for its block: PNG has a chunk for each 8 kB of samples.
-_MOST_PARTS: Final = 1 << 16
+# More parts of a file are not searched for its block.
+_MOST_PARTS: Final = 1 << 12
+_TAIL: Final = 1 << 17
 _PREFIX: Final = b"Exif\0\0"
 _START_OF_SCAN: Final = 0xDA
 
@@ -31,7 +32,7 @@ def exif_tags(path: Path, wanted: Collection[int], page: int = 0) -> Tags:
     page
         Number of the page of a TIFF. What it does not state, the first page states.
     """
-    with path.open("rb") as file:
+    with path.open("rb", buffering=0) as file:
         head = file.read(16)
         finder = _FINDERS.get(kind_of(head, "") or "")
         if finder is None:
@@ -61,17 +62,23 @@ def _jpeg(file: BinaryIO) -> bytes:
 
 
 def _png(file: BinaryIO) -> bytes:
-    """Return the eXIf chunk (PNG 3, 11.3.4.5), which may follow the samples."""
+    """Return the eXIf chunk (PNG 3, 11.3.4.5), before the samples or near the end of the file."""
     file.seek(len(SIGNATURE))
     for _ in range(_MOST_PARTS):
         head = file.read(8)
-        if len(head) < 8:
+        if len(head) < 8 or head[4:] == b"IDAT":
             break
         size = int.from_bytes(head[:4])
         if head[4:] == b"eXIf":
             return file.read(min(size, _MOST_BYTES))
         file.seek(size + 4, io.SEEK_CUR)
-    return b""
+    # A walk over the samples, in chunks of 8 kB, takes longer than all else.
+    file.seek(max(file.seek(0, io.SEEK_END) - _TAIL, 0))
+    tail = file.read(_TAIL)
+    at = tail.rfind(b"eXIf")
+    size = int.from_bytes(tail[max(at - 4, 0) : max(at, 0)])
+    data = tail[at + 4 : at + 4 + size]
+    return data if at >= 0 and chunk(b"eXIf", data) in tail else b""
 
 
 def _webp(file: BinaryIO) -> bytes:

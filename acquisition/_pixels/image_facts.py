@@ -25,12 +25,16 @@ from acquisition._suffixes import is_raw
 from acquisition._values.transfer_curve import LINEAR
 from rig import MAX_PIXELS
 
-# Attributes of EXR files, by OpenImageIO's names.
-_OF_EXR = {
-    EXPOSURE_TIME: "ExposureTime",
-    F_NUMBER: "FNumber",
-    ISO_RATING: "Exif:PhotographicSensitivity",
-    ORIENTATION: "Orientation",
+# Attributes of formats without Exif, by OpenImageIO's names. The samples of Radiance files were
+# multiplied by their EXPOSURE, as by a time.
+_ATTRIBUTES = {
+    "openexr": {
+        EXPOSURE_TIME: "ExposureTime",
+        F_NUMBER: "FNumber",
+        ISO_RATING: "Exif:PhotographicSensitivity",
+        ORIENTATION: "Orientation",
+    },
+    "hdr": {EXPOSURE_TIME: "hdr:exposure"},
 }
 # Statements of one aperture or sensitivity differ by less; steps of a third of a stop by 12 %.
 _SAME = 0.03
@@ -141,11 +145,10 @@ def image_facts(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageFacts
         with convert_read_errors(path):
             transfer = stated_curve(path, kind, spec)
             tags = exif_tags(path, SHOT_TAGS, image.page)
-    if kind == "openexr":
-        for tag, name in _OF_EXR.items():
-            value = spec_attribute(spec, name)
-            if isinstance(value, (int, float)):
-                tags[tag] = float(value)
+    for tag, name in _ATTRIBUTES.get(kind, {}).items():
+        value = spec_attribute(spec, name)
+        if isinstance(value, (int, float)):
+            tags[tag] = float(value)
     size = (spec.height, spec.width)
     window = (spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height)
     return ImageFacts(

@@ -126,7 +126,7 @@ def opened_image(path: Path, max_pixels: int) -> Iterator[OpenedImage]:
             spec = file.spec()
             sample, bits = str(spec.format), spec.get_int_attribute("oiio:BitsPerSample")
             photometry = spec.get_int_attribute("tiff:PhotometricInterpretation", -1)
-            if spec.get_string_attribute("jpeg:ColorSpace") == "CMYK":
+            if spec.get_string_attribute("jpeg:ColorSpace") in ("CMYK", "YCbCrK"):
                 photometry = 5
         if photometry in _NO_LIGHT:
             what, remedy = _NO_LIGHT[photometry]

@@ -32,8 +32,9 @@ def read_levelled(path: Path, *, levels: RawLevels, max_pixels: int) -> Image:
     frame = read_raw(path, max_pixels=max_pixels)
     if frame.cfa != levels.cfa:
         raise DataError(
-            f"{path}: colour filter pattern {frame.cfa}, but {levels.name} has {levels.cfa}: all "
-            "images of a recording must be of one camera and show the same part of its sensor"
+            f"{path}: colour filter pattern {frame.cfa or 'none'}, but {levels.name} has "
+            f"{levels.cfa or 'none'}: all images of a recording must be of one camera and show "
+            "the same part of its sensor"
         )
     pixels, black, white = frame.levelled(), frame.black_level_dn, frame.white_level_dn
     if (black, white) == (levels.black_dn, levels.white_dn):

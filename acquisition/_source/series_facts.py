@@ -142,6 +142,16 @@ def with_time_errors(lights: Lights, frames: Sequence[Frame]) -> Lights:
         Lights with the ids of the frames.
     frames
         Frames with light, each of another light if their times have errors.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from acquisition import Frame, Lights, with_time_errors
+    >>> lights = Lights(np.array([[0.0, 0, 1]]), ids=("a",))
+    >>> frames = [Frame(Path("a.png"), "a", (4, 5), exposure_us=2e4, exposure_sigma=0.04)]
+    >>> with_time_errors(lights, frames).errors.intensity_std
+    array([[0.04, 0.04, 0.04]])
     """
     of_light = {frame.light_id: frame.exposure_sigma for frame in frames if frame.role == "light"}
     sigma = np.array([of_light.get(name, 0.0) for name in lights.ids])

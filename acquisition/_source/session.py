@@ -130,7 +130,7 @@ def _mask(session: Session, path: Path, size: tuple[int, int]) -> npt.NDArray[np
     if session.folder in path.parents:
         return read_mask(path, size)
     tags = (line.details.get("orientation") for line in session.events)
-    shot = ShotFacts(orientation=next((tag for tag in tags if tag), 1))
+    shot = ShotFacts(orientation=next((tag for tag in tags if isinstance(tag, int)), 1))
     return read_mask_of(path, ImageFacts(path, shot), size)
 
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, LightErrors, Lights, Source, exclude
+from acquisition import DataError, LightErrors, Lights, Source, exclude, with_time_errors
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.sphere_calibration import SphereCalibration
 from rig import check_type
@@ -71,7 +71,9 @@ def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
         before = source.lights
     if lights.ids != source.light_ids:
         raise DataError(f"{source.path}: the lights of the spheres are in another order")
-    if before is not None:
+    if before is None:
+        lights = with_time_errors(lights, source.frames)
+    else:
         lights = _with_strengths(lights, before)
     covered = np.zeros(source.size, np.uint8)
     for sphere in spheres.spheres:

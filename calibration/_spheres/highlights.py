@@ -215,9 +215,8 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     peaks = np.fmax.reduce(crop, axis=(1, 2))
     top = np.fmax.reduce(peaks)
     # Images of a longer exposure are saturated at a lower radiance than others reach.
-    white = np.where(peaks < top / 2, peaks, top)
-    for k in range(len(filled)):
-        filled[k][saturated[k]] = white[k]
+    white = np.asarray(np.where(peaks < top / 2, peaks, top), np.float32)
+    filled[saturated] = np.broadcast_to(white[:, None, None], filled.shape)[saturated]
     for k in np.flatnonzero(~np.any(saturated & within, axis=(1, 2))):
         even = _even_top(filled[k], within)
         if even is not None:

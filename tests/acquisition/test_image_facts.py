@@ -1,0 +1,244 @@
+"""Facts that image files state: tags, pages, windows, photometric interpretation."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+import tifffile
+from PIL import Image
+
+from acquisition import DataError, ImageRows, read_image, read_image_with_alpha, read_mask
+from acquisition._pixels.image_facts import ImageFacts, image_facts
+from acquisition._pixels.mask_files import read_mask_of
+from acquisition._pixels.shot_facts import ShotFacts, shot_facts
+from acquisition._pixels.tiff_tags import tiff_tags
+from acquisition._source.raw_levels import RawLevels, read_levelled
+from tests.acquisition.dng_file import dng
+
+GREY = np.arange(48, dtype=np.uint16).reshape(6, 8) * 1000
+TAGS = [(33434, "2I", 1, (1, 50), True), (34855, "H", 1, 200, True), (274, "H", 1, 6, True)]
+STATED = ShotFacts(exposure_us=20_000, iso=200, orientation=6)
+
+
+def exif(**first: int) -> bytes:
+    """Return a block with ExposureTime 1/50 and ISO 200 in its Exif directory."""
+    inner = struct.pack("<HHHII", 2, 33434, 5, 1, 68) + struct.pack("<HHII", 34855, 3, 1, 200)
+    main = struct.pack("<HHHII", 2, 274, 3, 1, first.get("orientation", 6))
+    main += struct.pack("<HHII", 34665, 4, 1, 38) + bytes(4)
+    return b"II*\0\x08\0\0\0" + main + inner + bytes(4) + struct.pack("<II", 1, 50)
+
+
+def png(block: bytes, *, late: bool) -> bytes:
+    out = io.BytesIO()
+    Image.fromarray(GREY).save(out, "png")
+    data, body = out.getvalue(), b"eXIf" + block
+    more = struct.pack(">I", len(block)) + body + struct.pack(">I", zlib.crc32(body))
+    at = len(data) - 12 if late else 33
+    return data[:at] + more + data[at:]
+
+
+def tiff(path: Path, **options: Any) -> None:
+    tifffile.imwrite(path, GREY, extratags=TAGS, **options)
+
+
+def library(path: Path) -> None:
+    Image.fromarray(GREY.astype(np.uint8)).convert("RGB").save(path, exif=b"Exif\0\0" + exif())
+
+
+FILES: dict[str, Callable[[Path], object]] = {
+    "classic.tif": tiff,
+    "big_endian.tif": lambda path: tiff(path, byteorder=">"),
+    "bigtiff.tif": lambda path: tiff(path, bigtiff=True),
+    "early.png": lambda path: path.write_bytes(png(exif(), late=False)),
+    "late.png": lambda path: path.write_bytes(png(exif(), late=True)),
+    "exif.jpg": library,
+    "exif.webp": library,
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_shots_of_every_format(tmp_path: Path, name: str) -> None:
+    FILES[name](tmp_path / name)
+    assert image_facts(tmp_path / name).shot == STATED
+
+
+def test_attributes_of_exr(tmp_path: Path) -> None:
+    spec = oiio.ImageSpec(8, 6, 1, oiio.FLOAT)
+    for name, value in (("ExposureTime", 0.02), ("FNumber", 8.0)):
+        spec.attribute(name, value)
+    spec.x = 3
+    file = oiio.ImageOutput.create("a.exr")
+    assert file is not None
+    assert file.open(str(tmp_path / "a.exr"), spec)
+    assert file.write_image(GREY[..., None].astype(np.float32))
+    assert file.close()
+    facts = image_facts(tmp_path / "a.exr")
+    assert facts.shot == ShotFacts(exposure_us=20_000, f_number=8, orientation=1)
+    assert facts.window is not None
+    assert facts.window[:2] == (3, 0)
+
+
+def test_exposure_of_radiance_files(tmp_path: Path) -> None:
+    path = tmp_path / "a.hdr"
+    cv2.imwrite(str(path), np.full((6, 8, 3), 0.5, np.float32))
+    first, _, rest = path.read_bytes().partition(b"\n")
+    path.write_bytes(first + b"\nEXPOSURE=2.0\n" + rest)
+    assert image_facts(path).shot.time_us == 2e6
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        pytest.param(b"", id="empty"),
+        pytest.param(b"II*\0", id="cut"),
+        pytest.param(b"II*\0\xff\xff\xff\xff", id="far away"),
+        pytest.param(b"II*\0\x08\0\0\0" + b"\xff" * 80, id="too many entries"),
+        pytest.param(exif()[:30] + struct.pack("<I", 8) + exif()[34:], id="a circle"),
+        pytest.param(exif()[:-4] + bytes(4), id="divided by zero"),
+    ],
+)
+def test_damaged_tags_state_nothing(block: bytes) -> None:
+    assert 33434 not in tiff_tags(io.BytesIO(block), {33434})
+
+
+@pytest.mark.parametrize(
+    ("tags", "expected"),
+    [
+        pytest.param({33434: 1 / 60, 37377: 6.0}, {"time_us": 15_625}, id="finer"),
+        pytest.param({33434: 1 / 60, 37377: 3.0}, {"shutter_us": None}, id="contradicts"),
+        pytest.param({37377: 1e9, 33434: 0.0}, {"time_us": None}, id="markers"),
+        pytest.param({34855: 65535.0, 34866: 102_400.0}, {"iso": 102_400}, id="ISO elsewhere"),
+        pytest.param({37378: 6.0}, {"f_number": 8}, id="aperture in stops"),
+        pytest.param({274: 9.0}, {"orientation": 1}, id="no orientation"),
+    ],
+)
+def test_meaning_of_tags(tags: dict[int, float | str], expected: dict[str, object]) -> None:
+    shot = shot_facts(tags)
+    assert {name: getattr(shot, name) for name in expected} == expected
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        pytest.param({"iso": 400}, "ISO 400 .*Sensitivity.* a.tif has ISO 200", id="iso"),
+        pytest.param({"f_number": 8}, "f/8 .*FNumber.* has f/11", id="aperture"),
+        pytest.param({"orientation": 8}, "Orientation tag 8, but a.tif has 6", id="orientation"),
+        pytest.param({"window": (3, 0, 0, 0, 9, 9)}, r"at \(3, 0\), .* at \(0, 0\)", id="window"),
+        pytest.param({"shape": (6, 9)}, "9 x 6 grey uint16, .* 8 x 6 grey", id="size"),
+        pytest.param({"iso": None, "f_number": None, "orientation": None}, None, id="unknown"),
+        pytest.param({"f_number": 11.1}, None, id="rounded"),
+    ],
+)
+def test_what_a_series_cannot_differ_in(change: dict[str, Any], said: str | None) -> None:
+    first = ImageFacts(Path("a.tif"), replace(STATED, f_number=11), (6, 8), np.dtype(np.uint16))
+    of_shot = {name: value for name, value in change.items() if hasattr(first.shot, name)}
+    others = {name: value for name, value in change.items() if name not in of_shot}
+    other = replace(first, path=Path("b.tif"), shot=replace(first.shot, **of_shot), **others)
+    if said is None:
+        other.check_alike(first)
+        return
+    with pytest.raises(DataError, match=rf"b\.tif: .*{said}"):
+        other.check_alike(first)
+
+
+def pages(path: Path, *images: tuple[Any, int]) -> None:
+    with tifffile.TiffWriter(path) as file:
+        for samples, kind in images:
+            file.write(samples, subfiletype=kind, metadata=None)
+
+
+def test_the_page_that_is_the_image_is_read(tmp_path: Path) -> None:
+    path, small = tmp_path / "a.tif", GREY[::2, ::2].copy()
+    for order in (((small, 1), (GREY, 0)), ((small, 0), (GREY, 0)), ((GREY, 0), (GREY, 1))):
+        pages(path, *order)
+        np.testing.assert_array_equal(read_image(path), GREY)
+        assert image_facts(path).shape == (6, 8)
+        with ImageRows(path) as rows:
+            np.testing.assert_array_equal(rows[2:4], GREY[2:4])
+    pages(path, (GREY, 0), (GREY, 0))
+    with pytest.raises(DataError, match=r"a\.tif: has 2 pages of 8 x 6 pixels"):
+        read_image(path)
+
+
+def test_the_largest_sample_is_black_where_the_file_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, 65535 - GREY, photometric="miniswhite")
+    np.testing.assert_array_equal(read_image(path), GREY)
+    with ImageRows(path) as rows:
+        np.testing.assert_array_equal(rows[1:3], GREY[1:3])
+    samples = np.dstack([65535 - GREY, GREY])
+    tifffile.imwrite(path, samples, photometric="miniswhite", extrasamples=["unassalpha"])
+    colours, alpha = read_image_with_alpha(path)
+    np.testing.assert_array_equal(colours, GREY)
+    np.testing.assert_array_equal(alpha, GREY)
+    tifffile.imwrite(path, GREY.astype(np.float32), photometric="miniswhite")
+    with pytest.raises(DataError, match="MinIsWhite"):
+        read_image(path)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        pytest.param({"photometric": "cielab"}, r"CIE L\*a\*b\*", id="lab"),
+        pytest.param({"photometric": "separated", "extrasamples": []}, "CMYK", id="cmyk"),
+        pytest.param({"photometric": "cfa"}, "colour filter mosaic", id="mosaic"),
+        pytest.param({"compression": "zstd"}, "compressed as ZSTD", id="zstd"),
+        pytest.param({"compression": "lerc"}, "compressed as LERC", id="lerc"),
+    ],
+)
+def test_what_cannot_be_read_is_named(tmp_path: Path, options: dict[str, Any], said: str) -> None:
+    count = {"cielab": 3, "separated": 4}.get(options.get("photometric", ""), 1)
+    samples = GREY if count == 1 else np.dstack([GREY] * count)
+    tifffile.imwrite(tmp_path / "a.tif", samples, **options)
+    with pytest.raises(DataError, match=rf"a\.tif: .*{said}"):
+        read_image(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize(
+    ("images", "mask", "size", "fits"),
+    [
+        pytest.param(1, 1, (6, 8), True, id="none"),
+        pytest.param(3, 3, (6, 8), True, id="alike"),
+        pytest.param(3, 1, (6, 8), False, id="images turned"),
+        pytest.param(1, 3, (6, 8), False, id="mask turned"),
+        pytest.param(6, 1, (6, 8), True, id="the size shows that it is not turned"),
+        pytest.param(6, 1, (8, 8), False, id="the size does not show it"),
+    ],
+)
+def test_masks_of_turned_images(
+    tmp_path: Path, images: int, mask: int, size: tuple[int, int], fits: bool
+) -> None:
+    path = tmp_path / "mask.tif"
+    inside = np.full(size, 255, np.uint8)
+    tifffile.imwrite(path, inside, extratags=[(274, "H", 1, mask, True)])
+    facts = ImageFacts(Path("a.tif"), ShotFacts(orientation=images))
+    if fits:
+        np.testing.assert_array_equal(read_mask_of(path, facts, size), read_mask(path))
+        return
+    with pytest.raises(DataError, match=rf"Orientation tag {mask}, but the images have {images}"):
+        read_mask_of(path, facts, size)
+
+
+def test_levels_of_a_raw_file_become_those_of_the_first(tmp_path: Path) -> None:
+    path, sensor = tmp_path / "a.dng", np.full((40, 60), 512, np.uint16)
+    sensor[0, :3] = 100, 1023, 60
+    path.write_bytes(dng(sensor, black=(100,) * 4, white=1023))
+    levels = RawLevels("b.dng", "RGGB", 50.0, 4095.0)
+    scaled = read_levelled(path, levels=levels, max_pixels=10_000)
+    expected = (sensor - 100.0) / 923 * 4045 + 50
+    np.testing.assert_allclose(scaled, expected, rtol=1e-6)
+    assert scaled[0, 1] == 4095
+    same = RawLevels("b.dng", "RGGB", 100.0, 1023.0)
+    assert read_levelled(path, levels=same, max_pixels=10_000).dtype == np.uint16
+    with pytest.raises(DataError, match=r"pattern RGGB, but b\.dng has BGGR"):
+        read_levelled(path, levels=levels._replace(cfa="BGGR"), max_pixels=10_000)
