@@ -293,8 +293,7 @@ def import_(
         near = acquisition.read_near_lights(lights, model, axes=light_axes)
     elif light_axes is not None:
         raise UsageError("--light-axes requires a calibration of near lights as --lights")
-    lit_by = None if lights is None or near else given_lights(lights)
-    chosen = None if lit_by is None else lit_by.lights
+    chosen = None if lights is None or near else given_lights(lights).lights
     opened = opened_with(near.lights if near else chosen, model)
     with Stages() as progress:
         acquisition.import_frames(opened, out, labels, on_progress=progress)
@@ -303,7 +302,6 @@ def import_(
     others = [name for name in opened.ignored if (source / name).resolve() not in used]
     unused = [not_used(source, others)] if others else []
     stated = [] if near is None else [near.notice]
-    stated += [] if lit_by is None else lit_by.notices
     result.warnings[:0] = [*stated, *opened.warnings, *unused]
     return result
 
