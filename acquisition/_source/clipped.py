@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from math import isfinite, isnan, isqrt
+from math import inf, isfinite, isnan, isqrt
+
+import numpy as np
 
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._pixels.images import Image
@@ -13,6 +15,8 @@ from acquisition._source.source import Frame, Source
 from acquisition._values.transfer_curve import LINEAR
 from rig import Notice, pluralize
 
+# Floats of another range are no scaled samples of a sensor.
+_LEAST_WHITE = 255
 _LOW_BITS = {2**bits - 1: bits for bits in (10, 12, 14)}
 
 
@@ -23,8 +27,13 @@ def with_clipped(source: Source) -> Source:
     the white level, it remains, and clipped samples are raised to it as they are read.
     """
     side = 1 if source.cfa is None else isqrt(len(source.cfa))
-    images = [partial(_read, frame) for frame in source.frames if frame.role == "light"]
+    lights = [frame for frame in source.frames if frame.role == "light"]
+    # Files with other levels are scaled to those of the first: equal samples differ by fractions.
+    scaled: set[Frame] = set()
+    images = [partial(_read, frame, source.white_level, scaled) for frame in lights]
     pile = find_pile_up(images, side, source.white_level)
+    if pile is not None and scaled:
+        pile = pile._replace(levels=tuple(value - 0.5 for value in pile.levels))
     level = 0.0 if pile is None else max(value for value in pile.levels if not isnan(value))
     if pile is None or level <= source.black_level:
         return source
@@ -40,11 +49,16 @@ def with_clipped(source: Source) -> Source:
     return replace(source, white_level=white, frames=tuple(frames), warnings=warnings)
 
 
-def _read(frame: Frame) -> Image | None:
+def _read(frame: Frame, white: float, scaled: set[Frame]) -> Image | None:
+    """Return the pixels, None if they cannot be read; scaled ones are rounded and noted."""
     try:
-        return frame.read()
+        pixels = frame.read()
     except (DataError, MissingPathError, StorageError):
         return None  # the error is reported where the image is used
+    if pixels.dtype.kind != "f" or not _LEAST_WHITE <= white < inf:
+        return pixels
+    scaled.add(frame)
+    return np.clip(np.rint(pixels), 0, np.iinfo(np.uint16).max).astype(np.uint16)
 
 
 def _white_notice(source: Source, pile: PileUp, level: float) -> Notice:

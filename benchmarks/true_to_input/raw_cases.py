@@ -287,6 +287,34 @@ def _tablet() -> Image:
     return np.clip(np.einsum("hwc,nc->nhw", normals, lights), 0, None) * 0.8
 
 
+def _low_relief() -> Image:
+    """Return noiseless images of a flat coin: its samples under the light above it are equal."""
+    y, x = np.mgrid[:H, :W]
+    far = np.maximum(np.hypot((x - W / 2) / 50, (y - H / 2) / 40), 0.7) - 0.7
+    right = 0.05 * np.sin(x / 5) + (x - W / 2) * far / 20
+    up = 0.05 * np.cos(y / 5) - (y - H / 2) * far / 20
+    normals = np.stack([right, up, np.ones((H, W))], -1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    lights = directions(12).copy()
+    lights[3] = (0, 0, 1)
+    return np.clip(np.einsum("hwc,nc->nhw", normals, lights), 0, None) * 0.8
+
+
+_HOT = np.arange(5), np.arange(5)
+
+
+def _hot() -> Image:
+    frames = _unclipped(2.2)
+    frames[:, *_HOT] = 2.0
+    return frames
+
+
+def _clip_with_hot() -> Image:
+    most = np.full((H, W), 28000)
+    most[_HOT] = 65535
+    return most
+
+
 def _frequent() -> Image:
     """Return noisy images with their largest value in 200 samples of a label."""
     frames = _unclipped(0.6)
@@ -556,6 +584,18 @@ CASES = (
         "card_8_bits",
         "control: no notice",
         lambda folder: _alarm(folder, _card(noise=0.001, elevations="different"), 255, byte=True),
+        listed=False,
+    ),
+    _case(
+        "clip_below_hot_pixels",
+        "white level found",
+        lambda folder: _stated(_u16(folder, _hot(), _clip_with_hot(), full=30000)),
+        listed=False,
+    ),
+    _case(
+        "low_relief_8_bits",
+        "control: no notice",
+        lambda folder: _alarm(folder, _low_relief(), 255, byte=True),
         listed=False,
     ),
     _case("tablet_noiseless", "control: no notice", lambda f: _alarm(f, _tablet()), listed=False),

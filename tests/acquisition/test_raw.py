@@ -183,6 +183,16 @@ def test_a_source_has_one_black_level_and_a_session_keeps_the_samples(tmp_path: 
         assert source.black_level == 65
 
 
+def test_clipping_is_found_in_files_whose_black_levels_differ_slightly(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    for number in range(4):
+        data = np.minimum(rng.integers(64, 4090, (40, 60)), 3000).astype(np.uint16)
+        (tmp_path / f"a{number}.dng").write_bytes(dng(data, black=(64 + number % 2,) * 4))
+    source = read_source(tmp_path)
+    assert source.white_level == 2999.5
+    assert all((frame.read() >= 2999.5).mean() > 0.25 for frame in source.frames)
+
+
 def test_a_camera_without_a_colour_filter_is_read_watched_and_imported(tmp_path: Path) -> None:
     (tmp_path / "in").mkdir()
     for number in range(3):
