@@ -109,10 +109,14 @@ def decode_normals(
     bands = rows_in_bands(height, 12 * width, _BAND_BYTES)
     stored = _stored(pixels, normals, bands)
     integers = stored.finite is None
-    encoded, doubled = integers, False
+    encoded, doubled, lacks_z = integers, False, False
     if not integers:
         some = _some(normals, stored.drawn, bands)
-        encoded = doubled = _distance_to_unit(some) > _distance_to_unit(some * 2 - 1)
+        # Vectors without z are not encoded.
+        lacks_z = len(some) > 0 and not some[:, 2].any()
+        encoded = doubled = not lacks_z and (
+            _distance_to_unit(some) > _distance_to_unit(some * 2 - 1)
+        )
     notes: list[Notice] = []
     mask, share = None if given is None else given.inside, None
     if stored.alpha is not None:
@@ -125,7 +129,7 @@ def decode_normals(
         elif not np.array_equal(given.inside, opacity > 0.5):
             text = f"the alpha channel is ignored, the mask is {given.file}"
             notes.append(Notice("alpha-ignored", text, str(file), "info"))
-    encoding = NormalEncoding()
+    encoding = NormalEncoding(lacks_z=lacks_z)
     if encoded:
         chosen = np.ones((height, width), np.bool_) if mask is None else mask
         if share is not None:
@@ -133,7 +137,7 @@ def decode_normals(
         some = _some(normals, chosen, bands)
         some = some[:: 1 + len(some) // _MOST_DECODED]
         encoding = normal_encoding(some * 2 - 1 if doubled else some)
-        notes += encoding.notices(str(file))
+    notes += encoding.notices(str(file))
     known = np.zeros((height, width), np.bool_)
     close = count = 0
     seen = Directions()

@@ -71,8 +71,9 @@ class NormalEncoding(NamedTuple):
         if self.zero:
             vectors -= np.float32(self.zero)
         for component, zero in enumerate(self.zeros):
-            part = vectors[..., component]
-            part[np.abs(part - np.float32(zero)) < _SAME] = 0
+            if np.isfinite(zero):
+                part = vectors[..., component]
+                part[np.abs(part - np.float32(zero)) < _SAME] = 0
         if self.lacks_z:
             x, y = vectors[..., 0], vectors[..., 1]
             vectors[..., 2] = np.sqrt(np.maximum(1 - x * x - y * y, 0))

@@ -107,3 +107,12 @@ def test_a_flat_map(tmp_path: Path, code: tuple[int, int, int], facing: int) -> 
     cv2.imwrite(str(tmp_path / "flat.png"), np.full((8, 9, 3), code[::-1], np.uint8))
     normals = read_normals(tmp_path / "flat.png").normal_map.normals
     assert (normals == [0, 0, 1]).all() == facing
+
+
+@pytest.mark.parametrize("slope", [0.1, 0.8])
+def test_vectors_of_x_and_y_as_floats(tmp_path: Path, slope: float) -> None:
+    normals = surface(slope)
+    np.save(tmp_path / "n.npy", (normals * [1, 1, 0]).astype(np.float32))
+    found = read_normals(tmp_path / "n.npy")
+    assert [one.code for one in found.warnings] == ["normals-encoding"]
+    assert np.abs(found.normal_map.normals - normals).max() < 1e-6
