@@ -13,8 +13,8 @@ from rig import Notice, UnreadableError, pluralize
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int64]
 
-# Comparisons of corners that all polygons that are not convex may take together: some seconds.
-_MOST_STEPS: Final = 2_000_000_000
+# Comparisons of corners that all polygons that are not convex may take together: about 2 s.
+_MOST_STEPS: Final = 1_000_000_000
 # A triangle of a fan points the other way if its area does by more than rounding.
 _ROUNDING: Final = 1e-9
 
