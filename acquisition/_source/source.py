@@ -72,7 +72,7 @@ class Frame:
     check_rows: Callable[[], PlainRows | None] | None = field(default=None, repr=False)
     gain_db: float | None = None
     mark_clipped: Callable[[Image], Image] | None = field(default=None, repr=False)
-    exposure_sigma: float = 0.0
+    exposure_sigma: float = field(default=0.0, repr=False)
 
     __repr__ = short_repr
 

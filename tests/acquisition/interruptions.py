@@ -10,7 +10,7 @@ import tomli_w
 
 from acquisition._engine.engine import record
 from acquisition._session.calibrations import Calibrations
-from acquisition._session.manifest import _ADDED_2
+from acquisition._session.manifest import _ADDED
 from acquisition._session.session import Session
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, Rig
@@ -45,10 +45,10 @@ def make_older(folder: Path, version: int) -> None:
     path = folder / "session.toml"
     manifest = tomllib.loads(path.read_text(encoding="utf-8"))
     manifest["format_version"] = version
-    if version == 1:
-        for table, keys in _ADDED_2.items():
+    for tables in (each for since, each in _ADDED.items() if version < since):
+        for table, keys in tables.items():
             for key in keys:
-                manifest.get(table, {}).pop(key, None)
+                (manifest.get(table, {}) if table else manifest).pop(key, None)
     path.write_text(tomli_w.dumps(manifest), encoding="utf-8")
     rows = rows_of(folder)
     for row in rows:

@@ -59,7 +59,7 @@ from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of
                     lights=Lights(directions=np.eye(3), ids=("a.0", "a.1", "a.2"))
                 )
             },
-            "lights are named a.0 .* the LEDs of the plan L03",
+            "lights do not fit the plan: by order, the light a.1 would belong to the image L00",
             id="lights of something else",
         ),
         pytest.param({"labels": Labels("Ada", "\udc80")}, "object", id="no-text"),

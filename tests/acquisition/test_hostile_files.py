@@ -226,7 +226,7 @@ def test_plans(tmp_path: Path, text: str, said: str) -> None:
     ("name", "text", "said"),
     [
         pytest.param("a.lp", "9" * 5000 + "\na 0 0 1\n", "light follows", id="lp count"),
-        pytest.param("a.lp", "1\na 0 0 " + "9" * 5000 + "\n", "not finite", id="lp digits"),
+        pytest.param("a.lp", "1\na 0 0 " + "9" * 5000 + "\n", "5006 characters", id="lp digits"),
         pytest.param("a.txt", "0 0 1\n0 0 1e200\n", "larger than 1e", id="far"),
         pytest.param("a.txt", "0 0 1\n" * 100_002, "at most", id="lines"),
         pytest.param("a.json", "[" * 50_000, "nested", id="json nested"),

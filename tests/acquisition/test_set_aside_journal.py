@@ -17,6 +17,7 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from rig import Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip
+from tests.acquisition.interruptions import make_older
 from tests.acquisition.mutants import rows_of, seal
 
 # PLAN has LEDs 3, 0, 5 at 200 and 50 us, with dark and ambient frames: ten shots.
@@ -27,8 +28,7 @@ def test_version_2_is_upgraded_by_an_event_and_only_if_needed(
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 8)
     toml = folder / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 4", "format_version = 2"))
-    seal(folder, rows_of(folder))
+    make_older(folder, 2)
     written = toml.read_bytes()
     shutil.copytree(folder, tmp_path / "whole")
     assert resume(rig, tmp_path / "whole", retake_damaged=True).format_version == 2
@@ -83,8 +83,7 @@ def test_events_that_change_what_counts_are_checked(
     said: str | None,
 ) -> None:
     folder = cut(rig, bench, tmp_path / "s", 9)
-    toml = folder / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 4", f"format_version = {version}"))
+    make_older(folder, version)
     rows = rows_of(folder)[:11]
     row = next(row for row in rows if row.get("file") == "frames/L03_E0.tif")
     details = changed
@@ -165,9 +164,7 @@ def test_a_kill_at_any_call_to_the_disk_loses_nothing(
     """A changed and a lost frame of a complete session of version 2."""
     model = tmp_path / "model"
     record(rig, PLAN, model, LABELS)
-    toml = model / "session.toml"
-    toml.write_text(toml.read_text().replace("format_version = 4", "format_version = 2"))
-    seal(model, rows_of(model))
+    make_older(model, 2)
     flip(model / "frames/L03_E0.tif")
     (model / "frames/D_200us.tif").unlink()
     damaged = (model / "frames/L03_E0.tif").read_bytes()
