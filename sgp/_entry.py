@@ -103,10 +103,19 @@ def _take_signals() -> None:
             signal.signal(number, _handle)
 
 
+class _Work:
+    begun = False
+
+
+def begin_work() -> None:
+    """State that the modules of the command are loaded, and that it begins."""
+    _Work.begun = True
+
+
 def _handle(number: int, frame: FrameType | None) -> None:
-    end_program = _of_rig("end_program")
+    end_program = _of_rig("end_program") if _Work.begun else None
     if end_program is None:
-        # No work has started that could be damaged, and imports swallow exceptions.
+        # No work has begun that could be damaged, and imports swallow exceptions.
         _end(number)
     else:
         end_program(number, frame)

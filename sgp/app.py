@@ -271,9 +271,11 @@ def _take_common_options(app: App) -> None:
         """
         command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
         if getattr(command, "__module__", "").startswith("sgp.commands."):
+            from sgp._entry import begin_work
             from sgp._options import require_inputs
             from sgp._own_files import own_files_named
 
+            begin_work()
             require_inputs(command, bound.arguments)
             with own_files_named():
                 return command(*bound.args, **bound.kwargs), json

@@ -140,8 +140,8 @@ def test_every_stage_of_a_run_is_shown_to_its_end(recording: Path, tmp_path, mon
 
     stages = stages_of(monkeypatch, call)
     expected = ["reading", "normals", "writing normals", "writing maps",
-                "hashing the inputs", "hashing the result", "detail", "writing shape", "writing detail",
-                "measuring the detail", "integrating", "writing meshes",
+                "hashing the inputs", "hashing the result", "detail", "writing shape",
+                "writing detail", "measuring the detail", "integrating", "writing meshes",
                 "drawing"]  # fmt: skip
     assert set(stages) == set(expected)
     assert all(done == total for done, total in stages.values()), stages
