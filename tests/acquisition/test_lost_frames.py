@@ -154,7 +154,7 @@ def test_a_loss_is_journalled_with_the_counters(bench: _Bench, tmp_path: Path) -
     assert "too busy" in retake["reason"]
     assert "wire" not in retake["reason"]
     assert (retake["file"], retake["failures"]) == ("L02_E0.tif", 1)
-    assert [name for name, _ in reported] == ["frames_lost", "retake"]
+    assert [name for name, _ in reported] == ["camera_settings", "frames_lost", "retake"]
 
 
 @pytest.mark.parametrize(

@@ -89,7 +89,7 @@ def test_ctrl_c_leaves_a_dark_rig_and_an_intact_incomplete_session(sgp, rig, pla
     assert 0 < len(session.missing) < 7
     assert "the LEDs are off" in message
     assert "stopping after this shot" in message
-    assert events(out) == ["interrupted"]
+    assert events(out) == ["camera_settings", "interrupted"]
     assert session.events[-1].details["leds_confirmed_off"] is True
     answer = sgp("capture", "verify", out, "--json")
     assert answer.code == 4

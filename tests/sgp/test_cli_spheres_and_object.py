@@ -88,7 +88,7 @@ def test_the_page_has_the_notices_about_the_spheres(sgp, recording, tmp_path):
     [
         (("--spheres", "--lights", "{recording}/L00.png"), "--lights and --spheres both give"),
         (("--radius-mm", "12"), "--radius-mm is the radius of spheres: give --spheres as well"),
-        (("--rig", "dome"), "--rig is compared with the lights of spheres: give --spheres as well"),
+        (("--rig", "dome"), "give --lights rig, or --spheres"),
     ],
     ids=["both", "radius only", "rig only"],
 )

@@ -203,7 +203,7 @@ def test_a_run_without_known_noise_says_that_heights_have_no_deviations(sgp, tmp
     write_png(tmp_path / "images" / "mask.png", mask.astype(np.uint8) * np.uint8(255))
     for index, light in enumerate(lights.unit_directions):
         samples = 50_000 * np.clip(normals @ light, 0, 1)
-        write_png(tmp_path / "images" / f"b.{index}.png", samples.astype(np.uint16))
+        write_png(tmp_path / "images" / f"b.{2 * index}.png", samples.astype(np.uint16))
     words = ("run", tmp_path / "images", "--lights", tmp_path / "lights.json", "--height-sigma")
     answer = sgp(*words, "--out", tmp_path / "out", "--json")
     assert answer.code == 0, answer.err

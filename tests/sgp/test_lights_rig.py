@@ -43,8 +43,8 @@ def test_lights_of_a_rig(tmp_path: Path) -> None:
     with pytest.raises(acquisition.DataError, match="desk has no led_positions_mm"):
         acquisition.lights_of_rig(RigConfig(name="desk", driver="bench"))
     given = given_lights(RIG_LIGHTS, [], file)
-    assert (given.file, [one.code for one in given.notices]) == (file, ["lights-of-rig"])
-    assert "2.5 mm" in given.notices[0].text
+    assert (given.file, [one.code for one in given.lights.warnings]) == (file, ["lights-of-rig"])
+    assert "2.5 mm" in given.lights.warnings[0].text
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_a_session_knows_the_positions_of_its_rig(tmp_path: Path) -> None:
     given = given_lights(RIG_LIGHTS, [NEWEST])
     assert given.lights.positions_mm is not None
     assert given.lights.positions_mm[:, 1].tolist() == [0, 10, 20, 30]
-    assert "2.5 mm" in given.notices[0].text
+    assert "2.5 mm" in given.lights.warnings[0].text
     # A rig file that is given replaces them.
     other = rig_file(tmp_path / "r.toml", "desk", f"led_positions_mm = {PLACES}")
     assert given_lights(RIG_LIGHTS, [NEWEST], other).file == other
