@@ -1,7 +1,6 @@
-"""``python -P -m sgp``: the command ``sgp``.
+"""``python -m sgp``: the command ``sgp``.
 
-Without ``-P``, Python searches the working directory for ``sgp`` and for modules of its own before
-this file runs; only what is imported later is searched elsewhere.
+The package is loaded by `start.pth` before Python searches the working directory.
 """
 
 import os
