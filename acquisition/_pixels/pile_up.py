@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -40,9 +41,9 @@ _SAME: Final = 0.5
 # A matte area is not so much darker under most other lights; a highlight is.
 _GLOSS: Final = 8
 _WITNESSES: Final = 8
-# Images in memory at a time; and samples that are counted at a time, in eight bytes each.
+# Images in memory at a time; and samples that are counted at a time, exactly with float32.
 _THREADS: Final = 2
-_PART: Final = 1 << 20
+_PART: Final = 1 << 22
 
 
 class PileUp(NamedTuple):
@@ -172,11 +173,12 @@ def _histograms(images: Sequence[Reader], side: int, number: int) -> list[_Histo
             kept[-_BRIGHTEST_FLOATS:] = True
             values, counts = values[kept], counts[kept]
         else:
-            counts = np.zeros(np.iinfo(plane.dtype).max + 1, np.int64)
+            end = int(np.iinfo(plane.dtype).max) + 1
+            counts = np.zeros(end, np.int64)
             rows = max(1, _PART // plane.shape[1])
             for top in range(0, len(plane), rows):
-                part = np.bincount(plane[top : top + rows].ravel(), minlength=len(counts))
-                counts += part
+                part = np.ascontiguousarray(plane[top : top + rows])
+                counts += cv2.calcHist([part], [0], None, [end], [0, end]).ravel().astype(np.int64)
             values = np.flatnonzero(counts)
             counts = counts[values]
         one = _Histogram(values, counts.astype(np.int64), {})
