@@ -31,6 +31,8 @@ _PILE: Final = 4
 _LEAST_PILE: Final = 16
 # Brighter samples are hot pixels, or an interpolation of colours that overshoots.
 _BRIGHTER: Final = 20
+# By so many of 255 values JPEG spreads samples at quality 75.
+_SPREAD: Final = 16
 _BRIGHTEST_FLOATS: Final = 1024
 # Largest values of converters; there no other image has to decide.
 _CONVERTER_ENDS: Final = (2**10 - 1, 2**12 - 1, 2**14 - 1)
@@ -96,8 +98,8 @@ def find_pile_up(images: Sequence[Reader], side: int, white: float) -> PileUp | 
         level, count = histogram.pile(white)
         if count and level not in _CONVERTER_ENDS:
             count *= _varies(images, side, index, level, histogram)
-        levels.append(level if count else np.nan)
-        samples += count
+        levels.append(histogram.lowest(level) if count else np.nan)
+        samples += int(histogram.counts[histogram.values >= levels[-1]].sum())
     if not samples:
         return None
     tops = [histogram.values.max(initial=0) for histogram in planes]
@@ -130,9 +132,16 @@ class _Histogram:
             images[value] = max(images.get(value, (0, 0)), most)
         return _Histogram(values, counts, images)
 
+    @property
+    def has_eight_bits(self) -> bool:
+        return self.values.dtype.kind != "f" and self.values.max(initial=0) < 2**8
+
     def piles(self, white: float) -> list[tuple[float, int]]:
         """Return the values below white at which samples pile up, and their numbers."""
         brighter = np.cumsum(self.counts[::-1])[::-1] - self.counts
+        if self.has_eight_bits:
+            past = np.searchsorted(self.values, self.values + _SPREAD, "right")
+            brighter = np.append(brighter + self.counts, 0)[past]
         often = (self.counts >= _LEAST_PILE) & (self.counts >= _BRIGHTER * brighter)
         found = []
         for at in np.flatnonzero(often & (self.values < white)):
@@ -141,6 +150,9 @@ class _Histogram:
             if self.values.dtype.kind != "f":
                 near = max(near, _LEAST_NEAR)
             below = self.counts[np.searchsorted(self.values, value - near) : at]
+            above = self.counts[at + 1 : past[at]] if self.has_eight_bits else below[:0]
+            if count < _PILE * above.max(initial=0):
+                continue
             # A scene of which parts are clipped has values just below, too.
             if count >= _PILE * below.max(initial=0) and (len(below) or value in _CONVERTER_ENDS):
                 found.append((value, count))
@@ -150,6 +162,17 @@ class _Histogram:
         """Return the difference of a value that occurs to the next lower one."""
         at = int(np.searchsorted(self.values, value))
         return value - float(self.values[at - 1]) if at else value
+
+    def lowest(self, value: float) -> float:
+        """Return the lowest value whose samples rather belong to a pile, spread evenly by JPEG."""
+        if not self.has_eight_bits:
+            return value
+        count = dict(zip(self.values.tolist(), self.counts.tolist(), strict=True))
+        for step in range(1, _SPREAD + 1):
+            above, below = (count.get(value + step, 0), count.get(value - step, 0))
+            if not above or 2 * above < below:
+                return value - step + 1
+        return value - _SPREAD
 
     def pile(self, white: float) -> tuple[float, int]:
         """Return the value at which most samples pile up, and their number, which may be 0."""
