@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 import zlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Final
@@ -119,32 +119,28 @@ def _webp(file: BinaryIO) -> bytes:
     return b""
 
 
-def _boxes(kind: bytes, skipped: bytes | int, file: BinaryIO) -> bytes:
-    """Return the content of a box of a kind, without what precedes the block in it."""
-    begin = skipped if isinstance(skipped, bytes) else b""
-    offset = skipped if isinstance(skipped, int) else len(skipped)
+def _box(kind: bytes, before: int, file: BinaryIO) -> bytes:
+    """Return the block in a box of a kind, which has so many bytes before it."""
     for _ in range(_MOST_PARTS):
         head = file.read(8)
-        if len(head) < 8:
-            break
         size = int.from_bytes(head[:4])
-        if size < 8:
+        if len(head) < 8 or size < 8:
             break
+        begin = file.tell()
         if head[4:] == kind:
-            data = file.read(min(size - 8, _MOST_BYTES))
-            if data.startswith(begin):
-                return data[offset:]
-            size -= len(data)
-        file.seek(size - 8, io.SEEK_CUR)
+            block = file.read(min(size - 8, _MOST_BYTES))[before:]
+            if block.startswith((b"II", b"MM", _PREFIX)):
+                return block
+        file.seek(begin + size - 8)
     return b""
 
 
-# JPEG XL has the offset of the TIFF structure before it: ISO/IEC 18181-2, 9.4. The identifier in
-# JPEG 2000 is that of Adobe and Exiv2.
-_FINDERS: Final = {
+# JPEG XL has the offset of the TIFF structure before it (ISO/IEC 18181-2, 9.4), JPEG 2000 an
+# identifier.
+_FINDERS: Final[dict[str, Callable[[BinaryIO], bytes]]] = {
     "jpeg": _jpeg,
     "png": _png,
     "webp": _webp,
-    "jpeg xl": partial(_boxes, b"Exif", 4),
-    "jpeg 2000": partial(_boxes, b"uuid", b"JpgTiffExif->JP2"),
+    "jpeg xl": partial(_box, b"Exif", 4),
+    "jpeg 2000": partial(_box, b"uuid", 16),
 }

@@ -28,7 +28,7 @@ from rig import MAX_PIXELS
 
 # Attributes of formats without Exif, by OpenImageIO's names. The samples of Radiance files were
 # multiplied by their EXPOSURE, as by a time.
-_ATTRIBUTES = {
+_ATTRIBUTES: dict[str, dict[int, tuple[str, ...]]] = {
     "openexr": {
         EXPOSURE_TIME: ("ExposureTime", "Exif:ExposureTime"),
         F_NUMBER: ("FNumber", "Exif:FNumber"),

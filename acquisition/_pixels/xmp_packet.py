@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection
-from fractions import Fraction
 from pathlib import Path
 from typing import Final
 
@@ -52,7 +52,9 @@ def number_of(text: str) -> float | None:
     >>> number_of("1/80"), number_of("0/0")
     (0.0125, None)
     """
+    numerator, _, denominator = text.partition("/")
     try:
-        return float(Fraction(text))
+        value = float(numerator) / float(denominator or 1)
     except (ValueError, ZeroDivisionError, OverflowError):
         return None
+    return value if math.isfinite(value) else None
