@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection
+import re
+import zlib
+from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -17,6 +20,7 @@ _MOST_BYTES: Final = 1 << 20
 _MOST_PARTS: Final = 1 << 12
 _TAIL: Final = 1 << 17
 _PREFIX: Final = b"Exif\0\0"
+_RAW_PROFILE: Final = re.compile(rb"Raw profile type (?:exif|APP1)\0")
 _START_OF_SCAN: Final = 0xDA
 
 
@@ -26,7 +30,7 @@ def exif_tags(path: Path, wanted: Collection[int], page: int = 0) -> Tags:
     Parameters
     ----------
     path
-        TIFF, camera RAW on its basis, JPEG, PNG, WebP or JPEG XL; others have no tags.
+        TIFF, camera RAW on its basis, JPEG, PNG, WebP, JPEG 2000 or XL; others have no tags.
     wanted
         Numbers of the tags.
     page
@@ -71,6 +75,10 @@ def _png(file: BinaryIO) -> bytes:
         size = int.from_bytes(head[:4])
         if head[4:] == b"eXIf":
             return file.read(min(size, _MOST_BYTES))
+        if head[4:] in (b"zTXt", b"tEXt") and size < _MOST_BYTES:
+            if block := _raw_profile(file.read(size), packed=head[4:] == b"zTXt"):
+                return block
+            size = 0
         file.seek(size + 4, io.SEEK_CUR)
     # A walk over the samples, in chunks of 8 kB, takes longer than all else.
     file.seek(max(file.seek(0, io.SEEK_END) - _TAIL, 0))
@@ -79,6 +87,22 @@ def _png(file: BinaryIO) -> bytes:
     size = int.from_bytes(tail[max(at - 4, 0) : max(at, 0)])
     data = tail[at + 4 : at + 4 + size]
     return data if at >= 0 and chunk(b"eXIf", data) in tail else b""
+
+
+def _raw_profile(text: bytes, *, packed: bool) -> bytes:
+    """Return the block that Exiv2 and ImageMagick write as text: its length, then hexadecimal."""
+    match = _RAW_PROFILE.match(text)
+    if match is None:
+        return b""
+    try:
+        body = text[match.end() :]
+        if packed:
+            body = zlib.decompressobj().decompress(body[1:], 2 * _MOST_BYTES)
+        # After the lines of its name and its length.
+        block = bytes.fromhex("".join(body.decode("ascii").strip().split("\n")[2:]))
+    except (ValueError, zlib.error):
+        return b""
+    return block if block.startswith(_PREFIX) else b""
 
 
 def _webp(file: BinaryIO) -> bytes:
@@ -95,19 +119,28 @@ def _webp(file: BinaryIO) -> bytes:
     return b""
 
 
-def _jpeg_xl(file: BinaryIO) -> bytes:
-    """Return the Exif box, after the offset of its TIFF structure: ISO/IEC 18181-2, 9.4."""
+def _box(kind: bytes, before: int, file: BinaryIO) -> bytes:
+    """Return the block in a box of a kind, which has so many bytes before it."""
     for _ in range(_MOST_PARTS):
         head = file.read(8)
-        if len(head) < 8:
-            break
         size = int.from_bytes(head[:4])
-        if head[4:] == b"Exif":
-            return file.read(min(max(size - 8, 0), _MOST_BYTES))[4:]
-        if size < 8:
+        if len(head) < 8 or size < 8:
             break
-        file.seek(size - 8, io.SEEK_CUR)
+        begin = file.tell()
+        if head[4:] == kind:
+            block = file.read(min(size - 8, _MOST_BYTES))[before:]
+            if block.startswith((b"II", b"MM", _PREFIX)):
+                return block
+        file.seek(begin + size - 8)
     return b""
 
 
-_FINDERS: Final = {"jpeg": _jpeg, "png": _png, "webp": _webp, "jpeg xl": _jpeg_xl}
+# JPEG XL has the offset of the TIFF structure before it (ISO/IEC 18181-2, 9.4), JPEG 2000 an
+# identifier.
+_FINDERS: Final[dict[str, Callable[[BinaryIO], bytes]]] = {
+    "jpeg": _jpeg,
+    "png": _png,
+    "webp": _webp,
+    "jpeg xl": partial(_box, b"Exif", 4),
+    "jpeg 2000": partial(_box, b"uuid", 16),
+}

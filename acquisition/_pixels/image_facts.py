@@ -21,20 +21,21 @@ from acquisition._pixels.shot_facts import (
     shot_facts,
 )
 from acquisition._pixels.stated_curve import StatedCurve, stated_curve
+from acquisition._pixels.xmp_packet import number_of, xmp_tags
 from acquisition._suffixes import is_raw
 from acquisition._values.transfer_curve import LINEAR
 from rig import MAX_PIXELS
 
 # Attributes of formats without Exif, by OpenImageIO's names. The samples of Radiance files were
 # multiplied by their EXPOSURE, as by a time.
-_ATTRIBUTES = {
+_ATTRIBUTES: dict[str, dict[int, tuple[str, ...]]] = {
     "openexr": {
-        EXPOSURE_TIME: "ExposureTime",
-        F_NUMBER: "FNumber",
-        ISO_RATING: "Exif:PhotographicSensitivity",
-        ORIENTATION: "Orientation",
+        EXPOSURE_TIME: ("ExposureTime", "Exif:ExposureTime"),
+        F_NUMBER: ("FNumber", "Exif:FNumber"),
+        ISO_RATING: ("isoSpeed", "Exif:PhotographicSensitivity", "Exif:ISOSpeedRatings"),
+        ORIENTATION: ("Orientation",),
     },
-    "hdr": {EXPOSURE_TIME: "hdr:exposure"},
+    "hdr": {EXPOSURE_TIME: ("hdr:exposure",)},
 }
 # Statements of one aperture or sensitivity differ by less; steps of a third of a stop by 12 %.
 _SAME = 0.03
@@ -144,11 +145,10 @@ def image_facts(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> ImageFacts
         spec, kind = image.spec, image.file.format_name()
         with convert_read_errors(path):
             transfer = stated_curve(path, kind, spec)
-            tags = exif_tags(path, SHOT_TAGS, image.page)
-    for tag, name in _ATTRIBUTES.get(kind, {}).items():
-        value = spec_attribute(spec, name)
-        if isinstance(value, (int, float)):
-            tags[tag] = float(value)
+            tags = {**xmp_tags(path, SHOT_TAGS), **exif_tags(path, SHOT_TAGS, image.page)}
+    for tag, names in _ATTRIBUTES.get(kind, {}).items():
+        for value in filter(None, (number_of(str(spec_attribute(spec, name))) for name in names)):
+            tags[tag] = value
     size = (spec.height, spec.width)
     window = (spec.x, spec.y, spec.full_x, spec.full_y, spec.full_width, spec.full_height)
     return ImageFacts(

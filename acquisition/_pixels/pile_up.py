@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final, NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -30,6 +31,8 @@ _PILE: Final = 4
 _LEAST_PILE: Final = 16
 # Brighter samples are hot pixels, or an interpolation of colours that overshoots.
 _BRIGHTER: Final = 20
+# By so many of 255 values JPEG spreads samples at quality 75.
+_SPREAD: Final = 16
 _BRIGHTEST_FLOATS: Final = 1024
 # Largest values of converters; there no other image has to decide.
 _CONVERTER_ENDS: Final = (2**10 - 1, 2**12 - 1, 2**14 - 1)
@@ -40,9 +43,9 @@ _SAME: Final = 0.5
 # A matte area is not so much darker under most other lights; a highlight is.
 _GLOSS: Final = 8
 _WITNESSES: Final = 8
-# Images in memory at a time; and samples that are counted at a time, in eight bytes each.
+# Images in memory at a time; and samples that are counted at a time, exactly with float32.
 _THREADS: Final = 2
-_PART: Final = 1 << 20
+_PART: Final = 1 << 22
 
 
 class PileUp(NamedTuple):
@@ -95,8 +98,8 @@ def find_pile_up(images: Sequence[Reader], side: int, white: float) -> PileUp | 
         level, count = histogram.pile(white)
         if count and level not in _CONVERTER_ENDS:
             count *= _varies(images, side, index, level, histogram)
-        levels.append(level if count else np.nan)
-        samples += count
+        levels.append(histogram.lowest(level) if count else np.nan)
+        samples += int(histogram.counts[histogram.values >= levels[-1]].sum())
     if not samples:
         return None
     tops = [histogram.values.max(initial=0) for histogram in planes]
@@ -129,9 +132,16 @@ class _Histogram:
             images[value] = max(images.get(value, (0, 0)), most)
         return _Histogram(values, counts, images)
 
+    @property
+    def has_eight_bits(self) -> bool:
+        return self.values.dtype.kind != "f" and self.values.max(initial=0) < 2**8
+
     def piles(self, white: float) -> list[tuple[float, int]]:
         """Return the values below white at which samples pile up, and their numbers."""
         brighter = np.cumsum(self.counts[::-1])[::-1] - self.counts
+        if self.has_eight_bits:
+            past = np.searchsorted(self.values, self.values + _SPREAD, "right")
+            brighter = np.append(brighter + self.counts, 0)[past]
         often = (self.counts >= _LEAST_PILE) & (self.counts >= _BRIGHTER * brighter)
         found = []
         for at in np.flatnonzero(often & (self.values < white)):
@@ -140,6 +150,9 @@ class _Histogram:
             if self.values.dtype.kind != "f":
                 near = max(near, _LEAST_NEAR)
             below = self.counts[np.searchsorted(self.values, value - near) : at]
+            above = self.counts[at + 1 : past[at]] if self.has_eight_bits else below[:0]
+            if count < _PILE * above.max(initial=0):
+                continue
             # A scene of which parts are clipped has values just below, too.
             if count >= _PILE * below.max(initial=0) and (len(below) or value in _CONVERTER_ENDS):
                 found.append((value, count))
@@ -149,6 +162,17 @@ class _Histogram:
         """Return the difference of a value that occurs to the next lower one."""
         at = int(np.searchsorted(self.values, value))
         return value - float(self.values[at - 1]) if at else value
+
+    def lowest(self, value: float) -> float:
+        """Return the lowest value whose samples rather belong to a pile, spread evenly by JPEG."""
+        if not self.has_eight_bits:
+            return value
+        count = dict(zip(self.values.tolist(), self.counts.tolist(), strict=True))
+        for step in range(1, _SPREAD + 1):
+            above, below = (count.get(value + step, 0), count.get(value - step, 0))
+            if not above or 2 * above < below:
+                return value - step + 1
+        return value - _SPREAD
 
     def pile(self, white: float) -> tuple[float, int]:
         """Return the value at which most samples pile up, and their number, which may be 0."""
@@ -172,11 +196,12 @@ def _histograms(images: Sequence[Reader], side: int, number: int) -> list[_Histo
             kept[-_BRIGHTEST_FLOATS:] = True
             values, counts = values[kept], counts[kept]
         else:
-            counts = np.zeros(np.iinfo(plane.dtype).max + 1, np.int64)
+            end = int(np.iinfo(plane.dtype).max) + 1
+            counts = np.zeros(end, np.int64)
             rows = max(1, _PART // plane.shape[1])
             for top in range(0, len(plane), rows):
-                part = np.bincount(plane[top : top + rows].ravel(), minlength=len(counts))
-                counts += part
+                part = np.ascontiguousarray(plane[top : top + rows])
+                counts += cv2.calcHist([part], [0], None, [end], [0, end]).ravel().astype(np.int64)
             values = np.flatnonzero(counts)
             counts = counts[values]
         one = _Histogram(values, counts.astype(np.int64), {})

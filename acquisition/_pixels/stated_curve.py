@@ -76,11 +76,11 @@ def stated_curve(path: Path, kind: str, spec: oiio.ImageSpec) -> StatedCurve:
                 found = _of_profile(spec)
             except UnreadableError as error:
                 problem = f", whose ICC profile {error}"
+        if found is None and len(code_points) == 4 and code_points[1] != _CICP_UNSPECIFIED:
+            problem = f", whose cICP chunk names the unknown transfer {code_points[1]}"
         found = found or _of_png(chunks) or _of_exif(spec)
         if found is not None:
-            return StatedCurve(*found, stated=True)
-        if len(code_points) == 4 and code_points[1] != _CICP_UNSPECIFIED:
-            problem = f", whose cICP chunk names the unknown transfer {code_points[1]}"
+            return StatedCurve(found[0], f"{found[1]}{problem}", stated=True)
     bits = 8 * spec.format.size()
     curve = SRGB if kind in _DISPLAY and bits == 8 else LINEAR
     what = f"{bits}-bit {_NAMES.get(kind, kind)}"

@@ -11,6 +11,7 @@ import numpy as np
 from acquisition._errors import DataError, MissingPathError, StorageError
 from acquisition._pixels.images import Image
 from acquisition._pixels.pile_up import PileUp, find_pile_up, planes_of
+from acquisition._source.decoded_once import DecodedOnce
 from acquisition._source.source import Frame, Source
 from acquisition._values.transfer_curve import LINEAR
 from rig import Notice, pluralize
@@ -30,8 +31,10 @@ def with_clipped(source: Source) -> Source:
     lights = [frame for frame in source.frames if frame.role == "light"]
     # Files with other levels are scaled to those of the first: equal samples differ by fractions.
     scaled: set[Frame] = set()
-    images = [partial(_read, frame, source.white_level, scaled) for frame in lights]
+    decoded = DecodedOnce()
+    images = [partial(_read, decoded, frame, source.white_level, scaled) for frame in lights]
     pile = find_pile_up(images, side, source.white_level)
+    source = replace(source, frames=tuple(map(decoded.frame, source.frames)))
     if pile is not None and scaled:
         pile = pile._replace(levels=tuple(value - 0.5 for value in pile.levels))
     level = 0.0 if pile is None else max(value for value in pile.levels if not isnan(value))
@@ -49,10 +52,10 @@ def with_clipped(source: Source) -> Source:
     return replace(source, white_level=white, frames=tuple(frames), warnings=warnings)
 
 
-def _read(frame: Frame, white: float, scaled: set[Frame]) -> Image | None:
+def _read(decoded: DecodedOnce, frame: Frame, white: float, scaled: set[Frame]) -> Image | None:
     """Return the pixels, None if they cannot be read; scaled ones are rounded and noted."""
     try:
-        pixels = frame.read()
+        pixels = decoded.read(frame)
     except (DataError, MissingPathError, StorageError):
         return None  # the error is reported where the image is used
     if pixels.dtype.kind != "f" or not _LEAST_WHITE <= white < inf:

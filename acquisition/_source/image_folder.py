@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -39,6 +40,7 @@ _UNREAD = {
         (".heic", ".heif", ".hif", ".avif"),
         "save them as JPEG, or let the camera save RAW",
     ),
+    "PFM image": ((".pfm",), "save them as EXR or as TIFF with float samples"),
     "GIF image": ((".gif",), "save them as PNG or TIFF"),
     "Photoshop file": ((".psd",), "save them as PNG or TIFF"),
     "video": ((".mp4", ".mov", ".avi", ".mkv"), "save the frames as PNG or TIFF"),
@@ -107,10 +109,9 @@ def read_lp_folder(
     )
     series = present or numbered_series(unlisted)
     if not series:
-        raise DataError(
-            f"{folder}: no images for the {pluralize(len(lights), 'light')} of {lp.name}: add "
-            "the images"
-        )
+        lack = f"{folder}: no images for the {pluralize(len(lights), 'light')} of {lp.name}"
+        why = "add the images" if images else _why_no_series(files)
+        raise DataError(f"{lack}: {why}")
     masks = [mask_path] if mask_path else masks
     source = images_source(folder, series, masks, max_pixels, transfer, references)
     restarted = () if present else _restarted(folder, series)
@@ -255,6 +256,7 @@ def without_twins(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
 def numbered_series(files: Sequence[Path]) -> list[Path]:
     """Return the largest series of images that differ only in one number, in the order of it.
 
+    If the first number that differs does so in all images, their further numbers may differ too.
     If the counter restarted (9999, 0001), the images before that come first.
 
     Raises
@@ -262,12 +264,14 @@ def numbered_series(files: Sequence[Path]) -> list[Path]:
     DataError
         If two series are equally long, or two images of the series have the same number.
     """
+    files = [path for path in files if _is_image(path)]
     series: dict[str, dict[Path, Numbered]] = defaultdict(dict)
-    for path in filter(_is_image, files):
+    for path in files:
         for number in numbers_in(path.name):
             series[f"{number.series}{path.suffix.lower()}"][path] = number
     if not series:
         return []
+    series[""] = dict(zip(files, _first_differing(files), strict=False))
     lengths = {name: len(set(each.values())) for name, each in series.items()}
     longest = max(lengths.values())
     ties = [name for name in series if lengths[name] == longest]
@@ -287,6 +291,24 @@ def numbered_series(files: Sequence[Path]) -> list[Path]:
     start, certain = start_of([number for number, _ in rising])
     paths = [path for _, path in rising]
     return [*paths[start:], *paths[:start]] if certain else paths
+
+
+def _first_differing(files: Sequence[Path]) -> Sequence[Numbered]:
+    """Return the first number that differs between files whose names differ only in numbers.
+
+    None if it does not differ between all of them: then it counts series.
+    """
+    runs = [numbers_in(path.name) for path in files]
+    forms = {
+        (re.sub("[0-9]+", "#", path.name.casefold()), len(run))
+        for path, run in zip(files, runs, strict=True)
+    }
+    for column in zip(*runs, strict=True) if len(forms) == 1 else ():
+        values = {number.value for number in column}
+        if len(values) > 1:
+            alike = [number._replace(series="") for number in column]
+            return alike if len(values) == len(files) else ()
+    return ()
 
 
 def _restarted(folder: Path, series: Sequence[Path]) -> tuple[Notice, ...]:

@@ -29,7 +29,8 @@ _NUMBER: Final = re.compile(
 )
 # Names of columns: x, lx, light_x, x_mm, x (mm) and so on.
 _AXIS: Final = re.compile(r"(?:.*[^a-z]|[dlnps])?([xyz])(?:[ _(\[]*[cm]?m[)\]]*)?")
-_NAME_COLUMNS: Final = ("name", "file", "filename", "image", "id", "led", "light")
+_NAME_COLUMNS: Final = ("name", "file", "filename", "image")
+_ID_COLUMNS: Final = ("id", "led", "light")
 _INTENSITY_COLUMNS: Final = ("intensity", "strength", "brightness")
 
 
@@ -50,6 +51,8 @@ class LightRow(NamedTuple):
         The number after the vector; None without one.
     stated
         Whether the name of its column states that it is an intensity.
+    unused
+        Names of the columns that are not read.
     """
 
     line: int
@@ -58,6 +61,7 @@ class LightRow(NamedTuple):
     vector: tuple[float, ...]
     further: float | None = None
     stated: bool = False
+    unused: tuple[str, ...] = ()
 
 
 def light_rows(
@@ -194,13 +198,16 @@ def _by_column(rows: Sequence[_Row], columns: Sequence[str]) -> list[LightRow]:
     """Return the rows after a line that names their columns."""
     if len(rows) == 1:
         raise rows[0].unlike("followed by lights")
-    names = next((columns.index(name) for name in _NAME_COLUMNS if name in columns), None)
-    strength = next((columns.index(name) for name in _INTENSITY_COLUMNS if name in columns), None)
-    places = [columns.index(axis) for axis in "xyz"]
-    found = []
     for row in rows[1:]:
         if len(row.fields) != len(columns):
             raise row.unlike(f"a row with {len(columns)} columns")
+    names = _name_column(rows, columns)
+    strength = next((columns.index(name) for name in _INTENSITY_COLUMNS if name in columns), None)
+    places = [columns.index(axis) for axis in "xyz"]
+    used = {names, strength, *places}
+    unused = tuple(name for i, name in enumerate(columns) if name and i not in used)
+    found = []
+    for row in rows[1:]:
         texts = [
             row.fields[place] for place in (*places, *([] if strength is None else [strength]))
         ]
@@ -209,8 +216,28 @@ def _by_column(rows: Sequence[_Row], columns: Sequence[str]) -> list[LightRow]:
         x, y, z, *further = map(_value, texts)
         name = "" if names is None else PureWindowsPath(row.fields[names]).name
         value = further[0] if further else None
-        found.append(row.checked(LightRow(row.line, row.text, name, (x, y, z), value, stated=True)))
+        light = LightRow(row.line, row.text, name, (x, y, z), value, stated=True, unused=unused)
+        found.append(row.checked(light))
     return found
+
+
+def _name_column(rows: Sequence[_Row], columns: Sequence[str]) -> int | None:
+    """Return the column of names: one of a known name, the only one of differing words, or ids."""
+    for name in _NAME_COLUMNS:
+        if name in columns:
+            return columns.index(name)
+    words = [
+        place
+        for place, values in enumerate(zip(*(row.fields for row in rows[1:]), strict=True))
+        if len(set(values)) == len(values) and not any(map(_NUMBER.fullmatch, values))
+    ]
+    if len(words) > 1:
+        raise DataError(
+            f"{rows[0].path} line {rows[0].line}: '{rows[0].text[:60]}' has several columns that "
+            "may be the names of images: call the right one 'name'"
+        )
+    ids = [columns.index(name) for name in _ID_COLUMNS if name in columns]
+    return next(iter(words + ids), None)
 
 
 def _numbers_per_row(rows: Sequence[_Row], form: str, *, named: bool) -> int:

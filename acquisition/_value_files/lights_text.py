@@ -121,6 +121,10 @@ def _lights(rows: Sequence[LightRow], path: Path) -> Lights:
             "distant; if these are positions in mm, give them as position_mm in lights.json"
         )
         warnings += (Notice("light-lengths-unused", text, str(path)),)
+    if unused := rows[0].unused:
+        what = pluralize(len(unused), "column of the list is", "columns of the list are")
+        text = f"{what} not used: {', '.join(unused)}"
+        warnings += (Notice("light-column-assumed", text, str(path), "info"),)
     return replace(lights, intensities=intensities, warnings=warnings)
 
 
@@ -174,7 +178,8 @@ def _table(text: str, path: Path) -> list[LightRow]:
 
 
 def _lines(text: str, path: Path) -> list[tuple[int, str]]:
-    lines = numbered_lines(text)
+    # Spreadsheets write rows of separators after the last one.
+    lines = [line for line in numbered_lines(text) if line[1].strip(" \t;,")]
     if len(lines) > _MOST_LIGHTS + 1:
         raise DataError(f"{path}: {len(lines)} lines: at most {_MOST_LIGHTS} lights are allowed")
     return lines

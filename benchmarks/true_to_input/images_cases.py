@@ -122,12 +122,19 @@ def png(path: Path, samples: Array, chunks: Sequence[tuple[bytes, bytes]], *, la
     path.write_bytes(data[:at] + more + data[at:])
 
 
-def exr(path: Path, image: Array, window: tuple[int, int, int, int] | None = None) -> None:
+def exr(
+    path: Path,
+    image: Array,
+    window: tuple[int, int, int, int] | None = None,
+    attributes: dict[str, Any] | None = None,
+) -> None:
     """Write a grey EXR whose data window is (x, y, width, height) of the display window."""
     x, y, width, height = window or (0, 0, W, H)
     spec = oiio.ImageSpec(width, height, 1, oiio.FLOAT)
     spec.channelnames = ("Y",)
     spec.x, spec.y, spec.full_width, spec.full_height = x, y, W, H
+    for name, value in (attributes or {}).items():
+        spec.attribute(name, value)
     file = oiio.ImageOutput.create("file.exr")
     file.open(str(path), spec)
     part = np.ascontiguousarray(image[y : y + height, x : x + width, None], np.float32)
@@ -310,6 +317,60 @@ def exposures_in_spheres(folder: Path) -> Outcome:
     found = read_lights(folder / "lights.json").unit_directions
     error = np.rad2deg(np.linalg.norm(np.cross(found, LIGHTS), axis=1)).mean()
     return judge(answer, float(error), limit=1.0, codes=APPLIED)
+
+
+def exposures_elsewhere(folder: Path, form: str, places: str) -> Outcome:
+    """Exposure times where Photoshop, Lightroom, darktable, ImageMagick or renderers write them."""
+    times = automatic()
+
+    def write(path: Path, image: Array, i: int) -> None:
+        time = Fraction(*rational(times[i] / 60))
+        block = exif_block({0x829A: time})
+        packet = (
+            '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/'
+            '22-rdf-syntax-ns#"><rdf:Description xmlns:exif="http://ns.adobe.com/exif/1.0/" '
+            f'exif:ExposureTime="{time}"/></rdf:RDF></x:xmpmeta>'
+        ).encode()
+        if form == "jpg":
+            Image.fromarray(srgb8(image)).save(path, quality=98, xmp=packet)
+        elif form == "tif":
+            tif(path, image, (700, "B", len(packet), packet))
+        elif form == "jp2":
+            data = b"JpgTiffExif->JP2" + block
+            coded = imagecodecs.jpeg2k_encode(u16(image), level=0, reversible=True)
+            path.write_bytes(coded + struct.pack(">I", len(data) + 8) + b"uuid" + data)
+        elif form == "exr":
+            attributes = {"Exif:ExposureTime": str(time)}
+            exr(path, image, attributes=attributes)
+        elif places == "xmp":
+            png(path, u16(image), [(b"iTXt", b"XML:com.adobe.xmp\0\0\0\0\0" + packet)], late=False)
+        else:
+            text = f"\n{places}\n{len(block) + 6:8d}\n{(b'Exif' + bytes(2) + block).hex()}\n"
+            keyword = "APP1" if places == "generic profile" else places
+            body = f"Raw profile type {keyword}\0\0".encode() + zlib.compress(text.encode())
+            png(path, u16(image), [(b"zTXt", body)], late=False)
+
+    source = series(folder, form, write, gains=times)
+    return judged(source, codes=APPLIED, limit=0.4 if form == "jpg" else 0.3)
+
+
+def exr_setting(folder: Path, name: str) -> Outcome:
+    gains = np.where(np.arange(COUNT) % 2, 1.0, 0.5)
+    source = series(
+        folder,
+        "exr",
+        lambda path, image, i: exr(path, image, attributes={name: 100.0 if i % 2 else 50.0}),
+        gains=gains,
+    )
+    return judged(source, names=("IMG_0002", "ISO"))
+
+
+def portable_floats(folder: Path) -> Outcome:
+    def write(path: Path, image: Array, i: int) -> None:
+        head = f"Pf\n{W} {H}\n-1.0\n".encode()
+        path.write_bytes(head + image[::-1].astype("<f4").tobytes())
+
+    return judged(series(folder, "pfm", write), names=("PFM", "IMG_0001.pfm"))
 
 
 # Gain, aperture
@@ -618,6 +679,21 @@ _UNLISTED: tuple[tuple[str, str, Callable[[Path], Outcome]], ...] = (
     ("exif_png16", "exposure times applied", partial(exposures_in_exif, suffix="png", times=automatic(), late=False)),
     ("exif_png16_late", "exposure times applied", partial(exposures_in_exif, suffix="png", times=automatic(), late=True)),
     ("exif_webp", "exposure times applied", partial(exposures_in_exif, suffix="webp", times=automatic())),
+    *(
+        (name, "exposure times applied", partial(exposures_elsewhere, form=form, places=places))
+        for name, form, places in (
+            ("xmp_jpg", "jpg", "xmp"),
+            ("xmp_png16", "png", "xmp"),
+            ("xmp_tif", "tif", "xmp"),
+            ("exiv2_png16", "png", "exif"),
+            ("imagemagick_png16", "png", "generic profile"),
+            ("exif_jp2", "jp2", "exif"),
+            ("exif_exr", "exr", "exif"),
+        )
+    ),
+    ("iso_exr", "refused by name", partial(exr_setting, name="isoSpeed")),
+    ("iso_exr_exif", "refused by name", partial(exr_setting, name="Exif:ISOSpeedRatings")),
+    ("pfm", "kind of file named", portable_floats),
     ("one_without_time", "refused by name", exposure_absent_in_one),
     ("sphere_exposures", "exposure times applied", exposures_in_spheres),
     ("aperture_jpg", "refused by name", partial(setting, tag=0x829D, name="aperture", low=Fraction(11), high=Fraction(8))),

@@ -517,4 +517,72 @@ CASES = (
         ),
         listed=False,
     ),
+    *(
+        Case(
+            name,
+            1,
+            "matched by the column of names",
+            lambda folder, heading=heading: _folder(
+                folder,
+                _IN_ORDER,
+                text=lambda lights: "\n".join(
+                    [
+                        heading,
+                        *(
+                            f"{_IN_ORDER[i]};{';'.join(_numbers(lights[i : i + 1])[0].split())}"
+                            for i in _SHUFFLED
+                        ),
+                        ";;;",
+                    ]
+                ),
+                file="lights.csv",
+            ),
+            listed=False,
+        )
+        for name, heading in (
+            ("csv_own_name", "Bild;X;Y;Z"),
+            ("csv_image_path", "Image Path;Light X;Light Y;Light Z"),
+        )
+    ),
+    Case(
+        "csv_own_strength",
+        1,
+        "column named as not used",
+        lambda folder: _folder(
+            folder,
+            _IN_ORDER,
+            text=lambda lights: "\n".join(
+                [
+                    "name,x,y,z,power",
+                    *(
+                        f"{n},{x:.6f},{y:.6f},{z:.6f},1.05"
+                        for n, (x, y, z) in zip(_IN_ORDER, lights, strict=True)
+                    ),
+                ]
+            ),
+            file="lights.csv",
+            codes=["light-column-assumed"],
+        ),
+        listed=False,
+    ),
+    Case(
+        "names_with_exposures",
+        1,
+        "ordered by the number that differs",
+        lambda folder: _folder(
+            folder, [f"obj12_L{i:02d}_t{(60, 125, 30)[i % 3]}.png" for i in range(1, _N + 1)]
+        ),
+        listed=False,
+    ),
+    Case(
+        "names_of_two_days",
+        1,
+        "refused, both series named",
+        lambda folder: _folder(
+            folder,
+            [f"IMG-2024050{1 + i // 4}-WA{(i + 4) % 8:04d}.png" for i in range(_N)],
+            names=["img-20240501-wa#", "img-20240502-wa#"],
+        ),
+        listed=False,
+    ),
 )

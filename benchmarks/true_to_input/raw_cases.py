@@ -215,6 +215,11 @@ def _srgb(light: Image) -> Image:
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
+def _jpeg(path: Path, light: Image) -> None:
+    samples = np.round(_srgb(np.clip(light, 0, 1)) * 255).astype(np.uint8)
+    cv2.imwrite(str(path), samples, [cv2.IMWRITE_JPEG_QUALITY, 98])
+
+
 def _coloured(scale: float) -> Image:
     return _unclipped(scale)[..., None] * np.array([1.0, 0.8, 0.6])
 
@@ -522,6 +527,14 @@ CASES = (
         "white level found",
         lambda folder: _stated(
             _u8(folder, _srgb(_unclipped(2.2)), 250), "--gamma", "srgb", limit=0.5
+        ),
+        listed=False,
+    ),
+    _case(
+        "jpg_clip_237",
+        "white level found",
+        lambda folder: _stated(
+            _series(folder, np.minimum(_unclipped(1.6), 0.85), _jpeg, ".jpg"), limit=0.4
         ),
         listed=False,
     ),

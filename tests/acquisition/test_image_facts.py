@@ -55,6 +55,16 @@ def library(path: Path) -> None:
     Image.fromarray(GREY.astype(np.uint8)).convert("RGB").save(path, exif=b"Exif\0\0" + exif())
 
 
+def text_chunk(path: Path, name: str) -> None:
+    """Write a PNG with its block as Exiv2 and ImageMagick do."""
+    block = b"Exif\0\0" + exif()
+    text = f"\n{name}\n{len(block):8d}\n{block.hex()}\n".encode()
+    body = b"zTXtRaw profile type exif\0\0" + zlib.compress(text)
+    data = png(b"", late=True)
+    chunk = struct.pack(">I", len(body) - 4) + body + struct.pack(">I", zlib.crc32(body))
+    path.write_bytes(data[:33] + chunk + data[33:])
+
+
 FILES: dict[str, Callable[[Path], object]] = {
     "classic.tif": tiff,
     "big_endian.tif": lambda path: tiff(path, byteorder=">"),
@@ -63,6 +73,8 @@ FILES: dict[str, Callable[[Path], object]] = {
     "late.png": lambda path: path.write_bytes(png(exif(), late=True)),
     "exif.jpg": library,
     "exif.webp": library,
+    "exiv2.png": lambda path: text_chunk(path, "exif"),
+    "imagemagick.png": lambda path: text_chunk(path, "generic profile"),
 }
 
 
@@ -70,6 +82,40 @@ FILES: dict[str, Callable[[Path], object]] = {
 def test_shots_of_every_format(tmp_path: Path, name: str) -> None:
     FILES[name](tmp_path / name)
     assert image_facts(tmp_path / name).shot == STATED
+
+
+@pytest.mark.parametrize(
+    ("properties", "expected"),
+    [
+        pytest.param(
+            'exif:ExposureTime="1/50" exif:FNumber="8"',
+            ShotFacts(exposure_us=20_000, f_number=8, orientation=1),
+            id="attributes",
+        ),
+        pytest.param(
+            "><exif:ExposureTime>0.02</exif:ExposureTime><exif:ISOSpeedRatings>\n<rdf:Seq>"
+            "<rdf:li>200</rdf:li></rdf:Seq></exif:ISOSpeedRatings",
+            ShotFacts(exposure_us=20_000, iso=200, orientation=1),
+            id="elements",
+        ),
+        pytest.param(
+            'exif:ExposureTime="0/0" exif:FNumber="1e999999999"',
+            ShotFacts(orientation=1),
+            id="no numbers",
+        ),
+    ],
+)
+def test_properties_in_xmp(tmp_path: Path, properties: str, expected: ShotFacts) -> None:
+    packet = f"<x:xmpmeta><rdf:Description {properties}/></x:xmpmeta>"
+    Image.fromarray(GREY.astype(np.uint8)).save(tmp_path / "a.jpg", xmp=packet.encode())
+    assert image_facts(tmp_path / "a.jpg").shot == expected
+
+
+def test_tags_of_exif_precede_those_of_xmp(tmp_path: Path) -> None:
+    packet = b'<x:xmpmeta exif:ExposureTime="3"></x:xmpmeta>'
+    image = Image.fromarray(GREY.astype(np.uint8))
+    image.save(tmp_path / "a.jpg", xmp=packet, exif=b"Exif\0\0" + exif())
+    assert image_facts(tmp_path / "a.jpg").shot == STATED
 
 
 def test_attributes_of_exr(tmp_path: Path) -> None:

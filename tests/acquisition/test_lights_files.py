@@ -283,6 +283,12 @@ def test_tables_refused_by_line(tmp_path: Path, text: str, match: str) -> None:
             "file,x,y,z,intensity\na,0,0,1,30\nb,0.6,0,0.8,7", ("a", "b"), [30, 7], "", id="stated"
         ),
         pytest.param(
+            "Bild;Lx;Ly;Lz;\na;0;0;1\nb;0.6;0;0.8\n;;;", ("a", "b"), 1, "", id="own column of names"
+        ),
+        pytest.param(
+            "led;file;x;y;z\n7;a;0;0;1\n8;b;3;0;4", ("a", "b"), 1, "not used: led", id="unused"
+        ),
+        pytest.param(
             "0 0 1 1.2\n0.6 0 0.8 .8", ("L00", "L01"), [1.2, 0.8], "as intensity", id="no names"
         ),
         pytest.param(

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from unittest.mock import ANY
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -75,6 +76,14 @@ def test_clipped_gloss_of_a_dark_object_is_found() -> None:
     assert pile.levels == (200,)
 
 
+def test_a_pile_that_jpeg_spread_is_found() -> None:
+    clipped = np.minimum(dn8(noisy(waves())), 170)
+    pile = found(np.stack([cv2.imdecode(cv2.imencode(".jpg", each)[1], 0) for each in clipped]))
+    assert pile is not None
+    assert 168 <= pile.levels[0] <= 170
+    assert abs(pile.samples / np.sum(clipped == 170) - 1) < 0.1
+
+
 def test_hot_pixels_do_not_hide_a_pile() -> None:
     images = np.minimum(dn16(noisy(waves())), 40_000)
     images[:, 5, 7] = 65_535
@@ -135,7 +144,8 @@ def label() -> Images:
 )
 def test_nothing_is_found_where_nothing_was_clipped(scene: Callable[[], Images]) -> None:
     images = scene()
-    for samples in (dn16(images), dn8(images), images.astype(np.float32)):
+    jpeg = [cv2.imdecode(cv2.imencode(".jpg", each)[1], 0) for each in dn8(images)]
+    for samples in (dn16(images), dn8(images), np.stack(jpeg), images.astype(np.float32)):
         assert found(samples) is None
 
 

@@ -89,6 +89,11 @@ def test_natural_order_mask_and_ignored(tmp_path: Path) -> None:
         pytest.param(
             ["a.1.png", "a.2.tif", "a.3.png"], ["a.1.png", "a.3.png"], id="most numerous suffix"
         ),
+        pytest.param(
+            ["L2_t60.png", "L10_t30.png", "L9_t60.png"],
+            ["L2_t60.png", "L9_t60.png", "L10_t30.png"],
+            id="two numbers that vary",
+        ),
         pytest.param(["A.1.PNG", "a.2.png"], ["A.1.PNG", "a.2.png"], id="any case"),
         pytest.param(["cat.png"], [], id="no number"),
         pytest.param(["cat.1.txt"], [], id="no image"),
