@@ -218,7 +218,7 @@ def _unexplained(codes: Double, zero: float, scale: float, half: float) -> int:
     return int(np.count_nonzero((z > largest + _SAME) | (z < least - _SAME)))
 
 
-def _peak(values: Double) -> float:
+def _peak(values: npt.NDArray[np.floating]) -> float:
     """Return the value next to zero that is far more frequent than its neighbours, or NaN."""
     code = 1 / _HALF
     places = np.array([-1.5, -0.5, 0.5, 1.5]) * code

@@ -30,9 +30,9 @@ def read_xyz(data: bytes) -> MeshFile:
         If the lines do not have the same number of columns, at least three, or commas may be
         decimal or separate the columns.
     """
-    text = data.removeprefix(b"\xef\xbb\xbf")
+    data = data.removeprefix(b"\xef\xbb\xbf")
     lines = [
-        line for line in text.splitlines() if line.strip() and not line.startswith((b"#", b"//"))
+        line for line in data.splitlines() if line.strip() and not line.startswith((b"#", b"//"))
     ]
     if not lines:
         raise UnreadableError("the point cloud has no points")
