@@ -112,10 +112,12 @@ def decode_normals(
     encoded, doubled, lacks_z = integers, False, False
     if not integers:
         some = _some(normals, stored.drawn, bands)
-        # Vectors without z are not encoded.
-        lacks_z = len(some) > 0 and not some[:, 2].any()
+        # Encoded values are not negative. Vectors without z are not encoded.
+        signed = bool((some < 0).any())
+        lacks_z = signed and not some[:, 2].any()
         encoded = doubled = not lacks_z and (
             _distance_to_unit(some) > _distance_to_unit(some * 2 - 1)
+            or (not signed and _has_curve(some))
         )
     notes: list[Notice] = []
     mask, share = None if given is None else given.inside, None
@@ -170,9 +172,11 @@ def decode_normals(
         seen.add(unit, known[rows])
     if 2 * close <= count:
         decoded = f"{close} of {count} pixels decode" if count else "no pixel decodes"
+        reason = "the mask belongs to another image"
+        if given is None and mask is not None:
+            reason = "alpha holds x instead of a mask (DXT5nm): save x, y, z as red, green, blue"
         raise DataError(
-            f"{file}: {decoded} to a unit vector: this is not a normal map, or the mask belongs to "
-            "another image"
+            f"{file}: {decoded} to a unit vector: this is not a normal map, or {reason}"
         )
     if pixels.dtype == np.uint8:
         notes.append(_eight_bits(file))
@@ -240,6 +244,15 @@ def _distance_to_unit(vectors: Float) -> float:
     with np.errstate(over="ignore"):
         length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
     return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
+
+
+def _has_curve(values: Float) -> bool:
+    """Return whether values that are not negative are encoded and have a transfer curve."""
+    values = values[:: 1 + len(values) // _MOST_DECODED]
+    read = values * 2 - 1
+    encoding = normal_encoding(read)
+    encoding.apply(read)
+    return encoding.curve is not None and 3 * _distance_to_unit(read) < _distance_to_unit(values)
 
 
 def _share(alpha: Pixels) -> Float:

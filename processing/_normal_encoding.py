@@ -35,9 +35,18 @@ _ROUNDED: Final = 0.003
 # That of JPEG files of low quality is below this.
 _LOSSY: Final = 0.05
 _MOST_TRIED: Final = 1 << 13
+# The curves of screens have at least this exponent.
+_SCREEN: Final = 1.8
+# Vectors are compared in so many groups of similar red and green per channel.
+_GROUPS: Final = 16
 # Components of two channels contradict a constant third one by more codes than rounding.
 _CODES: Final = 2.0
 _SAME: Final = 1e-5
+
+
+_STEPS = np.linspace(0, 1, 1025)
+# The curve of values that were taken for sRGB colours and converted to light.
+_LINEARISED: Final = TransferCurve.table(np.stack([SRGB.light(_STEPS), _STEPS], axis=1))
 
 
 class NormalEncoding(NamedTuple):
@@ -85,7 +94,8 @@ class NormalEncoding(NamedTuple):
             texts.append("blue is the same everywhere, so z is computed from red and green")
         if self.curve is not None:
             kind = self.curve.exponent
-            name = "the sRGB curve" if kind is None else f"a power curve of exponent {kind:.3g}"
+            name = "the sRGB curve" if self.curve == SRGB else "the inverse of the sRGB curve"
+            name = name if kind is None else f"a power curve of exponent {kind:.3g}"
             texts.append(f"the values have {name}, which is undone: vectors then have unit length")
         if self.zero:
             code = round(_HALF + self.zero * _HALF)
@@ -117,10 +127,17 @@ def normal_encoding(vectors: Float) -> NormalEncoding:
     drawn = vectors[(np.abs(vectors - vectors[:, :1]) > _SAME).any(1)].astype(np.float64)
     if not len(drawn):
         return NormalEncoding()
-    lacks_z = _lacks_z(drawn)
+    codes = drawn[:, :2] * _HALF + _HALF
+    eight_bits = np.abs(codes - np.rint(codes)).max() < 0.01
+    if _lacks_z(drawn):
+        # With a screen's curve, blue of a shallow map is 1 everywhere, red and green far from half.
+        curve = _curve(drawn) if drawn[0, 2] > 1 - _SAME else None
+        if curve is not None and (curve.exponent or _SCREEN) >= _SCREEN:
+            return NormalEncoding(curve=curve)
+        # Flat parts may be grey.
+        zeros = _peak(vectors[:, 0]), _peak(vectors[:, 1])
+        return NormalEncoding(lacks_z=True, zero=None if eight_bits else 0.0, zeros=zeros)
     zeros = _peak(drawn[:, 0]), _peak(drawn[:, 1])
-    if lacks_z:
-        return NormalEncoding(lacks_z=True, zeros=zeros)
     keys = np.rint((drawn + 1) * 65535).astype(np.int64) @ [1 << 40, 1 << 20, 1]
     distinct = drawn[np.unique(keys, return_index=True)[1]]
     possible = _zeros(distinct)
@@ -130,8 +147,6 @@ def normal_encoding(vectors: Float) -> NormalEncoding:
     curve = None if possible else _curve(distinct)
     if curve is not None:
         return NormalEncoding(curve=curve)
-    codes = distinct * _HALF + _HALF
-    eight_bits = np.abs(codes - np.rint(codes)).max() < 0.01
     return NormalEncoding(
         zero=None if eight_bits else 0.0, zeros=zeros, off_unit=_off_unit(distinct)
     )
@@ -151,11 +166,17 @@ def _curve(vectors: Double) -> TransferCurve | None:
     """Return the transfer curve without which the vectors have unit length, if there is one."""
 
     def error(curve: TransferCurve | None) -> float:
+        """Return the mean error of the length of groups, in which noise and JPEG cancel out."""
         read = vectors if curve is None else curve.light(values) * 2 - 1
-        return _off_unit(read)
+        off = np.bincount(group, np.linalg.norm(read, axis=1) - 1)
+        return float(np.abs(off).sum() / len(vectors))
 
     vectors = vectors[:: 1 + len(vectors) // _MOST_TRIED]
+    if len(vectors) < _MORE:
+        return None
     values = np.clip(vectors / 2 + 0.5, 0, 1)
+    red, green = np.minimum(values[:, :2] * _GROUPS, _GROUPS - 1).astype(np.int64).T
+    group = red * _GROUPS + green
     plain = error(None)
     if plain < _ROUNDED:
         return None
@@ -163,7 +184,7 @@ def _curve(vectors: Double) -> TransferCurve | None:
     errors = [error(TransferCurve.power(float(each))) for each in exponents]
     around = float(exponents[int(np.argmin(errors))])
     finer = [TransferCurve.power(float(around * each)) for each in np.geomspace(0.97, 1.03, 31)]
-    best = min((SRGB, *finer), key=error)
+    best = min((SRGB, _LINEARISED, *finer), key=error)
     return best if error(best) < plain / _FALLS else None
 
 
@@ -197,7 +218,7 @@ def _unexplained(codes: Double, zero: float, scale: float, half: float) -> int:
     return int(np.count_nonzero((z > largest + _SAME) | (z < least - _SAME)))
 
 
-def _peak(values: Double) -> float:
+def _peak(values: npt.NDArray[np.floating]) -> float:
     """Return the value next to zero that is far more frequent than its neighbours, or NaN."""
     code = 1 / _HALF
     places = np.array([-1.5, -0.5, 0.5, 1.5]) * code

@@ -21,8 +21,8 @@ _UNIT_TOLERANCE = 0.02
 def read_xyz(data: bytes) -> MeshFile:
     """Read a table of points; columns other than coordinates and normals are left out.
 
-    Numbers may be separated by spaces, commas or semicolons. Commas between digits are decimal
-    commas if other separators are there too.
+    Lines that begin with # or // are comments. Numbers may be separated by spaces, commas or
+    semicolons. Commas between digits are decimal commas if other separators are there too.
 
     Raises
     ------
@@ -30,7 +30,10 @@ def read_xyz(data: bytes) -> MeshFile:
         If the lines do not have the same number of columns, at least three, or commas may be
         decimal or separate the columns.
     """
-    lines = [line for line in data.splitlines() if line.strip() and not line.startswith(b"#")]
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    lines = [
+        line for line in data.splitlines() if line.strip() and not line.startswith((b"#", b"//"))
+    ]
     if not lines:
         raise UnreadableError("the point cloud has no points")
     lines, notices = _separated(lines)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import struct
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -320,6 +322,25 @@ def _outliers(scale: float, zeros: bool = False) -> str:
     if zeros:
         far = np.full((60, 3), -400.0)
     return rows(np.concatenate([points, far]))
+
+
+def _clutter() -> str:
+    """One point in a hundred is anywhere in the room above the relief."""
+    points, _ = cloud()
+    points[:60] = np.random.default_rng(1).random((60, 3)) * [WIDE, HIGH, 200]
+    return rows(points)
+
+
+def _rounded_normals(folder: Path) -> Outcome:
+    """Normals of two decimals, some of them longer than 1."""
+    path = _write(folder, "a.xyz", rows(np.concatenate(cloud(), axis=1), "%.2f"))
+    command = [sys.executable, "-m", "sgp", "project", str(path), "--out", str(folder / "out")]
+    try:
+        subprocess.run([*command, "--pixel-mm", str(PX)], timeout=30, check=False,
+                       stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return Outcome("wrong", "no end after 30 s")
+    return judge(*error_on_relief(path), limit=0.5)
 
 
 def _comma(between: str, decimals: str = ",") -> str:
@@ -651,6 +672,11 @@ CASES = (
         codes=["points-in-lines"]), False),
     Case("xyz_missed_points", 2, "named", _judged(
         "a.xyz", lambda: _outliers(1, zeros=True), limit=1.0, codes=["points-isolated"]), False),
+    Case("xyz_clutter", 2, "named", _judged(
+        "a.xyz", _clutter, limit=1.0, codes=["points-isolated"]), False),
+    Case("xyz_rounded_normals", 2, "used", _rounded_normals, False),
+    Case("xyz_comment_of_slashes", 2, "right, no notice", _judged(
+        "a.xyz", lambda: "\ufeff//X Y Z\n" + rows(cloud()[0])), False),
     Case("xyz_map_coordinates", 2, "right", _judged(
         "a.xyz", lambda: _in_map_coordinates("xyz"), names=GOOD_FILE), False),
     Case("clean_obj", 2, "right, no notice", _judged("a.obj", _clean_obj, names=GOOD_FILE), False),

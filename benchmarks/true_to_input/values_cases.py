@@ -312,6 +312,23 @@ def _srgb(n: Array) -> Code:
     return np.rint(curved * 255).astype(np.uint8)
 
 
+def _linearised(n: Array) -> Array:
+    """Encoded values that a renderer took for sRGB colours."""
+    values = (n + 1) / 2
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+def _encoded_without_z(n: Array) -> Array:
+    return (n + 1) / 2 * [1, 1, 0]
+
+
+def _x_in_alpha(n: Array) -> Code:
+    """DXT5nm, which is written as blue, green, red, alpha; the caller turns the channels round."""
+    codes = _rounded(n)
+    white = np.full(n.shape[:2], 255, np.uint8)
+    return np.stack([codes[..., 0], white, codes[..., 1], white], -1)
+
+
 def _map_case(
     folder: Path,
     height: Callable[[Array, Array], Array],
@@ -328,7 +345,11 @@ def _map_case(
     normals = _normals(height) * ([1, -1, 1] if down else [1, 1, 1])
     path = folder / f"map{suffix}"
     quality = [cv2.IMWRITE_JPEG_QUALITY, 92] if suffix == ".jpg" else []
-    cv2.imwrite(str(path), coded(normals)[..., ::-1], quality)
+    samples = coded(normals)[..., ::-1]
+    if suffix == ".npy":
+        np.save(path, samples[..., ::-1].astype(np.float32))
+    else:
+        cv2.imwrite(str(path), samples, quality)
     words = ["--green", "down"] if down else []
     words += ["--memory", "500MB"] if memory else []
     answer = sgp("surface", path, *words, "--out", folder / "out")
@@ -457,6 +478,15 @@ CASES = (
           **_STATED),
     _maps("gamma-1-over-1.1", "curve undone or refused", _relief, _power(1.1), **_STATED),
     _maps("srgb", "curve undone or refused", _relief, _srgb, **_STATED),
+    _maps("gamma-1.1-shallow", "curve undone", _shallow, _power(1 / 1.1), limit=0.6, **_STATED),
+    _maps("gamma-1.1-jpeg", "curve undone", _relief, _power(1 / 1.1), suffix=".jpg", limit=0.3,
+          **_STATED),
+    _maps("srgb-shallow", "curve undone or refused", _shallow, _srgb, **_STATED),
+    _maps("float-linearised", "curve undone", _relief, _linearised, suffix=".npy", **_STATED),
+    _maps("float-two-channels-0", "z from x and y", _relief, _encoded_without_z, suffix=".npy",
+          **_STATED),
+    _maps("two-channels-grey", "flat ground", _half_flat, _two_channels(128), **_STATED),
+    _maps("x-in-alpha", "refused by name", _half_flat, _x_in_alpha, names=("DXT5nm",)),
     _priors("prior-ok", "as before", lambda heights: heights, listed=True),
     _priors("prior-outlier", "named and left out", _with(2, 50.0), text="60,120", listed=True,
             **_NAMED),

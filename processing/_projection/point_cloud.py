@@ -34,8 +34,8 @@ _OF_LINES, _ACROSS_LINES = 0.02, 0.1
 # Share of such points that makes a cloud one of lines, and the most neighbours that are tried.
 _SHARE_OF_LINES, _MOST_NEIGHBOURS = 0.1, 1024
 # A point is isolated if its neighbours are farther away than this many times those of most points,
-# and no chain of points whose neighbourhoods differ by less than the second factor leads to it.
-_ISOLATED, _LINKED = 5.0, 3.0
+# and no chain of points that are neighbours of each other leads to it.
+_ISOLATED = 5.0
 # Isolated points are outliers if they are few; else the cloud is just uneven.
 _MOST_OUTLIERS = 0.05
 # Normals of the file are doubtful if half of them differ from fitted ones by more than this, in
@@ -208,7 +208,7 @@ def _isolated(tree: cKDTree, reach: Double, count: int) -> npt.NDArray[np.bool_]
     if not 0 < len(lone) <= _MOST_OUTLIERS * len(reach):
         return isolated
     distance, near = map(np.asarray, tree.query(tree.data[lone], count))
-    linked = distance <= _LINKED * np.minimum(reach[lone, None], reach[near])
+    linked = distance <= np.minimum(reach[lone, None], reach[near])
     # One more point represents all that are not lone.
     place = np.full(len(reach), len(lone))
     place[lone] = np.arange(len(lone))

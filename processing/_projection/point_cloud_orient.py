@@ -38,7 +38,8 @@ def orient(points: Double, normals: Double, front: npt.NDArray[np.bool_]) -> Dou
     """
     count = min(_NEIGHBOURS, len(points))
     _, near = cKDTree(points).query(points, count)
-    bend = 1 - np.abs(np.einsum("nki,ni->nk", normals[near], normals)) + _STEP
+    # Normals of a few digits may be longer than 1, and negative lengths of paths never end.
+    bend = np.maximum(1 - np.abs(np.einsum("nki,ni->nk", normals[near], normals)), -_STEP) + _STEP
     begin = np.arange(len(points) + 1) * count
     graph = csr_array((bend.ravel(), near.ravel(), begin), (len(points), len(points)))
     length, before, _ = dijkstra(

@@ -109,6 +109,46 @@ def test_a_flat_map(tmp_path: Path, code: tuple[int, int, int], facing: int) -> 
     assert (normals == [0, 0, 1]).all() == facing
 
 
+def _light(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        pytest.param(lambda v: v, [], id="encoded"),
+        pytest.param(lambda v: v * [1, 1, 0], ["z is computed"], id="two channels"),
+        pytest.param(_light, ["inverse of the sRGB curve"], id="taken for sRGB"),
+    ],
+)
+def test_encoded_floats(
+    tmp_path: Path, change: Callable[..., npt.NDArray[np.float64]], said: list[str]
+) -> None:
+    normals = surface(0.8)
+    np.save(tmp_path / "n.npy", change(normals / 2 + 0.5).astype(np.float32))
+    found = read_normals(tmp_path / "n.npy")
+    assert len(found.warnings) == len(said)
+    assert all(part in one.text for part, one in zip(said, found.warnings, strict=True))
+    assert np.abs(found.normal_map.normals - normals).max() < 1e-3
+
+
+def test_a_curve_is_found_in_a_jpeg_file(tmp_path: Path) -> None:
+    normals = surface(0.8)
+    codes = np.rint(((normals + 1) / 2) ** (1 / 1.1) * 255).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "n.jpg"), codes[..., ::-1])
+    found = read_normals(tmp_path / "n.jpg")
+    assert "power curve of exponent 1.1" in found.warnings[0].text
+
+
+def test_a_shallow_map_with_a_curve_has_z(tmp_path: Path) -> None:
+    normals = surface(0.05)
+    light = (normals + 1) / 2
+    codes = np.rint((1.055 * light ** (1 / 2.4) - 0.055) * 255).astype(np.uint8)
+    assert (codes[..., 2] == 255).all()
+    cv2.imwrite(str(tmp_path / "n.png"), codes[..., ::-1])
+    assert np.abs(read_normals(tmp_path / "n.png").normal_map.normals - normals).max() < 0.02
+
+
 @pytest.mark.parametrize("slope", [0.1, 0.8])
 def test_vectors_of_x_and_y_as_floats(tmp_path: Path, slope: float) -> None:
     normals = surface(slope)

@@ -203,6 +203,19 @@ def test_an_uneven_cloud_loses_no_point():
     assert len(fit_surfels(np.stack([x, y, 0.02 * x], axis=1)).points_mm) == 6000
 
 
+def test_outliers_in_a_room_are_left_out():
+    """Some of them are close to the surface, and form a chain to the others."""
+    room = np.random.default_rng(1).uniform(-60, 60, (60, 3))
+    surfels = fit_surfels(np.concatenate([_sphere(6000), room]))
+    assert (np.linalg.norm(surfels.points_mm, axis=1) > 25).sum() < 3
+
+
+def test_normals_of_two_decimals():
+    points = _sphere(6000)
+    view = project(Geometry(points, normals=np.round(points / 20.0, 2)), pixel_mm=0.5)
+    assert view.normal_map.mask.any()
+
+
 @pytest.mark.parametrize(
     ("vectors", "doubtful"),
     [
