@@ -57,7 +57,8 @@ def csv_table(states: Mapping[str, State]) -> str:
     A text that a spreadsheet would run as a formula begins with an apostrophe.
     """
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
+    # Quoted, because spreadsheets may begin a cell at a semicolon or a tab, too.
+    writer = csv.writer(text, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC)
     writer.writerow([*_COLUMNS, *_FIGURES, "error"])
     for name, state in states.items():
         writer.writerow(
