@@ -221,7 +221,7 @@ def _doctor(folder: Path) -> Outcome:
 def _other_numba(folder: Path, missing: str) -> Outcome:
     """A numba without a part that caches need: the package runs as numba alone would let it."""
     module, name = missing.rsplit(".", 1)
-    script = f"import {module} as m; del m.{name}\n{_NOTEBOOK[-1]}"
+    script = f"import numba, {module} as m; del m.{name}\n{_NOTEBOOK[-1]}"
     return _judged(_Installation(folder).run((*_NOTEBOOK[:-1], script)))
 
 

@@ -217,6 +217,27 @@ def _detail_raced(folder: Path) -> Outcome:
     return _raced(answer, folder / "out" / "detail.json", target, used)
 
 
+def _of_maps_raced(folder: Path, word: str, change: Change) -> Outcome:
+    """A backup program touches the normals while a later command uses them."""
+    import processing
+
+    source, normals = _recording(folder), folder / "normals"
+    sgp("normals", source, "--lights", folder / "lights.txt", "--out", normals)
+    target = normals / "normals.exr"
+    used, out = _sha256(target), folder / "out"
+    function = {"separate": "separate", "surface": "integrate"}[word]
+    words = ("detail", word) if word == "separate" else (word,)
+    with _after(processing, function, lambda: change(target)):
+        answer = sgp(*words, normals, "--out", out)
+    record = out / ("detail.json" if word == "separate" else "surface.json")
+    return _raced(answer, record, target, used, harmless=True)
+
+
+def _linked_twice(path: Path) -> None:
+    """A second name of the same file, as backups by hard links add it."""
+    os.link(path, path.with_name("backup"))
+
+
 def _run_raced(folder: Path) -> Outcome:
     """The file changes after the normals, while detail and surface are computed."""
     import processing
@@ -672,6 +693,18 @@ CASES = (
                 3,
                 "no refusal",
                 lambda f: _normals_raced(f, lambda p: p.chmod(0o600), "src/006.tif", harmless=True),
+            ),
+            Case(
+                "separate_only_linked",
+                3,
+                "no refusal",
+                lambda f: _of_maps_raced(f, "separate", _linked_twice),
+            ),
+            Case(
+                "surface_only_chmod",
+                3,
+                "no refusal",
+                lambda f: _of_maps_raced(f, "surface", lambda p: p.chmod(0o600)),
             ),
             Case(
                 "batch_rewritten_same_time",
