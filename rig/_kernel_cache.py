@@ -74,11 +74,11 @@ def _adapt(dispatcher: ModuleType) -> None:
 
         usual = dispatcher.FunctionCache
 
-        def cache(function: Callable[..., object]) -> Any:
+        def cache(function: Callable[..., object], *others: Any, **named: Any) -> Any:
             if function.__module__.partition(".")[0] in _PACKAGES:
                 with suppress(Exception):
                     return cache_of(function)
-            return usual(function)
+            return usual(function, *others, **named)
 
         count_compilations()
         dispatcher.FunctionCache = cache  # type: ignore[attr-defined]

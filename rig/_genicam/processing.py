@@ -20,6 +20,7 @@ _SUFFIX: Final = (
     "(?:Adjustment|Correct(?:ion)?|Compensation|Function|Control)?"
     "(?:Mode)?(?:Enabled?|Active|Mode)?"
 )
+_DIGITAL: Final = "DigitalShift|BitShift|DigitalGain"
 # Symbols under which enumerations do nothing, by preference.
 OFF: Final = ("Off", "None", "Disabled", "Disable", "Linear", "User", "Raw")
 
@@ -136,7 +137,7 @@ PROCESSING: Final = (
         locked="stated",
     ),
     Processing("scales colours", levels="BalanceRatio", neutral=1.0, locked="stated", highest=64.0),
-    Processing("scales samples", *["DigitalShift|BitShift|DigitalGain"] * 2, locked="stated"),
+    Processing("scales samples", _DIGITAL, _DIGITAL, locked="stated"),
     Processing(
         "scales samples", levels="Gain", locked="stated", entries="(?:Digital|Red|Green|Blue)"
     ),
