@@ -3,7 +3,8 @@
 numba keeps them next to the program, or else in the user's cache; without both it refuses to
 compile. As soon as numba is loaded, the kernels of this project get a cache that has a third place,
 a folder of the user among the temporary files, and that never ends the work: a kernel that cannot
-be kept or read back is compiled.
+be kept or read back is compiled. A version of numba that is built in another way keeps its own
+behaviour.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
@@ -38,11 +40,12 @@ def kernel_folder() -> Path | None:
     >>> kernel_folder() is None
     False
     """
-    importlib.import_module(_DISPATCHER)  # it loads the cache when its own parts are loaded
-    from rig._numba_cache import cache_of
-
-    path = cache_of(kernel_folder).cache_path
-    return None if path is None else Path(path)
+    dispatcher = importlib.import_module(_DISPATCHER)
+    # RuntimeError: numba's own cache finds no place. AttributeError: it is built in another way.
+    with suppress(RuntimeError, AttributeError):
+        path = dispatcher.FunctionCache(kernel_folder).cache_path
+        return None if path is None else Path(path)
+    return None
 
 
 class _Finder:
@@ -60,18 +63,22 @@ class _Finder:
                 load(module)
                 _adapt(module)
 
-            spec.loader.exec_module = load_and_adapt  # type: ignore[method-assign]
+            with suppress(AttributeError):  # a loader with slots
+                spec.loader.exec_module = load_and_adapt  # type: ignore[method-assign]
         return spec
 
 
 def _adapt(dispatcher: ModuleType) -> None:
-    from rig._numba_cache import cache_of, count_compilations
+    with suppress(Exception):  # whatever another version of numba does not have
+        from rig._numba_cache import cache_of, count_compilations
 
-    usual = dispatcher.FunctionCache
+        usual = dispatcher.FunctionCache
 
-    def cache(function: Callable[..., object]) -> Any:
-        ours = function.__module__.partition(".")[0] in _PACKAGES
-        return cache_of(function) if ours else usual(function)
+        def cache(function: Callable[..., object], *others: Any, **named: Any) -> Any:
+            if function.__module__.partition(".")[0] in _PACKAGES:
+                with suppress(Exception):
+                    return cache_of(function)
+            return usual(function, *others, **named)
 
-    dispatcher.FunctionCache = cache  # type: ignore[attr-defined]
-    count_compilations()
+        count_compilations()
+        dispatcher.FunctionCache = cache  # type: ignore[attr-defined]

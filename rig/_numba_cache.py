@@ -84,9 +84,10 @@ class _KernelCache(FunctionCache):
         """Keep a kernel; without room for it, it is compiled again in the next run."""
         try:
             super().save_overload(signature, compiled)
-        except OSError as error:
+        except Exception as error:  # noqa: BLE001 - the kernel is there, and works without a file
             self.disable()
-            state_uncached(f"{self.cache_path} cannot be written ({error.strerror})")
+            reason = getattr(error, "strerror", None) or type(error).__name__
+            state_uncached(f"{self.cache_path} cannot be written ({reason})")
 
 
 class _Count(event.Listener):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import acquisition
 import rig
@@ -12,6 +14,8 @@ from sgp._console import shown
 
 # `sgp report` makes pages again from the other files of a result.
 _PAGE = ".html"
+# Key of a record for the hash of the other keys.
+SEAL = "record_sha256"
 _digests: dict[tuple[Path, rig.FileStatus], str] = {}
 
 
@@ -68,6 +72,12 @@ def _changed(path: Path, what: str = "changed") -> acquisition.DataError:
         f"{path}: was {what} while this command used it: run the command again when no other "
         "program writes it"
     )
+
+
+def seal(values: Mapping[str, Any]) -> str:
+    """Return the hash of a record's values, as they are read back, without the seal itself."""
+    rest = {key: value for key, value in values.items() if key != SEAL}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def output_files(paths: Iterable[Path]) -> Sequence[Path]:

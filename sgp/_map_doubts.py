@@ -12,6 +12,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
+from sgp._hashes import input_hashes
 
 Green = Literal["up", "down"]
 
@@ -35,6 +36,7 @@ def read_map(
         Largest allowed number of pixels.
     """
     read = processing.read_normals(path, green=green, max_pixels=max_pixels)
+    input_hashes(read.files)
     named = with_doubts(
         read.warnings, path, read.normal_map.normals, read.normal_map.mask, green, option
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import json
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, fields, is_dataclass
@@ -15,7 +16,7 @@ import acquisition
 import rig
 from sgp._console import shown
 from sgp._exit import UsageError
-from sgp._hashes import input_hashes, output_files, sha256
+from sgp._hashes import SEAL, input_hashes, output_files, seal, sha256
 from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
 from sgp._recordings import CALIBRATIONS, recordings_of
 from sgp._result import Result, dumps, plain
@@ -247,7 +248,9 @@ def write_record(
     unchanged = [one for one in parameters if one in defaults and defaults[one] == parameters[one]]
     calibrations = paths_of(parameters.get(name) for name in CALIBRATIONS)
     recordings = recordings_of(result.inputs, calibrations)
-    files = [file for file in output_files(result.outputs.values()) if path.parent in file.parents]
+    outputs = result.outputs.values()
+    stages = [one.with_name(f"{one.parent.name}.json") for one in outputs]
+    own = [one for one in (*outputs, *stages) if path.parent in one.parents and one != path]
     # A plain mapping with the keys of `ResultRecord`, which readers check: importing pydantic would
     # cost every command a quarter of a second.
     record = {
@@ -269,9 +272,10 @@ def write_record(
                 "bytes": file.stat().st_size,
                 "sha256": sha256(file),
             }
-            for file in shown("hashing the result", files)
+            for file in shown("hashing the result", output_files(own))
         },
     }
+    record[SEAL] = seal(json.loads(dumps(record)))
     acquisition.write_durably(path, f"{dumps(record)}\n".encode())
 
 

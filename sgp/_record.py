@@ -69,7 +69,9 @@ class ResultRecord(_Table):
         What the command reported besides the figures.
     files
         Size and SHA-256 of each output by its file name, except pages, which may be made again;
-        earlier programs did not write them.
+        earlier programs did not write them. That of a complete run has the records of its stages.
+    record_sha256
+        SHA-256 of the other keys, which `sgp verify` compares.
     """
 
     format: Literal["sgp-result"] = RECORD_FORMAT
@@ -85,6 +87,7 @@ class ResultRecord(_Table):
     warnings: tuple[str, ...]
     notices: tuple[rig.Notice, ...]
     files: dict[str, OutputFile] = Field(default_factory=dict)
+    record_sha256: _Sha256 | None = None
 
     def __repr__(self) -> str:
         counts = (

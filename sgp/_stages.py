@@ -13,6 +13,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._hashes import input_hashes
 from sgp._options import (
     RIG_LIGHTS,
     RecordingOptions,
@@ -38,9 +39,11 @@ def open_source(
     others: Sequence[Path] = (),
     without: Sequence[str] = (),
     max_pixels: int = rig.MAX_PIXELS,
+    hashed: bool = True,
 ) -> tuple[acquisition.Source, list[Path]]:
     """Read a source with the files given as options; return it and all its files, for hashing.
 
+    They are ``hashed`` at once, see `input_hashes`, unless the command does that or keeps no hash.
     ``others`` are files that the command reads itself; they may be in the folder of the source.
     ``without`` names images that are left out, and ``rig_option`` the rig of ``--lights rig``.
 
@@ -73,7 +76,10 @@ def open_source(
     unused = [name for name in source.ignored if (source.path / name).resolve() not in used]
     if unused:
         source = replace(source, warnings=(*source.warnings, not_used(path, unused)))
-    return source, list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
+    files = list(dict.fromkeys([*source.files, *filter(Path.is_file, options)]))
+    if hashed:
+        input_hashes(files)
+    return source, files
 
 
 def _flattened(source: acquisition.Source, flat: Path, max_pixels: int) -> acquisition.Source:
@@ -134,6 +140,7 @@ def open_recording(path: Path, options: RecordingOptions) -> Recording:
     source, files = open_source(
         path,
         lights=options.lights,
+        hashed=False,
         rig_option=options.rig,
         camera=options.camera,
         mask=options.mask,

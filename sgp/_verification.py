@@ -13,9 +13,9 @@ import rig
 from sgp._compaction import JOURNAL, compacted_since
 from sgp._console import shown
 from sgp._exit import UsageError
-from sgp._hashes import sha256
+from sgp._hashes import seal, sha256
 from sgp._own_files import output_fault
-from sgp._record import OutputFile, is_record, read_record
+from sgp._record import OutputFile, ResultRecord, is_record, read_record
 
 _IMAGES = (".png", ".exr")
 
@@ -89,10 +89,11 @@ def verify_results(roots: Sequence[Path]) -> Verification:
 
 
 def _statements(root: Path, found: Verification) -> Iterator[_Statement]:
-    for path in [root] if root.is_file() else _json_files(root):
+    for path in _json_files(root):
         try:
             if is_record(path):
                 record = read_record(path)
+                _check_seal(path, record, found)
                 files = dict.fromkeys(record.outputs.values()) | record.files
                 yield _Statement(path, record.command, record.inputs, files)
             elif (made_by := _provenance(path)) is not None:
@@ -101,10 +102,32 @@ def _statements(root: Path, found: Verification) -> Iterator[_Statement]:
             found.notices.append(rig.Notice("record-unreadable", str(error), severity="error"))
 
 
+def _check_seal(path: Path, record: ResultRecord, found: Verification) -> None:
+    known = record.record_sha256
+    if known is not None and seal(rig.parse_json(rig.read_bounded(path))) != known:
+        text = f"was changed: it is the record of `{record.command}`: run this command again"
+        found.notices.append(rig.Notice("output-damaged", text, str(path), "error"))
+
+
 def _json_files(root: Path) -> Iterator[Path]:
-    for folder, names, files in os.walk(root):
-        names[:] = sorted(name for name in names if not name.startswith("."))
-        yield from (Path(folder, name) for name in sorted(files) if name.endswith(".json"))
+    if root.is_file():
+        yield from [root] if root.suffix == ".json" else []
+    visited = set()
+    for folder, names, files in os.walk(root, followlinks=True):
+        if (place := os.path.realpath(folder)) in visited:  # links may lead round in a circle
+            names.clear()
+            continue
+        visited.add(place)
+        names[:] = sorted(filter(_is_shown, names))
+        yield from (
+            Path(folder, name)
+            for name in sorted(filter(_is_shown, files))
+            if name.endswith(".json")
+        )
+
+
+def _is_shown(name: str) -> bool:
+    return not name.startswith(".")  # for instance ._normals.json, which macOS adds on some disks
 
 
 def _provenance(path: Path) -> tuple[str, dict[str, str]] | None:

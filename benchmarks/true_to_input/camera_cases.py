@@ -189,6 +189,61 @@ OTHER_MAKERS: list[Node] = [
     _integer("TimerDuration", 40, 0, 1000),
 ]
 
+# Names in the manuals and programs of users of further makers: Allied Vision, Baumer, Daheng,
+# Hikrobot, IDS, JAI, Lucid, Sony, Teledyne (in lower case), The Imaging Source.
+FURTHER_MAKERS: list[Node] = [
+    _choice("ConvolutionMode", "Off Sharpening Custom", "Sharpening", "Off"),
+    _flag("DefectMaskColumnEnable", 1, off=False),
+    _choice("EdgeFilter", "Off Smooth2 Sharpen1", "Sharpen1", "Off"),
+    _switch("FixedPatternNoiseCorrection"),
+    _flag("SensorEffectCorrection", 1, off=False),
+    _flag("BrightnessCorrection", 1, off=False),
+    _flag("OnBoardColorProcessEnabled", 1, off=False),
+    _switch("StaticDefectCorrection"),
+    _number("GammaParam", 2.2, 0.1, 10, 1),
+    _integer("ContrastParam", 10, -50, 100, 0),
+    _flag("DigitalShiftEnable", 1, off=False),
+    _flag("CCMEnable", 1, off=False),
+    _flag("NUCEnable", 1, off=False),
+    _flag("PRNUCEnable", 1, off=False),
+    _flag("LSCEnable", 1, off=False),
+    _flag("SuperBayerEnable", 1, off=False),
+    _choice("HotpixelCorrectionMode", "Off Static Dynamic", "Static", "Off"),
+    _flag("ColorCorrectionMatrixEnable", 1, off=False),
+    _switch("PixelCorrection"),
+    _flag("BlemishCompensationEnable", 1, off=False),
+    _switch("EdgeEnhancerEnable"),
+    _switch("ALCEnable"),
+    _choice("HDROutput", "Off HDR", "HDR", "Off"),
+    _choice("ImageFilter", "Off Median", "Median", "Off"),
+    _flag("AreaGainEnable", 1, off=False),
+    _choice("flatfieldCorrectionMode", "Off Active", "Active", "Off"),
+    _choice("lutMode", "Off Active", "Active", "Off"),
+    _choice("imageFilterMode", "Off Active", "Active", "Off"),
+    _choice("autoBrightnessMode", "Off Active", "Active", "Off"),
+    _number("gammaCorrection", 2, 0.1, 4, 1),
+    _switch("HighlightReduction"),
+    _choice("PixelColorFilter", "None BayerRG", "BayerRG"),
+    _choice("ColorCorrectionMatrix", "Custom0 HQ", "HQ"),
+    _flag("BlackLevelClampingEnable", 1),
+]
+
+
+def _rounded_gamma() -> Outcome:
+    """The register of the gamma has steps, of which none is exactly 1."""
+    from rig import CameraError
+    from rig._genicam.automatics import turn_off_automatics
+    from rig._genicam.nodes import Nodes
+
+    xml, name, _ = _number("Gamma", 0.45, 0.25, 3.99902)
+    node_map = _map([(xml.replace("</Max>", "</Max><Inc>0.007</Inc>"), name, 1)])
+    try:
+        turn_off_automatics(Nodes(node_map, "test"))
+    except CameraError as error:
+        return Outcome("wrong", str(error))
+    value = node_map.get_node("Gamma").value
+    return Outcome("right" if abs(value - 1) < 0.0035 else "wrong", f"Gamma={value:g}")
+
 
 def _neutral(node: Node) -> Node:
     """Return a node that alters samples, off and locked; others as they are."""
@@ -357,6 +412,13 @@ def _cases() -> Iterator[Case]:
     off = "off, the others recorded"
     yield case("processing_left_on", off, lambda _: _turned_off(LEFT_ON), listed=True)
     yield case("other_makers_names", off, lambda _: _turned_off(OTHER_MAKERS))
+    yield case("further_makers_names", off, lambda _: _turned_off(FURTHER_MAKERS))
+    yield case(
+        "further_makers_locked",
+        "nothing refused",
+        lambda _: _turned_off([*map(_neutral, FURTHER_MAKERS)]),
+    )
+    yield case("gamma_in_steps", "nothing refused", lambda _: _rounded_gamma())
     yield case(
         "neutral_and_locked", "nothing refused", lambda _: _turned_off([*map(_neutral, LEFT_ON)])
     )

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
@@ -217,6 +218,28 @@ def _doctor(folder: Path) -> Outcome:
     return Outcome("applied and stated", "doctor names the folder of the kernels")
 
 
+def _other_numba(folder: Path) -> Outcome:
+    """A numba whose caches need one more argument: the package runs as numba alone would."""
+    script = (
+        "import numba.core.caching as caching, numba.core.dispatcher as dispatcher\n"
+        "begin = caching.FunctionCache.__init__\n"
+        "caching.FunctionCache.__init__ = lambda self, function, more: begin(self, function)\n"
+        "dispatcher.Dispatcher.enable_caching = lambda self: setattr(\n"
+        "    self, '_cache', dispatcher.FunctionCache(self.py_func, 'more'))\n"
+    )
+    words = (*_NOTEBOOK[:-1], script + _NOTEBOOK[-1])
+    return _judged(_Installation(folder).run(words))
+
+
+def _together(folder: Path) -> Outcome:
+    """Three processes compile the same kernels at once; a fourth one finds them."""
+    place = _Installation(folder)
+    with ThreadPoolExecutor(3) as pool:
+        ran = [*pool.map(lambda _: place.run(), range(3))]
+    bad = next((one for one in ran if not one.ok), None)
+    return _judged(bad or place.run(), silent=("compil",))
+
+
 def _cases() -> Iterator[Case]:
     def case(name: str, right: str, run: Callable[[Path], Outcome], *, listed: bool) -> Case:
         return Case(name, 5, right, run, listed)
@@ -234,6 +257,13 @@ def _cases() -> Iterator[Case]:
     yield case("readonly_with_home", "kept in the user's cache", _user_cache, listed=False)
     yield case("hostile_temporary_folder", "not used", _hostile, listed=False)
     yield case("cache_disk_full", "runs, stated", _full, listed=False)
+    yield case(
+        "another_numba",
+        "numba's own cache",
+        _other_numba,
+        listed=False,
+    )
+    yield case("compiled_by_three", "all run, kernels are kept", _together, listed=False)
     for kind in (".nbi cut", ".nbi empty", ".nbi noise", ".nbc cut", ".nbc noise", ".nbc flips"):
         yield case(
             f"cache{kind.replace(' ', '_')}",

@@ -217,6 +217,27 @@ def _detail_raced(folder: Path) -> Outcome:
     return _raced(answer, folder / "out" / "detail.json", target, used)
 
 
+def _of_maps_raced(folder: Path, word: str, change: Change) -> Outcome:
+    """A backup program touches the normals while a later command uses them."""
+    import processing
+
+    source, normals = _recording(folder), folder / "normals"
+    sgp("normals", source, "--lights", folder / "lights.txt", "--out", normals)
+    target = normals / "normals.exr"
+    used, out = _sha256(target), folder / "out"
+    function = {"separate": "separate", "surface": "integrate"}[word]
+    words = ("detail", word) if word == "separate" else (word,)
+    with _after(processing, function, lambda: change(target)):
+        answer = sgp(*words, normals, "--out", out)
+    record = out / ("detail.json" if word == "separate" else "surface.json")
+    return _raced(answer, record, target, used, harmless=True)
+
+
+def _linked_twice(path: Path) -> None:
+    """A second name of the same file, as backups by hard links add it."""
+    os.link(path, path.with_name("backup"))
+
+
 def _run_raced(folder: Path) -> Outcome:
     """The file changes after the normals, while detail and surface are computed."""
     import processing
@@ -322,6 +343,15 @@ def _formula(folder: Path, name: str) -> Outcome:
         return Outcome("vague", f"{row} {answer.message}")
     unsafe = [cell for cell in row.values() if cell[:1] in "=+-@\t\r" and not _is_number(cell)]
     return Outcome("wrong" if unsafe else "right", repr(row["name"]))
+
+
+def _spreadsheet(folder: Path, name: str, separator: str) -> Outcome:
+    """A spreadsheet of another country, or with its default settings, begins cells here, too."""
+    _batch(folder, _recording(folder, name))
+    with (folder / "results" / "batch.csv").open(newline="") as file:
+        cells = [cell for row in csv.reader(file, delimiter=separator) for cell in row]
+    unsafe = [cell for cell in cells if cell[:1] in "=+-@\t\r" and not _is_number(cell)]
+    return Outcome("wrong" if unsafe else "right", repr(unsafe[:1] or cells[-1][:40]))
 
 
 def _is_number(cell: str) -> bool:
@@ -513,6 +543,27 @@ def _verified_lights(folder: Path) -> Outcome:
     return Outcome("refused by name" if named else "vague", text or answer.message)
 
 
+def _changed_record(out: Path) -> None:
+    """One digit of a figure."""
+    path = out / "detail" / "detail.json"
+    record = json.loads(path.read_text())
+    record["metrics"]["separability_deg"] += 1
+    path.write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n")
+
+
+def _linked_archive(folder: Path, change: Change) -> Outcome:
+    """An archive that contains a link to the result, and one to itself."""
+    out, archive = _result(folder), folder / "archive"
+    archive.mkdir()
+    (archive / "owl").symlink_to(out)
+    (archive / "again").symlink_to(archive)
+    change(out / "normals" / "normals.exr")
+    answer = sgp("verify", archive)
+    text = "; ".join(each["where"] for each in answer.values.get("notices", []))
+    named = answer.code == 4 and "normals.exr" in text
+    return Outcome("refused by name" if named else "vague", text or answer.message)
+
+
 def _own_file(folder: Path, name: str, *words: str) -> Outcome:
     """An own file that is cut short, used by a later command."""
     out = _result(folder)
@@ -644,6 +695,18 @@ CASES = (
                 lambda f: _normals_raced(f, lambda p: p.chmod(0o600), "src/006.tif", harmless=True),
             ),
             Case(
+                "separate_only_linked",
+                3,
+                "no refusal",
+                lambda f: _of_maps_raced(f, "separate", _linked_twice),
+            ),
+            Case(
+                "surface_only_chmod",
+                3,
+                "no refusal",
+                lambda f: _of_maps_raced(f, "surface", lambda p: p.chmod(0o600)),
+            ),
+            Case(
                 "batch_rewritten_same_time",
                 3,
                 _AGAIN,
@@ -715,6 +778,36 @@ CASES = (
                     f, lambda out: _appended(out / "normals/normals.exr"), "normals.exr", "."
                 ),
             ),
+            Case(
+                "verify_record_edited",
+                3,
+                "the record is named",
+                lambda f: _verified(f, _changed_record, "detail.json", "out/detail"),
+            ),
+            Case(
+                "verify_record_of_stage_gone",
+                3,
+                "the record is named",
+                lambda f: _verified(
+                    f, lambda out: (out / "surface/surface.json").unlink(), "surface.json"
+                ),
+            ),
+            Case(
+                "verify_links_in_archive",
+                3,
+                "the file is named",
+                lambda f: _linked_archive(f, _truncated),
+            ),
+            Case(
+                "verify_files_of_macos",
+                3,
+                "no fault",
+                lambda f: _verified(
+                    f, lambda out: (out / "._summary.json").write_bytes(b"\0\5\x16\7\0\2")
+                ),
+            ),
+            Case("batch_csv_semicolon", 3, "no formula", lambda f: _spreadsheet(f, "x;=1+1", ";")),
+            Case("batch_csv_tab", 3, "no formula", lambda f: _spreadsheet(f, "x\t=1+1", "\t")),
             Case("verify_compacted", 3, "no fault", _verified_compacted),
             Case("verify_inputs_gone", 3, "stated, exit 0", _verified_without_inputs),
             Case("verify_lights", 3, "the image is named", _verified_lights),

@@ -1,7 +1,7 @@
 """Which nodes of a camera alter its samples, and the values at which they do not.
 
 The names are those of GenICam's standard features and words that several makers use in theirs; a
-prefix of a maker, such as ``Bsl`` or ``mv``, is ignored.
+prefix of a maker, such as ``Bsl`` or ``mv``, and the case of letters are ignored.
 """
 
 from __future__ import annotations
@@ -15,8 +15,12 @@ from typing import Final, Literal
 # setting is stated with the recording.
 Locked = Literal["refused", "stated"]
 
-_PREFIX: Final = "(?:Bsl|[a-z]{2,4}(?=[A-Z]))?"
-_SUFFIX: Final = "(?:Adjustment|Correction|Function|Control)?(?:Mode)?(?:Enabled?|Active|Mode)?"
+_PREFIX: Final = "(?i)(?:Bsl|(?-i:[a-z]{2,4}(?=[A-Z])))?"
+_SUFFIX: Final = (
+    "(?:Adjustment|Correct(?:ion)?|Compensation|Function|Control)?"
+    "(?:Mode)?(?:Enabled?|Active|Mode)?"
+)
+_DIGITAL: Final = "DigitalShift|BitShift|DigitalGain"
 # Symbols under which enumerations do nothing, by preference.
 OFF: Final = ("Off", "None", "Disabled", "Disable", "Linear", "User", "Raw")
 
@@ -68,7 +72,7 @@ class Processing:
 
     def has_level(self, name: str) -> bool:
         """Return whether a number of this name belongs to it."""
-        pattern = f"{_PREFIX}(?:{self.levels})(?:Abs)?"
+        pattern = f"{_PREFIX}(?:{self.levels})(?:Abs|Param)?"
         return bool(self.levels) and re.fullmatch(pattern, name) is not None
 
     def knows(self, low: float, high: float) -> bool:
@@ -84,24 +88,29 @@ PROCESSING: Final = (
     ),
     Processing("changes between frames", "ExposureMode", symbols=("Timed",), required=True),
     Processing("replaces the image", "TestPattern|TestImageSelector", required=True),
-    Processing("changes between frames", r"\w+Auto|Auto(?:Exposure|Gain|WhiteBalance|Brightness)"),
+    Processing(
+        "changes between frames",
+        r"\w+Auto|Auto(?:Exposure|Gain|WhiteBalance|Brightness)|ALC|AGC|AEC|AWB",
+    ),
     Processing(
         "changes between frames", "Sequence(?:r(?:Configuration)?)?|Multi(?:ple)?Exposures?"
     ),
     Processing("bends the curve", "GammaSelector"),
-    Processing("bends the curve", "Gamma", "Gamma", 1.0),
+    Processing("bends the curve", "Gamma", "Gamma(?:Correction)?", 1.0),
     Processing(
         "bends the curve",
         r"LUT|LookUpTable|\w*Tone(?:Mapping|Curve)?|Contrast(?:Enhancement)?|Companding|Knee(?:Point)?s?"
-        r"|\w*(?:HDR|WDR|(?:High|Wide)DynamicRange)|Multi(?:ple)?Slope|Linear(?:ity)?(?=Correction)",
+        r"|\w*(?:HDR|WDR|(?:High|Wide)DynamicRange)(?:Image|Output)?|Multi(?:ple)?Slope"
+        "|Linear(?:ity)?(?=Correction)|HighlightReduction",
     ),
     Processing(
         "bends the curve", levels="Contrast|(?<=Bsl)Brightness", locked="stated", signed=True
     ),
     Processing(
         "mixes the colours",
-        "LightSource(?:Preset|Selector)|ProcessedRaw|ISP|Isp|WhiteBalance|Saturation|Hue"
-        "|Color(?:Transformation|Space|Matrix|Enhancement|Balance)?|R(?:gb|GB)Transform(?:ation)?",
+        "LightSource(?:Preset|Selector)|ProcessedRaw|ISP|WhiteBalance|Saturation|Hue|CCM"
+        "|(?:OnBoard)?Color(?:Transformation|Space|(?:Correction)?Matrix|Enhance(?:ment|r)|Balance"
+        "|Process(?:ing)?)?|RGBTransform(?:ation)?",
     ),
     Processing("mixes the colours", levels="Hue", locked="stated", signed=True),
     Processing(
@@ -109,20 +118,26 @@ PROCESSING: Final = (
     ),
     Processing(
         "mixes neighbours",
-        "Sharp(?:ness|ening)(?:Enhancement)?|EdgeEnhancement|NoiseReduction|Denois(?:e|ing)"
-        "|(?:Spatial|Temporal|Median|Smoothing)Filter|Smoothing|FrameAverag(?:e|ing)"
-        "|LowLightImaging",
+        "Sharp(?:ness|ening)(?:Enhancement)?|EdgeEnhance(?:ment|r)|(?:Noise|Smear)Reduction"
+        "|Denois(?:e|ing)|(?:Spatial|Temporal|Median|Smoothing|Image|Edge)Filter|Smoothing"
+        "|Convolution|SuperBayer|FrameAverag(?:e|ing)|LowLightImaging",
         "Sharp(?:ness|ening)(?:Enhancement)?|NoiseReduction|Denois(?:e|ing)",
         locked="stated",
     ),
     Processing(
         "replaces defects by neighbours",
-        "(?:[Dd]efect(?:ive)?(?:Pixel)?|(?:Bad|Dead|Hot)Pixel)"
-        "(?:Correct(?:ion)?(?:Static|Dynamic)?|Replacement|Mask)?",
+        "(?:(?:Static|Dynamic)?Defect(?:ive)?(?:Pixel)?|(?:Bad|Dead|Hot)Pixel)"
+        "(?:Correct(?:ion)?(?:Static|Dynamic)?|Replacement|Mask(?:Column)?)?|DPC|Blemish"
+        "|Pixel(?=Correct)",
     ),
-    Processing("scales pixels", "FlatField|Ffc|FFC|(?:Lens)?Shading|Vignetting", locked="stated"),
+    Processing(
+        "scales pixels",
+        "FlatField|FFC|(?:Lens)?Shading|LSC|Vignetting|AreaGain|(?:PR)?NUC?|FPNC?"
+        "|(?:FixedPatternNoise|SensorEffect|Brightness)(?=Correction)",
+        locked="stated",
+    ),
     Processing("scales colours", levels="BalanceRatio", neutral=1.0, locked="stated", highest=64.0),
-    Processing("scales samples", levels="DigitalShift|BitShift|DigitalGain", locked="stated"),
+    Processing("scales samples", _DIGITAL, _DIGITAL, locked="stated"),
     Processing(
         "scales samples", levels="Gain", locked="stated", entries="(?:Digital|Red|Green|Blue)"
     ),

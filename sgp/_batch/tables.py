@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
+import re
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -22,8 +23,9 @@ _FIGURES = {
     "mae_deg": "error (deg)",
 }
 _COLUMNS = ("name", "source", "status", "seconds", "cpu_seconds", "attempts", "errors", "warnings")
-# What begins a formula in a spreadsheet, also in its wide form.
-_FORMULA = ("=", "+", "-", "@", "\t", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+# What begins a formula in a spreadsheet, also in its wide form, where a cell may begin: some also
+# separate cells at semicolons and tabs.
+_FORMULA = re.compile(r"(^|[;\t\n])(?=[=+\-@\t\n\uff1d\uff0b\uff0d\uff20])")
 # Pages that a result may have, the best one first.
 _PAGES = ("report.html", "overview.png")
 
@@ -79,7 +81,7 @@ def csv_table(states: Mapping[str, State]) -> str:
 
 def _csv_text(text: str) -> str:
     text = text.replace("\r", "\\r")  # it would begin a row: the writer does not quote it
-    return f"'{text}" if text.startswith(_FORMULA) else text
+    return _FORMULA.sub(r"\1'", text)
 
 
 def html_table(folder: Path, states: Mapping[str, State], others: int = 0) -> str:

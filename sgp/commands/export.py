@@ -8,6 +8,7 @@ from typing import Literal
 import processing
 import rig
 from sgp._console import Stages
+from sgp._hashes import input_hashes
 from sgp._options import Input, Pixels, Quality
 from sgp._output import claim_folder, writes_folder
 from sgp._recordings import recordings_of
@@ -64,6 +65,7 @@ def export(
 
     found = find_normals(result)
     read = processing.read_normals(found.folder, max_pixels=max_pixels)
+    input_hashes(read.files)
     with Stages() as progress:
         made = fit_result(result, found, read.normal_map, options, max_pixels, progress)
     folder = claim_folder(out, "export.json")

@@ -15,6 +15,7 @@ import rig
 from sgp._camera_doubts import camera_notices
 from sgp._console import Stages, note
 from sgp._exit import UsageError
+from sgp._hashes import input_hashes
 from sgp._map_doubts import with_remedy
 from sgp._options import Input, Memory, Millimetres, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
@@ -121,6 +122,7 @@ def surface(
         result.inputs += [path for path in (mask, albedo, camera, sigma) if path is not None]
         return result
     read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
+    input_hashes(read.files)
     normal_map, notices = read.normal_map, [*read.warnings]
     if mask is not None:
         inside, lost = masked(mask, normal_map.mask, normals)

@@ -5,11 +5,13 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numba
 import pytest
 
 from rig import kernel_folder, watch_kernels
+from rig._kernel_cache import _adapt
 from rig._kernel_folder import private_folder
 from rig._kernel_watch import KernelWatch
 from rig._numba_cache import _KernelCache
@@ -175,3 +177,18 @@ def test_the_folder_of_the_kernels_is_known(monkeypatch, tmp_path):
     assert folder is not None
     assert folder.parent == tmp_path
     watch_kernels(KernelWatch())
+
+
+def test_another_layout_of_numba_keeps_its_own_cache(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rig._numba_cache", None)
+    dispatcher = SimpleNamespace(FunctionCache=object)
+    _adapt(dispatcher)
+    assert dispatcher.FunctionCache is object
+
+
+def test_a_cache_that_this_numba_cannot_make_is_numbas_own(monkeypatch):
+    monkeypatch.setattr("rig._numba_cache.count_compilations", lambda: None)
+    monkeypatch.setattr("rig._numba_cache.cache_of", lambda _: 1 / 0)
+    dispatcher = SimpleNamespace(FunctionCache=lambda function: "numba's own")
+    _adapt(dispatcher)
+    assert dispatcher.FunctionCache(private_folder) == "numba's own"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from sgp._hashes import seal
 from tests.sgp.conftest import Answer
 
 
@@ -31,13 +32,13 @@ def verify(sgp) -> Callable[..., tuple[Answer, list[dict[str, str]]]]:
 
 
 def rewritten(record: Path, **changes: object) -> None:
-    content = json.loads(record.read_text())
-    record.write_text(json.dumps(content | changes, indent=2))
+    content = json.loads(record.read_text()) | changes
+    record.write_text(json.dumps(content | {"record_sha256": seal(content)}, indent=2))
 
 
 def of_earlier_program(out: Path) -> None:
     content = json.loads((out / "normals.json").read_text())
-    del content["files"]
+    del content["files"], content["record_sha256"]
     (out / "normals.json").write_text(json.dumps(content, indent=2))
 
 
@@ -123,6 +124,24 @@ def test_hostile_names_in_records_end_as_faults(verify, normals, name) -> None:
     answer, notices = verify(normals)
     assert answer.code == 4
     assert [notice["code"] for notice in notices] == ["output-damaged"]
+
+
+def test_a_changed_record_is_named(verify, normals) -> None:
+    record = normals / "normals.json"
+    record.write_text(record.read_text().replace("sgp normals", "sgp normalz", 1))
+    answer, (notice,) = verify(normals)
+    assert (answer.code, notice["where"]) == (4, str(record))
+
+
+def test_links_to_results_are_followed_once_and_hidden_files_ignored(verify, normals) -> None:
+    archive = normals.parent / "archive"
+    archive.mkdir()
+    (archive / "owl").symlink_to(normals)
+    (archive / "circle").symlink_to(archive)
+    (normals / "._normals.json").write_bytes(b"\0\5\x16\7")
+    answer, notices = verify(archive)
+    assert (answer.code, notices) == (0, [])
+    assert json.loads(answer.out)["metrics"]["records"] == 1
 
 
 def test_what_has_no_record_is_refused(sgp, recording) -> None:
