@@ -117,7 +117,7 @@ def decode_normals(
         lacks_z = signed and not some[:, 2].any()
         encoded = doubled = not lacks_z and (
             _distance_to_unit(some) > _distance_to_unit(some * 2 - 1)
-            or (not signed and _has_curve(some))
+            or (not signed and _were_colours(some))
         )
     notes: list[Notice] = []
     mask, share = None if given is None else given.inside, None
@@ -246,13 +246,17 @@ def _distance_to_unit(vectors: Float) -> float:
     return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
 
 
-def _has_curve(values: Float) -> bool:
-    """Return whether values that are not negative are encoded and have a transfer curve."""
+def _were_colours(values: Float) -> bool:
+    """Return whether values that are not negative are codes converted from sRGB to light.
+
+    Vectors of other lengths that all point to one side may seem to have another curve.
+    """
     values = values[:: 1 + len(values) // _MOST_DECODED]
     read = values * 2 - 1
     encoding = normal_encoding(read)
     encoding.apply(read)
-    return encoding.curve is not None and 3 * _distance_to_unit(read) < _distance_to_unit(values)
+    kind = None if encoding.curve is None else encoding.curve.kind
+    return kind == "table" and 3 * _distance_to_unit(read) < _distance_to_unit(values)
 
 
 def _share(alpha: Pixels) -> Float:
