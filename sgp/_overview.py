@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final
 import acquisition
 from sgp._console import shown
 from sgp._plot_folder import choose_plot_folder
+from sgp._printable import printable
 
 # matplotlib is imported where it draws: the commands' help texts must not wait for it.
 if TYPE_CHECKING:
@@ -152,11 +153,6 @@ def write_figure(path: Path, figure: Figure) -> None:
     acquisition.write_durably(path, file.getbuffer())
 
 
-def drawable(text: str) -> str:
-    """Escape surrogates, which are in names that are not UTF-8."""
-    return text.encode("utf-8", "backslashreplace").decode()
-
-
 def text_size(text: Text) -> tuple[float, float]:
     """Return the width and height of a text on its figure in inches."""
     extent = text.get_window_extent()
@@ -193,7 +189,7 @@ def _write(text: Text, content: str, width: float, lines: int) -> None:
     """Set a text, wrapped at words to a width in inches; what exceeds the lines is left out."""
     text.set_parse_math(False)
     rows = [""]
-    words = drawable(content).split(" ")
+    words = printable(content).split(" ")
     while words:
         row = f"{rows[-1]} {words[0]}".strip()
         text.set_text(row)

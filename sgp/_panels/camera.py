@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from sgp._overview import Panel, drawable, set_plot_area
+from sgp._overview import Panel, set_plot_area
+from sgp._printable import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,7 +113,7 @@ def _field(axes: Axes, calibrated: CameraCalibration) -> None:
 
 def _short(one: CalibratedView) -> str:
     name = Path(one.view.name).name
-    return drawable(name if len(name) <= _LONGEST else f"…{name[-_LONGEST:]}")
+    return printable(name if len(name) <= _LONGEST else f"…{name[-_LONGEST:]}")
 
 
 def _round(factor: float) -> float:

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 import acquisition
-from sgp._overview import Panel, drawable
+from sgp._overview import Panel
 from sgp._panels.crop import Crop
+from sgp._printable import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +77,7 @@ def short_names(ids: Sequence[str]) -> list[str]:
     short = [name[: len(name) - len(end)] or name for name in rest]
     if len(set(short)) < len(set(ids)) or not all(short):
         short = list(ids)
-    return [drawable(name if len(name) <= _LONGEST else f"…{name[-_LONGEST:]}") for name in short]
+    return [printable(name if len(name) <= _LONGEST else f"…{name[-_LONGEST:]}") for name in short]
 
 
 def _common_start(names: Sequence[str]) -> str:
