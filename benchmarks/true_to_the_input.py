@@ -3,7 +3,7 @@
     python benchmarks/true_to_the_input.py                     # all cases, as a table
     python benchmarks/true_to_the_input.py images --only auto  # some of one module
     python benchmarks/true_to_the_input.py --checkout OLD --before   # store those of another one
-    python benchmarks/true_to_the_input.py --out docs/measured/true-to-the-input.md
+    python benchmarks/true_to_the_input.py --out docs/measured/true-to-the-input.csv
 
 The modules of `true_to_input/` contain the cases. The outcome of a case is right, applied and
 stated, or refused by name; vague and wrong are faults, and the exit code is then 1. The outcomes
@@ -13,6 +13,7 @@ before the repair are in `true_to_input/before/`, as ``--before`` stored them.
 from __future__ import annotations
 
 import argparse
+import csv
 import importlib
 import json
 import os
@@ -29,6 +30,7 @@ HERE = Path(__file__).parent
 FOLDER = HERE / "true_to_input"
 MODULES = sorted(path.stem for path in FOLDER.glob("*_cases.py"))
 SECTIONS = {1: "images", 2: "values", 3: "results", 4: "camera", 5: "installation"}
+# Characters of an outcome that are printed and stored.
 _TEXT = 150
 
 
@@ -41,10 +43,12 @@ def cases_of(module: str) -> tuple[Case, ...]:
 
 def outcome_of(case: Case, folder: Path) -> Outcome:
     """Run a case in a folder of its own; an exception of the program is a wrong outcome."""
+    place = emptied(folder / case.name)
     try:
-        return case.run(emptied(folder / case.name))
+        kind, text = case.run(place)
     except Exception as error:  # noqa: BLE001 - whatever happens is the outcome
-        return Outcome("wrong", f"{type(error).__name__}: {error}")
+        kind, text = "wrong", f"{type(error).__name__}: {error}"
+    return Outcome(kind, text.replace(f"{place}/", "").replace(str(place), "."))
 
 
 def main() -> int:
@@ -57,7 +61,7 @@ def main() -> int:
     parser.add_argument(
         "--before", action="store_true", help="store the outcomes as those before the repair"
     )
-    parser.add_argument("--out", type=Path, help="also write the table to this Markdown file")
+    parser.add_argument("--out", type=Path, help="also write the table to this CSV file")
     parser.add_argument("--work", type=Path, help="keep the inputs and results in this folder")
     given = parser.parse_args()
     if given.checkout is not None:
@@ -74,8 +78,7 @@ def main() -> int:
     counts = Counter(outcome.kind for _, _, outcome in rows)
     print(", ".join(f"{counts[kind]} {kind}" for kind in (*GOOD, "vague", "wrong")))
     if given.out is not None:
-        given.out.parent.mkdir(parents=True, exist_ok=True)
-        given.out.write_text(_markdown(rows), encoding="utf-8")
+        _write_table(given.out, rows)
     return 1 if counts["vague"] or counts["wrong"] else 0
 
 
@@ -105,32 +108,19 @@ def _run(
     return rows
 
 
-def _markdown(rows: list[tuple[Case, Outcome, Outcome]]) -> str:
-    lines = [
-        "# True to the input",
-        "",
-        "Written by `benchmarks/true_to_the_input.py --out docs/measured/true-to-the-input.md`.",
-        "Cases marked * are further members of a kind, chosen before the repair.",
-    ]
-    for section, title in SECTIONS.items():
-        lines += [
-            "",
-            f"## {section} {title}",
-            "",
-            "| case | right | before | now |",
-            "|---|---|---|---|",
-        ]
-        for case, was, now in rows:
-            if case.section == section:
-                mark = "" if case.listed else " *"
-                cells = (f"{case.name}{mark}", case.right, _cell(was), _cell(now))
-                lines.append(f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |")
-    return "\n".join(lines) + "\n"
+def _write_table(path: Path, rows: list[tuple[Case, Outcome, Outcome]]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(("section", "case", "reported", "right", "before", "", "now", ""))
+        for case, was, now in sorted(rows, key=lambda row: row[0].section):
+            reported = "yes" if case.listed else "further member"
+            outcomes = (was.kind, _cell(was.text), now.kind, _cell(now.text))
+            table.writerow((SECTIONS[case.section], case.name, reported, case.right, *outcomes))
 
 
-def _cell(outcome: Outcome) -> str:
-    text = " ".join(outcome.text.split())
-    return f"{outcome.kind}: {text[:_TEXT]}" if outcome.kind else text
+def _cell(text: str) -> str:
+    return " ".join(text.split())[:_TEXT]
 
 
 if __name__ == "__main__":
