@@ -1,5 +1,6 @@
 from ._bands.band_file import BandFile as BandFile
 from ._bands.band_store import BandStore as BandStore
+from ._bands.band_store import DamagedMapsError as DamagedMapsError
 from ._bands.band_store import OtherMapsError as OtherMapsError
 from ._bands.band_store import check_unfinished as check_unfinished
 from ._bands.band_store import is_unfinished as is_unfinished
@@ -7,6 +8,10 @@ from ._bands.band_store import remove_unfinished as remove_unfinished
 from ._bands.map_rows import ComputedRows as ComputedRows
 from ._bands.map_rows import MapRows as MapRows
 from ._bands.map_rows import rows_in_bands as rows_in_bands
+from ._bands.memory_maps import Form as Form
+from ._bands.memory_maps import Maps as Maps
+from ._bands.memory_maps import MemoryMap as MemoryMap
+from ._bands.memory_maps import MemoryMaps as MemoryMaps
 from ._engine.camera_settings import camera_notices as camera_notices
 from ._engine.engine import check_resume as check_resume
 from ._engine.engine import record as record

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 import acquisition
+import processing
 import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
@@ -28,26 +29,7 @@ class Stored(Protocol):
 AnyStored = TypeVar("AnyStored", bound=Stored)
 
 
-@dataclass(frozen=True)
-class Need:
-    """The memory that a command needs.
-
-    Parameters
-    ----------
-    whole
-        Bytes if everything is in memory.
-    least
-        Bytes in bands of rows, at least.
-    of
-        What needs them, for messages: "a normal map of 48 x 40 pixels".
-    """
-
-    whole: int
-    least: int
-    of: str
-
-
-def is_in_bands(memory: int | None, need: Need) -> bool:
+def is_in_bands(memory: int | None, need: processing.Need) -> bool:
     """Return whether a computation does not fit into memory.
 
     Parameters
@@ -86,7 +68,7 @@ class Limit:
     path: Path
     force: bool
 
-    def must_be_stored(self, need: Need) -> bool:
+    def must_be_stored(self, need: processing.Need) -> bool:
         """Return whether the maps of a result belong into files.
 
         What is unfinished is continued, even if more memory is free now. Errors are those of
@@ -94,7 +76,7 @@ class Limit:
         """
         return is_in_bands(self.memory, need) or acquisition.is_unfinished(self.path)
 
-    def check_whole(self, need: Need, option: str) -> None:
+    def check_whole(self, need: processing.Need, option: str) -> None:
         """Refuse an option that needs the complete maps if ``--memory`` is too small for them.
 
         Without a limit, perhaps there is enough.
@@ -116,7 +98,7 @@ class Limit:
                 f"{option} out"
             )
 
-    def bytes_of_bands(self, need: Need) -> int:
+    def bytes_of_bands(self, need: processing.Need) -> int:
         """Return the bytes for bands: the limit, or the least if even that is not free."""
         return max(rig.memory_budget(self.memory), need.least)
 
@@ -145,10 +127,12 @@ def other_maps_refused() -> Iterator[None]:
     Raises
     ------
     UsageError
-        If there are such maps.
+        If there are such maps, or unfinished maps were changed.
     """
     try:
         yield
+    except acquisition.DamagedMapsError as error:
+        raise UsageError(f"{error.file}: {error.what}: add --force to begin again") from error
     except acquisition.OtherMapsError as error:
         raise UsageError(
             f"{error.folder} contains unfinished maps of a command that differs in {error.other}: "

@@ -20,11 +20,12 @@ from sgp._overview import Panel
 from sgp._panels.crop import Crop
 from sgp._panels.lights import lights_panel
 from sgp._panels.maps import (
-    detail_panel,
     image_panel,
     map_panel,
     normals_panel,
     shaded_panel,
+    slopes_panel,
+    vectors_panel,
 )
 from sgp._result import Result
 from sgp._stage_metrics import NormalsMetrics, SeparationMetrics
@@ -32,7 +33,6 @@ from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, compute_normals, with_scale
 from sgp._write import (
     normals_metrics,
-    separation_metrics,
     write_normals_stage,
     write_separation,
 )
@@ -231,15 +231,14 @@ def _detail(
     seen: _Normals, separation: SeparationOptions, maps: MapOptions, write: _Write
 ) -> tuple[SeparationMetrics, list[Panel]]:
     with Stages() as progress:
-        parts = processing.separate(
-            seen.normal_map, shape_filter=separation.shape_filter(), on_progress=progress
-        )
-    write("detail", lambda folder: write_separation(folder, parts, maps))
+        parts = processing.computed(separation.stage(), seen.normal_map, on_progress=progress)
+    mask = seen.normal_map.mask
+    write("detail", lambda folder: write_separation(folder, parts, mask, maps))
     panels = [
-        normals_panel("shape component", parts.shape, seen.crop),
-        detail_panel("detail component", parts.detail, seen.crop),
+        vectors_panel("shape component", parts["shape"], mask, seen.crop),
+        slopes_panel("detail component", parts["detail"], mask, seen.crop),
     ]
-    return separation_metrics(parts), panels
+    return {"separability_deg": separation.stage().separability_deg(parts, mask)}, panels
 
 
 def _surface(

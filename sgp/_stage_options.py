@@ -51,6 +51,10 @@ class SeparationOptions:
         """Return the filter with these parameters."""
         return processing.ShapeFilter(self.filter, self.order, self.w)
 
+    def stage(self) -> processing.SeparationStage:
+        """Return the separation with this filter."""
+        return processing.SeparationStage(self.shape_filter())
+
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)

@@ -27,11 +27,11 @@ from sgp._pipeline import (
     write_integrated,
 )
 from sgp._result import Result, dumps
+from sgp._stage_maps import MapInput, stage_maps
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, with_scale
 from sgp._stored_normals import are_normals_on_disk, normals_within
 from sgp._stored_panels import stored_panels
-from sgp._stored_separation import separation_need, separation_within
 from sgp._stored_surface import SurfaceInputs, stored_surface
 from sgp._surface_memory import SurfaceWay, surface_way
 from sgp._write import write_normals_stage, write_separation
@@ -141,7 +141,7 @@ def _ways(
     memory: int | None, source: acquisition.Source, given: RunOptions
 ) -> tuple[bool, list[str]]:
     """Return whether the maps of a run do not fit into memory, and lines about the stages."""
-    need = separation_need(source.size, given.separation.shape_filter())
+    need = given.separation.stage().need(source.size)
     banded = are_normals_on_disk(memory, source, given.source), is_in_bands(memory, need)
     surface = run_surface_way(memory, source, given.surfaces)
     held = _HELD * source.size[0] * source.size[1]
@@ -280,15 +280,12 @@ class _Run:
 
     def _detail(self) -> Result:
         given = self._given
-        with separation_within(
-            Limit(self._memory, self._out / "detail" / "detail", self._force),
-            self._out / "normals",
-            given.separation,
-            green="up",
-            max_pixels=given.source.max_pixels,
-        ) as (parts, _):
+        limit = Limit(self._memory, self._out / "detail" / "detail", self._force)
+        normals = MapInput(self._out / "normals", max_pixels=given.source.max_pixels)
+        with stage_maps(given.separation.stage(), [normals], limit) as made:
+            mask = made.inputs[0].mask
             result = self.records.write(
-                "detail", lambda place: write_separation(place, parts, given.maps)
+                "detail", lambda place: write_separation(place, made.maps, mask, given.maps)
             )
             return self._keep("detail", result)
 

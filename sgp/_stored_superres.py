@@ -12,7 +12,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._map_doubts import read_map, with_doubts
-from sgp._memory_limit import Limit, Need, identity, stored
+from sgp._memory_limit import Limit, identity, stored
 from sgp._write_superres import Enlarged
 
 
@@ -95,11 +95,11 @@ def enlarged_within(
 
 def superres_need(
     size: tuple[int, int], scale: int, network: processing.SuperResolutionModel | None
-) -> Need:
+) -> processing.Need:
     """Return the memory that the enlargement of a map of (height, width) needs."""
     # Without a network, what it would need is reserved, too.
     halo = {} if network is None else {"halo_px": network.halo_px}
-    return Need(
+    return processing.Need(
         processing.memory_of_super_resolution(size, scale, **halo),
         processing.least_memory_of_super_resolution(size, scale, **halo),
         f"a normal map of {size[1]} x {size[0]} pixels at scale {scale}",

@@ -8,7 +8,7 @@ from typing import NamedTuple, TypedDict
 
 import processing
 from sgp._console import Stages
-from sgp._memory_limit import Limit, Need, stored
+from sgp._memory_limit import Limit, stored
 from sgp._write_synthesis import Synthesised
 
 
@@ -32,10 +32,10 @@ class SheetSizes(NamedTuple):
     overlap: int | None
     copies: int
 
-    def need(self, kind: str) -> Need:
+    def need(self, kind: str) -> processing.Need:
         """Return the memory that a synthesis needs; ``kind`` is a sheet or a target."""
         height, width = self.size
-        return Need(
+        return processing.Need(
             processing.memory_of_synthesis(self.exemplar, self.size, copies=self.copies),
             processing.least_memory_of_synthesis(
                 self.exemplar,
@@ -51,7 +51,7 @@ class SheetSizes(NamedTuple):
 @contextmanager
 def sheet_within(
     limit: Limit,
-    need: Need,
+    need: processing.Need,
     exemplar: processing.NormalMap,
     size: tuple[int, int],
     options: SheetOptions,

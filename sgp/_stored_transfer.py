@@ -11,7 +11,7 @@ import processing
 import rig
 from sgp._console import Stages
 from sgp._map_doubts import read_map, with_doubts
-from sgp._memory_limit import Limit, Need, identity, stored
+from sgp._memory_limit import Limit, identity, stored
 from sgp._write_transfer import Transferred
 
 Green = Literal["up", "down"]
@@ -46,7 +46,7 @@ class TransferMaps(NamedTuple):
         )
         return source, target
 
-    def need(self, shape_filter: processing.ShapeFilter) -> tuple[Need, list[Path]]:
+    def need(self, shape_filter: processing.ShapeFilter) -> tuple[processing.Need, list[Path]]:
         """Return the memory that a transfer needs, and the files of the maps."""
         source, target = (
             processing.find_normals(path, max_pixels=self.max_pixels)
@@ -54,7 +54,7 @@ class TransferMaps(NamedTuple):
         )
         sizes = source.size, target.size
         texts = (f"{width} x {height}" for height, width in sizes)
-        need = Need(
+        need = processing.Need(
             processing.memory_of_transfer(*sizes, shape_filter),
             processing.least_memory_of_transfer(*sizes, shape_filter),
             f"normal maps of {' and '.join(texts)} pixels",

@@ -174,38 +174,23 @@ def normals_metrics(stage: Normals) -> NormalsMetrics:
 
 def write_separation(
     folder: Path,
-    parts: processing.Separation | processing.StoredSeparation,
+    parts: acquisition.Maps,
+    mask: npt.NDArray[np.bool_],
     maps: MapOptions = _MAPS,
 ) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
     outputs: dict[str, Path] = {}
     with Stages() as progress:
-        for name, (normals, mask) in _components(parts).items():
+        for name in ("shape", "detail"):
             outputs |= processing.write_normal_rows(
-                folder, normals, mask, name, green=maps.green_out, on_progress=progress
+                folder, parts[name], mask, name, green=maps.green_out, on_progress=progress
             )
-        progress("measuring the detail", 0, 1)
-        metrics = separation_metrics(parts)
-        progress("measuring the detail", 1, 1)
+    metrics: SeparationMetrics = {
+        "separability_deg": processing.SeparationStage.separability_deg(parts, mask)
+    }
     separability = metrics["separability_deg"]
     return Result(
         outputs=outputs,
         metrics=metrics,
         summary=[f"separability {separability:.2f} deg (shape left in the detail; 0 is best)"],
     )
-
-
-def _components(
-    parts: processing.Separation | processing.StoredSeparation,
-) -> dict[str, tuple[acquisition.MapRows, npt.NDArray[np.bool_]]]:
-    if isinstance(parts, processing.StoredSeparation):
-        return {"shape": (parts.shape, parts.mask), "detail": (parts.detail, parts.mask)}
-    components = {"shape": parts.shape, "detail": parts.detail}
-    return {name: (part.normals, part.mask) for name, part in components.items()}
-
-
-def separation_metrics(
-    parts: processing.Separation | processing.StoredSeparation,
-) -> SeparationMetrics:
-    """Return the figures of a separation."""
-    return {"separability_deg": parts.separability_deg}

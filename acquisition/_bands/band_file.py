@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ class BandFile:
         ``(H, ...)``.
     dtype
         Type of the values, in the byte order of this computer.
+    on_write
+        Receives the first row, the row after the last, and the bytes, before they are written.
 
     Raises
     ------
@@ -47,15 +50,21 @@ class BandFile:
     >>> height.close()
     """
 
-    def __init__(self, path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        shape: tuple[int, ...],
+        dtype: np.dtype[Any],
+        on_write: Callable[[int, int, memoryview], object] = lambda first, last, data: None,
+    ) -> None:
         self.path, self.shape, self.dtype = path, shape, dtype
+        self._on_write = on_write
         self._row = math.prod(shape[1:]) * dtype.itemsize
-        size = shape[0] * self._row
         self._file = -1
         with disk(path, "create"):
             self._file = open_binary(path, os.O_RDWR | os.O_CREAT)
-            if os.fstat(self._file).st_size != size:
-                os.ftruncate(self._file, size)
+            if os.fstat(self._file).st_size != self.nbytes:
+                os.ftruncate(self._file, self.nbytes)
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -64,6 +73,11 @@ class BandFile:
     def size(self) -> int:
         """Number of values."""
         return math.prod(self.shape)
+
+    @property
+    def nbytes(self) -> int:
+        """Number of bytes."""
+        return self.shape[0] * self._row
 
     def __getitem__(self, rows: slice) -> Rows:
         first, count = self._range(rows)
@@ -82,6 +96,7 @@ class BandFile:
         first, count = self._range(rows)
         whole = np.broadcast_to(np.asarray(values, self.dtype), (count, *self.shape[1:]))
         data = np.ascontiguousarray(whole).reshape(-1).view(np.uint8).data
+        self._on_write(first, first + count, data)
         with disk(self.path, "write"):
             write_whole_at(self._file, data, first * self._row)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import shutil
 import stat
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -14,6 +16,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from acquisition._bands.band_file import BandFile
+from acquisition._bands.memory_maps import Form
 from acquisition._errors import DataError, StorageError
 from acquisition._storage import (
     append_durably,
@@ -27,11 +30,14 @@ from acquisition._storage import (
 )
 from rig import UnreadableError, parse_json, read_bounded
 
+# Of the folder: a folder of another layout is not continued.
+_LAYOUT: Final = 2
 _IDENTITY: Final = "identity.json"
 _JOURNAL: Final = "journal.jsonl"
 _DOING: Final = "computing these maps"
 
-Form = tuple[tuple[int, ...], type[np.generic]]
+# First row, row after the last, and checksum of what was written.
+_Written = tuple[int, int, int]
 
 
 class OtherMapsError(DataError):
@@ -106,11 +112,28 @@ def remove_unfinished(path: Path) -> None:
         os.close(lock)
 
 
+class DamagedMapsError(DataError):
+    """Unfinished maps that were changed after they had been computed.
+
+    Parameters
+    ----------
+    file
+        What was changed.
+    what
+        How.
+    """
+
+    def __init__(self, file: Path, what: str) -> None:
+        self.file, self.what = file, what
+        super().__init__(f"{file}: {what}: remove {file.parent}")
+
+
 class BandStore(Mapping[str, BandFile]):
-    """File-backed maps of a long computation, with a journal of the rows that are complete.
+    """File-backed maps of a long computation, with a journal of what is complete.
 
     The files are in a hidden folder. A process that is killed leaves them; the next one with the
-    same identity continues after the last complete band. `remove` deletes them.
+    same identity continues after the last complete band. The journal has a checksum of what each
+    band wrote, which is compared when a computation is continued. `remove` deletes the maps.
 
     Parameters
     ----------
@@ -119,16 +142,17 @@ class BandStore(Mapping[str, BandFile]):
     identity
         What the values depend on, as JSON: parameters, hashes of inputs, software version.
     maps
-        Shape ``(H, ...)`` and type of each map, all with the same H unless there are `units`.
+        Shape ``(H, ...)`` and type of each map.
     replace
-        Begin again if there are maps of another identity, which are otherwise refused.
-    units
-        What the journal counts instead of rows, for a computation in several steps.
+        Begin again if there are maps of another identity or damaged ones, which are otherwise
+        refused.
 
     Raises
     ------
     OtherMapsError
         If there are maps of another identity.
+    DamagedMapsError
+        If rows that are complete were changed, cut off or deleted since.
     SessionInUseError
         If another process writes the same maps.
     StorageError
@@ -142,8 +166,8 @@ class BandStore(Mapping[str, BandFile]):
     >>> form = {"albedo": ((6, 4), np.float32)}
     >>> with BandStore(Path("normals"), {"method": "ls"}, form) as maps:
     ...     maps["albedo"][0:3] = 1.0
-    ...     maps.complete(slice(0, 3))  # a kill after this loses nothing of rows 0 to 2
-    ...     maps.missing(), maps.remove()
+    ...     maps.complete("solve", slice(0, 3))  # a kill after this loses nothing of rows 0 to 2
+    ...     maps.missing("solve", 6), maps.remove()
     ([slice(3, 6, None)], None)
     """
 
@@ -154,10 +178,8 @@ class BandStore(Mapping[str, BandFile]):
         maps: Mapping[str, Form],
         *,
         replace: bool = False,
-        units: int | None = None,
     ) -> None:
         self.folder = part_path(path)
-        self._height = next(iter(maps.values()))[0][0] if units is None else units
         forms = {name: [list(shape), np.dtype(kind).name] for name, (shape, kind) in maps.items()}
         wanted = _as_json({**identity, "maps": forms})
         with disk(self.folder, "write"), suppress(FileNotFoundError):
@@ -166,24 +188,47 @@ class BandStore(Mapping[str, BandFile]):
         make_folder(self.folder)
         self._files: dict[str, BandFile] = {}
         self._others: list[BandFile] = []
-        self._journal = -1
+        # Rows and checksums by map: of what the journal names, and of what it does not yet.
+        self._known: dict[str, list[_Written]] = {name: [] for name in maps}
+        self._fresh: dict[str, list[_Written]] = {name: [] for name in maps}
+        self._descriptor = -1
         self._lock = lock_folder(self.folder, _DOING)
         try:
             self._claim(wanted, replace=replace)
-            self.done = _rows_done(self.folder / _JOURNAL, self._height)
-            if not self.done:
-                self._check_space(maps)
-            for name, (shape, kind) in maps.items():
-                file = self.folder / f"{name}.raw"
-                self._files[name] = BandFile(file, shape, np.dtype(kind))
-            with disk(self.folder, "write"):
-                self._journal = open_binary(
-                    self.folder / _JOURNAL, os.O_WRONLY | os.O_CREAT | os.O_APPEND
-                )
-                sync_folder(self.folder)
+            try:
+                self._continue(maps)
+            except DamagedMapsError:
+                if not replace:
+                    raise
+                self.close_files()
+                self._empty(wanted)
+                self._continue(maps)
         except BaseException:
             self.close()
             raise
+
+    def _continue(self, maps: Mapping[str, Form]) -> None:
+        """Open the maps, and compare what is complete with the journal."""
+        self.done: dict[str, list[slice]] = {}
+        self._replay()
+        if not self.done:
+            self._check_space(maps)
+        for name, (shape, kind) in maps.items():
+            path = self.folder / f"{name}.raw"
+            written = functools.partial(self._written, name)
+            size = path.stat().st_size if path.is_file() else None
+            self._files[name] = file = BandFile(path, shape, np.dtype(kind), written)
+            if self._known[name] and size != file.nbytes:
+                what = "was deleted" if size is None else "has another size"
+                raise DamagedMapsError(path, f"{what} since a part of it was computed")
+            for first, last, checksum in self._known[name]:
+                if zlib.crc32(file[first:last].reshape(-1).view(np.uint8).data) != checksum:
+                    what = f"rows {first} to {last - 1} were changed since they were computed"
+                    raise DamagedMapsError(path, what)
+        with disk(self.folder, "write"):
+            flags = os.O_WRONLY | os.O_CREAT | os.O_APPEND
+            self._descriptor = open_binary(self.folder / _JOURNAL, flags)
+            sync_folder(self.folder)
 
     def __getitem__(self, name: str) -> BandFile:
         return self._files[name]
@@ -194,63 +239,109 @@ class BandStore(Mapping[str, BandFile]):
     def __len__(self) -> int:
         return len(self._files)
 
-    def missing(self) -> list[slice]:
-        """Return the rows that are not complete, in order."""
+    def missing(self, step: str, units: int) -> list[slice]:
+        """Return the units of a step that are not complete, in order."""
         gaps, at = [], 0
-        for rows in sorted(self.done, key=lambda rows: rows.start):
-            if rows.start > at:
-                gaps.append(slice(at, rows.start))
-            at = max(at, rows.stop)
-        return gaps if at >= self._height else [*gaps, slice(at, self._height)]
-
-    def missing_bands(self, count: int, part: slice | None = None) -> list[slice]:
-        """Return the rows that are not complete, in bands of at most `count`.
-
-        ``part`` is the range of a step among the units that the journal counts; its bands begin at
-        0. By default, it is everything.
-        """
-        first, last = (0, self._height) if part is None else (part.start, part.stop)
-        bands = []
-        for gap in self.missing():
-            begin, end = max(gap.start, first) - first, min(gap.stop, last) - first
-            bands += [slice(top, min(top + count, end)) for top in range(begin, end, count)]
-        return bands
+        for done in sorted(self.done.get(step, ()), key=lambda done: done.start):
+            if done.start > at:
+                gaps.append(slice(at, done.start))
+            at = max(at, done.stop)
+        return gaps if at >= units else [*gaps, slice(at, units)]
 
     @contextmanager
     def filling(self) -> Iterator[None]:
-        """Keep what is complete after an error in the block, as `abandon` does."""
+        """Keep what is complete after an error in the block; otherwise leave no maps."""
         try:
             yield
         except BaseException:
-            self.abandon()
+            self.close()
+            if not self.done:
+                self.remove()
+                with suppress(OSError):
+                    self.folder.parent.rmdir()  # if nothing else is in it
             raise
 
-    def complete(self, rows: slice) -> None:
-        """Make rows of all maps durable, then name them in the journal.
+    def complete(self, step: str, units: slice) -> None:
+        """Make all maps durable, then name units of a step in the journal.
 
         Raises
         ------
         StorageError
-            If the disk refuses; the rows then count as missing.
+            If the disk refuses; the units then count as missing.
         """
         for file in self._files.values():
             file.sync()
-        line = json.dumps([rows.start, rows.stop])
-        append_durably(self._journal, self.folder / _JOURNAL, f"{line}\n".encode())
-        self.done.append(rows)
+        written = {name: parts for name, parts in self._fresh.items() if parts}
+        self._append({"step": step, "units": [units.start, units.stop], "written": written})
+        self._note(step, units, written)
+        self._fresh = {name: [] for name in self._files}
+
+    def _written(self, name: str, first: int, last: int, data: memoryview) -> None:
+        """Note the checksum of rows that are about to be written."""
+        kept = _apart(self._known[name], first, last)
+        if len(kept) < len(self._known[name]):
+            # After a kill the file may have either values.
+            self._append({"replaced": [name, first, last]})
+            self._known[name] = kept
+        self._fresh[name] = [
+            *_apart(self._fresh[name], first, last),
+            (first, last, zlib.crc32(data)),
+        ]
+
+    def _append(self, line: Mapping[str, object]) -> None:
+        data = f"{json.dumps(line)}\n".encode()
+        append_durably(self._descriptor, self.folder / _JOURNAL, data)
+
+    def _note(self, step: str, units: slice, written: Mapping[str, Sequence[_Written]]) -> None:
+        self.done.setdefault(step, []).append(units)
+        for name, parts in written.items():
+            for first, last, checksum in parts:
+                kept = _apart(self._known[name], first, last)
+                self._known[name] = [*kept, (first, last, checksum)]
+
+    def _replay(self) -> None:
+        """Read the journal; a last line that was cut short is removed from it."""
+        journal = self.folder / _JOURNAL
+        self._known = {name: [] for name in self._known}
+        try:
+            data = read_bounded(journal)
+        except FileNotFoundError:
+            return
+        except UnreadableError as error:
+            raise DataError(f"{journal}: {error}") from error
+        whole = data[: data.rfind(b"\n") + 1]
+        if len(whole) < len(data):
+            with disk(journal, "repair"):
+                os.truncate(journal, len(whole))
+        for number, text in enumerate(whole.splitlines(), 1):
+            try:
+                line = parse_json(text)
+                if "replaced" in line:
+                    name, first, last = line["replaced"]
+                    self._known[name] = _apart(self._known[name], first, last)
+                else:
+                    begin, end = line["units"]
+                    if not 0 <= begin < end:
+                        raise ValueError("no units")
+                    self._note(line["step"], slice(begin, end), line["written"])
+            except (UnreadableError, TypeError, ValueError, KeyError) as error:
+                raise DamagedMapsError(journal, f"line {number} is damaged") from error
 
     def _claim(self, wanted: dict[str, Any], *, replace: bool) -> None:
         """Keep the maps of the same identity, remove those of another one."""
-        file = self.folder / _IDENTITY
-        found = _identity(file)
+        found = _identity(self.folder / _IDENTITY)
         if found == wanted:
             return
         if found is not None and not replace:
             raise OtherMapsError(self.folder.parent, _differences(found, wanted))
+        self._empty(wanted)
+
+    def _empty(self, wanted: dict[str, Any]) -> None:
+        """Begin with an empty folder."""
         with disk(self.folder, "write"):
             for old in self.folder.iterdir():
                 old.unlink()
-        write_durably(file, f"{json.dumps(wanted)}\n".encode())
+        write_durably(self.folder / _IDENTITY, f"{json.dumps(wanted)}\n".encode())
 
     def _check_space(self, maps: Mapping[str, Form]) -> None:
         needed = sum(int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind in maps.values())
@@ -266,22 +357,18 @@ class BandStore(Mapping[str, BandFile]):
         """Close another file in the folder, such as that of an input, together with the maps."""
         self._others.append(file)
 
-    def close(self) -> None:
-        """Close the files, which stay; harmless if repeated."""
+    def close_files(self) -> None:
+        """Close the maps."""
         for file in (*self._files.values(), *self._others):
             file.close()
-        for descriptor in (self._journal, self._lock):
+
+    def close(self) -> None:
+        """Close the files, which stay; harmless if repeated."""
+        self.close_files()
+        for descriptor in (self._descriptor, self._lock):
             if descriptor >= 0:
                 os.close(descriptor)
-        self._journal = self._lock = -1
-
-    def abandon(self) -> None:
-        """Close the files after an error: maps of which no row is complete are deleted."""
-        self.close()
-        if not self.done:
-            self.remove()
-            with suppress(OSError):
-                self.folder.parent.rmdir()  # if nothing else is in it
+        self._descriptor = self._lock = -1
 
     def remove(self) -> None:
         """Delete the maps, after their result is complete."""
@@ -294,6 +381,11 @@ class BandStore(Mapping[str, BandFile]):
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _apart(parts: Sequence[_Written], first: int, last: int) -> list[_Written]:
+    """Return the parts that have no row between two rows."""
+    return [part for part in parts if part[1] <= first or part[0] >= last]
 
 
 def _remove(folder: Path) -> None:
@@ -316,7 +408,7 @@ def _identity(file: Path) -> dict[str, Any] | None:
 
 def _as_json(identity: Mapping[str, object]) -> dict[str, Any]:
     """Return an identity as it is read back: tuples become lists."""
-    found: dict[str, Any] = json.loads(json.dumps(identity))
+    found: dict[str, Any] = json.loads(json.dumps({**identity, "layout": _LAYOUT}))
     return found
 
 
@@ -328,28 +420,3 @@ def _amount(count: int) -> str:
 def _differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Sequence[str]:
     names = [name for name in wanted if found.get(name) != wanted[name]]
     return names or [name for name in found if name not in wanted] or ["identity"]
-
-
-def _rows_done(journal: Path, height: int) -> list[slice]:
-    """Return the rows that a journal names; a last line that was cut short is removed from it."""
-    try:
-        data = read_bounded(journal)
-    except FileNotFoundError:
-        return []
-    except UnreadableError as error:
-        raise DataError(f"{journal}: {error}") from error
-    whole = data[: data.rfind(b"\n") + 1]
-    if len(whole) < len(data):
-        with disk(journal, "repair"):
-            os.truncate(journal, len(whole))
-    done = []
-    for number, line in enumerate(whole.splitlines(), 1):
-        try:
-            first, last = parse_json(line)
-            valid = 0 <= first < last <= height
-        except (UnreadableError, TypeError, ValueError):
-            valid = False
-        if not valid:
-            raise DataError(f"{journal}: line {number} is damaged: remove {journal.parent}")
-        done.append(slice(first, last))
-    return done

@@ -13,8 +13,8 @@ from sgp._memory_limit import Limit
 from sgp._options import Input, Memory, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_maps import MapInput, stage_maps
 from sgp._stage_options import MapOptions, SeparationOptions
-from sgp._stored_separation import separation_within
 from sgp._write import write_separation
 
 Green = Literal["up", "down"]
@@ -63,13 +63,12 @@ def separate(
         Write into an output folder that already contains files.
     """
     limit = Limit(memory, out / "detail", force)
-    with separation_within(limit, normals, options, green=green, max_pixels=max_pixels) as (
-        parts,
-        read,
-    ):
-        result = write_separation(claim_folder(out, "detail.json"), parts, maps)
-    result.warnings += read.warnings
-    result.inputs = list(read.files)
+    given = MapInput(normals, green, max_pixels=max_pixels)
+    with stage_maps(options.stage(), [given], limit) as made:
+        folder = claim_folder(out, "detail.json")
+        result = write_separation(folder, made.maps, made.inputs[0].mask, maps)
+    result.warnings += made.warnings
+    result.inputs = list(made.files)
     return result
 
 

@@ -1,0 +1,1 @@
+"""How every stage is computed: in memory, or in bands with its maps in files."""

@@ -1,0 +1,138 @@
+"""A stage of the processing, and the loop that runs every one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from acquisition import Form, MapRows, Maps, MemoryMaps
+from rig import Progress, no_progress
+
+Mask = npt.NDArray[np.bool_]
+Size = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Need:
+    """The memory that a program needs for a stage.
+
+    Parameters
+    ----------
+    whole
+        Bytes if all maps are in memory.
+    least
+        Bytes in bands, at least.
+    of
+        What needs them, for messages: "a normal map of 48 x 40 pixels".
+    """
+
+    whole: int
+    least: int
+    of: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """A part of a stage, which begins when the parts before it are complete.
+
+    Parameters
+    ----------
+    name
+        Name in the journal, unique in the stage.
+    units
+        What is counted: rows of a map, or other parts that can be computed on their own.
+    run
+        Computes some units and writes them into the maps. It may read beyond them: maps of earlier
+        steps are complete.
+    most
+        Units that are computed at once; None for all.
+    """
+
+    name: str
+    units: int
+    run: Callable[[slice], object]
+    most: int | None = None
+
+
+class NormalRows(Protocol):
+    """A normal map of which rows are read: a `NormalMap`, or a `StoredNormals` in a file."""
+
+    @property
+    def normals(self) -> MapRows:
+        """``(H, W, 3)`` float32 unit vectors, 0 outside the mask."""
+
+    @property
+    def mask(self) -> Mask:
+        """``(H, W)`` bool."""
+
+
+class Stage(Protocol):
+    """What is computed from normal maps: a frozen dataclass, whose fields are the options.
+
+    The fields identify the maps: work that was interrupted is continued only with equal ones.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the work, for its progress."""
+
+    def need(self, *sizes: Size) -> Need:
+        """Return the memory for inputs of these (height, width)."""
+
+    def forms(self, *sizes: Size) -> Mapping[str, Form]:
+        """Return shape and type of every map that the steps fill; refuse sizes that do not fit."""
+
+    def steps(
+        self, maps: Maps, *inputs: NormalRows, memory: int | None = None
+    ) -> Sequence[Step]:
+        """Return the steps that fill the maps.
+
+        ``memory`` is what bands may use, in bytes; None if everything is in memory.
+        """
+
+
+def run_steps(
+    name: str, steps: Sequence[Step], maps: Maps, on_progress: Progress = no_progress
+) -> None:
+    """Compute what is missing of a stage.
+
+    Parameters
+    ----------
+    name
+        Name of the stage; ``on_progress`` receives it with the number of units of all steps.
+    steps
+        All steps, in order.
+    maps
+        The maps, in memory or in files. What is complete in them is not computed again.
+    """
+    gaps = [(step, gap) for step in steps for gap in maps.missing(step.name, step.units)]
+    total = sum(step.units for step in steps)
+    done = total - sum(gap.stop - gap.start for _, gap in gaps)
+    on_progress(name, done, total)
+    for step, gap in gaps:
+        most = step.most or step.units
+        for first in range(gap.start, gap.stop, most):
+            units = slice(first, min(first + most, gap.stop))
+            step.run(units)
+            maps.complete(step.name, units)
+            done += units.stop - units.start
+            on_progress(name, done, total)
+
+
+def computed(
+    stage: Stage, *inputs: NormalRows, on_progress: Progress = no_progress
+) -> MemoryMaps:
+    """Return the maps of a stage, computed in memory."""
+    maps = MemoryMaps(stage.forms(*(size_of(given) for given in inputs)))
+    run_steps(stage.name, stage.steps(maps, *inputs), maps, on_progress)
+    return maps
+
+
+def size_of(given: NormalRows) -> Size:
+    """Return (height, width) of a normal map."""
+    height, width = given.mask.shape
+    return height, width
