@@ -10,6 +10,7 @@ from ._bands.map_rows import MapRows as MapRows
 from ._bands.map_rows import rows_in_bands as rows_in_bands
 from ._bands.memory_maps import Form as Form
 from ._bands.memory_maps import Maps as Maps
+from ._bands.memory_maps import MapToFill as MapToFill
 from ._bands.memory_maps import MemoryMap as MemoryMap
 from ._bands.memory_maps import MemoryMaps as MemoryMaps
 from ._engine.camera_settings import camera_notices as camera_notices

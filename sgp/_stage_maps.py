@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from sgp._map_doubts import read_map, with_doubts
 from sgp._memory_limit import Limit, identity, other_maps_refused
 
 Green = Literal["up", "down"]
+Computed = acquisition.MemoryMaps | acquisition.BandStore
 
 
 @dataclass(frozen=True)
@@ -45,9 +46,7 @@ class MapInput:
 
     def read(self) -> processing.NormalMapFile:
         """Read the map, with notices about its axes."""
-        return read_map(
-            self.path, green=self.green, option=self.option, max_pixels=self.max_pixels
-        )
+        return read_map(self.path, green=self.green, option=self.option, max_pixels=self.max_pixels)
 
     def store(self, file: Path) -> processing.StoredNormals:
         """Read the map into a file of rows."""
@@ -72,7 +71,7 @@ class StageMaps:
         Those of the readers.
     """
 
-    maps: acquisition.Maps
+    maps: Computed
     inputs: tuple[processing.NormalRows, ...]
     warnings: tuple[rig.Notice, ...]
     files: tuple[Path, ...]
@@ -88,9 +87,6 @@ def stage_maps(
     read: Sequence[processing.NormalMapFile] | None = None,
 ) -> Iterator[StageMaps]:
     """Provide the maps of a stage, which are computed here.
-
-    Maps that do not fit into memory are in files, which are removed if the block ends well. After
-    an error, the same command continues with them.
 
     Parameters
     ----------
@@ -112,8 +108,7 @@ def stage_maps(
     """
     found = [given.find() for given in inputs]
     sizes = [one.size for one in found]
-    need = stage.need(*sizes)
-    if read is not None or not limit.must_be_stored(need):
+    if read is not None or not limit.must_be_stored(stage.need(*sizes)):
         whole = [given.read() for given in inputs] if read is None else read
         maps = [one.normal_map for one in whole]
         notices, used = _of_all(whole)
@@ -125,23 +120,54 @@ def stage_maps(
     depends_on = identity(
         {**options_of(stage), **greens}, [*(path for one in found for path in one.files), *files]
     )
+    rows: list[processing.StoredNormals] = []
+
+    def stored(store: acquisition.BandStore) -> list[processing.StoredNormals]:
+        for number, given in enumerate(inputs):
+            rows.append(given.store(store.folder / f"input-{number}.raw"))
+            store.close_with(rows[-1].normals)
+        return rows
+
+    with maps_in_files(stage, sizes, limit, depends_on, stored) as store:
+        yield StageMaps(store, tuple(rows), *_of_all(rows))
+
+
+@contextmanager
+def maps_in_files(
+    stage: processing.Stage,
+    sizes: Sequence[processing.Size],
+    limit: Limit,
+    depends_on: Mapping[str, object],
+    inputs: Callable[[acquisition.BandStore], Sequence[processing.NormalRows]],
+) -> Iterator[acquisition.BandStore]:
+    """Provide the maps of a stage in files, which are removed if the block ends well.
+
+    After an error, the same command continues with them.
+
+    Parameters
+    ----------
+    stage, limit
+        As for `stage_maps`.
+    sizes
+        (height, width) of the inputs.
+    depends_on
+        What the maps depend on.
+    inputs
+        Provides the inputs, perhaps in files next to the maps.
+    """
+    need = stage.need(*sizes)
     with ExitStack() as opened:
         with other_maps_refused(), Stages() as progress:
+            progress(stage.name, 0, 1)
             store = opened.enter_context(
                 acquisition.BandStore(
                     limit.path, depends_on, stage.forms(*sizes), replace=limit.force
                 )
             )
             with store.filling():
-                rows = [
-                    given.store(store.folder / f"input-{number}.raw")
-                    for number, given in enumerate(inputs)
-                ]
-                for one in rows:
-                    store.close_with(one.normals)
-                steps = stage.steps(store, *rows, memory=limit.bytes_of_bands(need))
+                steps = stage.steps(store, *inputs(store), memory=limit.bytes_of_bands(need))
                 processing.run_steps(stage.name, steps, store, progress)
-        yield StageMaps(store, tuple(rows), *_of_all(rows))
+        yield store
         store.remove()
 
 
@@ -157,6 +183,8 @@ def _of_all(
 def options_of(stage: Any) -> Mapping[str, object]:
     """Return the options of a stage by name, also those of the values that it consists of."""
     flat: dict[str, object] = {}
-    for name, value in asdict(stage).items():
-        flat |= value if isinstance(value, dict) else {name: value}
+    for one in fields(stage):
+        value = getattr(stage, one.name)
+        if one.repr:  # the content of the others is that of files
+            flat |= options_of(value) if is_dataclass(value) else {one.name: value}
     return flat

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,6 @@ import numpy.typing as npt
 
 import acquisition
 import processing
-import rig
 from sgp._detail_metrics import SuperresMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
@@ -28,69 +26,30 @@ _AROUND_PX = 8
 _READ = 8
 
 
-@dataclass(frozen=True)
-class Enlarged:
-    """An enlarged normal map and the given one, in memory or in files.
-
-    Parameters
-    ----------
-    made
-        The result.
-    normals, mask
-        ``(H, W, 3)`` and ``(H, W)``, its normals.
-    low, low_mask
-        ``(h, w, 3)`` and ``(h, w)``, the given normals.
-    warnings, files
-        Those of the reader.
-    """
-
-    made: processing.SuperResolution | processing.StoredSuperResolution
-    normals: acquisition.MapRows
-    mask: Mask
-    low: acquisition.MapRows
-    low_mask: Mask
-    warnings: tuple[rig.Notice, ...]
-    files: tuple[Path, ...]
-
-    @classmethod
-    def in_memory(
-        cls, made: processing.SuperResolution, read: processing.NormalMapFile
-    ) -> Enlarged:
-        """Return a result in memory and the map that was read."""
-        high, low = made.normal_map, read.normal_map
-        return cls(made, high.normals, high.mask, low.normals, low.mask, read.warnings, read.files)
-
-    @classmethod
-    def on_disk(
-        cls, made: processing.StoredSuperResolution, warnings: tuple[rig.Notice, ...]
-    ) -> Enlarged:
-        """Return a result in files, with the notices about the given map."""
-        return cls(made, made.normals, made.mask, made.low, made.low_mask, warnings, made.files)
-
-
-def write_superres_maps(out: Path, enlarged: Enlarged) -> dict[str, Path]:
+def write_superres_maps(out: Path, made: processing.SuperResolution) -> dict[str, Path]:
     """Write the standard deviations, if there are any, and what was invented."""
-    made, outputs = enlarged.made, {"invented": out / "invented.png"}
+    outputs = {"invented": out / "invented.png"}
 
     def shares(rows: slice) -> npt.NDArray[Any]:
-        return np.rint(made.invented[rows] * 255).astype(np.uint8)
+        samples: npt.NDArray[Any] = np.rint(made.maps["invented"][rows] * 255).astype(np.uint8)
+        return samples
 
-    pixels = acquisition.ComputedRows(enlarged.mask.shape, np.dtype(np.uint8), shares)
+    pixels = acquisition.ComputedRows(made.mask.shape, np.dtype(np.uint8), shares)
     acquisition.write_png(outputs["invented"], pixels)
-    if made.sigma_deg is not None:
+    if "sigma_deg" in made.maps:
         outputs["normal_sigma_deg"] = out / "normal_sigma_deg.exr"
-        acquisition.write_exr(outputs["normal_sigma_deg"], made.sigma_deg)
+        acquisition.write_exr(outputs["normal_sigma_deg"], made.maps["sigma_deg"])
     return outputs
 
 
-def measure_superres(enlarged: Enlarged, result: Result) -> None:
+def measure_superres(made: processing.SuperResolution, result: Result) -> None:
     """Add the figures and the summary."""
-    made, (height, width) = enlarged.made, enlarged.mask.shape
+    height, width = made.mask.shape
     sigma = made.median_sigma_deg
     metrics: SuperresMetrics = {
         "width": width,
         "height": height,
-        "pixels": int(np.count_nonzero(enlarged.mask)),
+        "pixels": int(np.count_nonzero(made.mask)),
         "invented_share": made.invented_share,
         "added_deg": made.mean_added_deg,
         "normal_sigma_deg": None if np.isnan(sigma) else sigma,
@@ -107,48 +66,51 @@ def measure_superres(enlarged: Enlarged, result: Result) -> None:
         ]
 
 
-def write_superres_picture(path: Path, name: str, enlarged: Enlarged) -> None:
+def write_superres_picture(
+    path: Path, name: str, made: processing.SuperResolution, low: processing.NormalRows
+) -> None:
     """Draw the part to which most was added at its own resolution, and the maps."""
-    made, mask = enlarged.made, enlarged.mask
-    scale = made.scale
-    rows, columns = _part(made.added_deg, mask, scale)
+    mask, maps, scale = made.mask, made.maps, made.scale
+    rows, columns = _part(maps["added_deg"], mask, scale)
     coarse = Crop(
         slice(rows.start // scale, rows.stop // scale),
         slice(columns.start // scale, columns.stop // scale),
     )
-    plain, inside = _interpolated(enlarged, coarse)
+    plain, inside = _interpolated(made, low, coarse)
     fine, whole = Crop(rows, columns), Crop.around(mask)
     shown = f"result, {mask.shape[1]} x {mask.shape[0]} pixels"
     panels = [
-        lit_vectors_panel("part of the given map", enlarged.low, enlarged.low_mask, coarse),
+        lit_vectors_panel("part of the given map", low.normals, low.mask, coarse),
         lit_vectors_panel("bicubic interpolation", plain.normals, plain.mask, inside),
-        lit_vectors_panel("result", enlarged.normals, mask, fine),
-        lit_vectors_panel(shown, enlarged.normals, mask, whole),
+        lit_vectors_panel("result", maps["normals"], mask, fine),
+        lit_vectors_panel(shown, maps["normals"], mask, whole),
     ]
-    if made.sigma_deg is not None:
+    if "sigma_deg" in maps:
         title = "angle to interpolation"
         panels += [
-            map_panel(title, made.added_deg, "deg", whole, error=True, mask=mask),
-            map_panel("standard deviation", made.sigma_deg, "deg", whole, error=True),
+            map_panel(title, maps["added_deg"], "deg", whole, error=True, mask=mask),
+            map_panel("standard deviation", maps["sigma_deg"], "deg", whole, error=True),
         ]
     write_overview(path, f"{name}, scale {scale}", panels, columns=3)
 
 
-def _interpolated(enlarged: Enlarged, part: Crop) -> tuple[processing.NormalMap, Crop]:
+def _interpolated(
+    made: processing.SuperResolution, low: processing.NormalRows, part: Crop
+) -> tuple[processing.NormalMap, Crop]:
     """Return the bicubic interpolation of the surroundings of a part, and the part in it."""
-    scale, low = enlarged.made.scale, enlarged.low_mask
+    scale = made.scale
     rows, columns = (
         slice(max(span.start - _AROUND_PX, 0), min(span.stop + _AROUND_PX, length))
-        for span, length in zip((part.rows, part.columns), low.shape, strict=True)
+        for span, length in zip((part.rows, part.columns), low.mask.shape, strict=True)
     )
-    around = processing.NormalMap(enlarged.low[rows][:, columns], low[rows, columns])
-    mask = enlarged.mask[_enlarged(rows, scale), _enlarged(columns, scale)]
-    made = processing.super_resolve(around, scale, method="bicubic", mask=mask)
+    around = processing.NormalMap(low.normals[rows][:, columns], low.mask[rows, columns])
+    mask = made.mask[_enlarged(rows, scale), _enlarged(columns, scale)]
+    plain = processing.super_resolve(around, scale, method="bicubic", mask=mask)
     inner_rows, inner_columns = (
         _enlarged(slice(span.start - outer.start, span.stop - outer.start), scale)
         for span, outer in ((part.rows, rows), (part.columns, columns))
     )
-    return made.normal_map, Crop(inner_rows, inner_columns)
+    return plain.normal_map, Crop(inner_rows, inner_columns)
 
 
 def _part(added_deg: acquisition.MapRows, mask: Mask, scale: int) -> tuple[slice, slice]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,44 +32,51 @@ _FIGURES = (
 
 @dataclass(frozen=True)
 class Synthesised:
-    """A synthesised detail, in memory or in files.
+    """A synthesised detail.
 
     Parameters
     ----------
-    made
-        The result.
     normals, mask
-        ``(H, W, 3)`` and ``(H, W)``, its detail.
+        ``(H, W, 3)`` and ``(H, W)``, the detail.
     measured
         The part of which the figures are: a large sheet's middle.
+    patch
+        Side of the patches.
+    steps
+        Steps across cuts and inside patches.
     """
 
-    made: processing.Synthesis | processing.StoredSynthesis | processing.TargetSynthesis
     normals: acquisition.MapRows
     mask: npt.NDArray[np.bool_]
     measured: processing.NormalMap
+    patch: int
+    steps: processing.CutSteps
 
     @classmethod
     def in_memory(cls, made: processing.Synthesis | processing.TargetSynthesis) -> Synthesised:
         """Return a detail in memory."""
-        return cls(made, made.detail.normals, made.detail.mask, made.detail)
+        detail = made.detail
+        return cls(detail.normals, detail.mask, detail, made.patch, made.steps)
 
     @classmethod
-    def on_disk(cls, made: processing.StoredSynthesis) -> Synthesised:
-        """Return a sheet in files."""
-        return cls(made, made.normals, np.ones(made.labels.shape, np.bool_), made.middle())
+    def of_sheet(
+        cls, stage: processing.SynthesisStage, maps: Mapping[str, acquisition.MapRows]
+    ) -> Synthesised:
+        """Return a sheet, of which the middle is measured."""
+        middle = stage.middle(maps)
+        steps, mask = stage.cut_steps(maps), np.ones(stage.size, np.bool_)
+        return cls(maps["sheet"], mask, middle, stage.patch, steps)
 
 
 def measure_texture(
     detail: Synthesised, exemplar: processing.NormalMap, result: Result
 ) -> SynthesisMetrics:
     """Compare synthesised detail with its exemplar, add the summary, and return the figures."""
-    made = detail.made
-    figures = processing.texture_figures(detail.measured, exemplar, patch=made.patch)
+    figures = processing.texture_figures(detail.measured, exemplar, patch=detail.patch)
     # Each figure is computed when it is first used.
     for name in shown("measuring", _FIGURES):
         getattr(figures, name)
-    steps = made.steps
+    steps = detail.steps
     height, width = detail.mask.shape
     pixels = np.count_nonzero(detail.mask)
     size = f"{width} x {height} pixels" if detail.mask.all() else f"{pixels} pixels"

@@ -16,6 +16,7 @@ from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import map_panel, vectors_panel
 from sgp._result import Result
+from sgp._stage_maps import StageMaps
 
 Mask = npt.NDArray[np.bool_]
 
@@ -48,19 +49,33 @@ class Transferred:
     files: tuple[Path, ...]
 
     @classmethod
-    def in_memory(
+    def of_stage(cls, stage: processing.TransferStage, made: StageMaps) -> Transferred:
+        """Return the result of a transfer."""
+        source, target = (given.mask for given in made.inputs)
+        return cls(
+            made.maps[stage.result],
+            target,
+            made.maps["shape_error"],
+            made.maps["detail_error"],
+            stage.figures(made.maps, target),
+            stage.placement(made.maps, source, target),
+            made.warnings,
+            made.files,
+        )
+
+    @classmethod
+    def of_part(
         cls,
-        done: processing.TransferResult | processing.LocalTransferResult,
+        done: processing.LocalTransferResult,
         source: processing.NormalMapFile,
         target: processing.NormalMapFile,
         on_progress: rig.Progress,
     ) -> Transferred:
-        """Return a result in memory, with the figures, which are computed here."""
+        """Return the result of a local transfer, with the figures, which are computed here."""
         steps, own = 7, done.fidelity
         on_progress("measuring errors", 1, steps)
         paper = done.fidelity_paper
         on_progress("measuring errors", 2, steps)
-        errors = own.shape_error_deg, own.detail_error_deg
         pairs = (own.result.shape, own.shape), (own.result.detail, own.detail)
         received, similar = own.detail.mask, []
         for pair in pairs:
@@ -84,9 +99,10 @@ class Transferred:
         return cls(
             done.normal_map.normals,
             done.normal_map.mask,
-            *errors,
+            own.shape_error_deg,
+            own.detail_error_deg,
             figures,
-            None if isinstance(done, processing.LocalTransferResult) else done.placement,
+            None,
             (*source.warnings, *target.warnings),
             (*source.files, *target.files),
         )

@@ -99,7 +99,9 @@ class MemoryMaps(Mapping[str, MemoryMap]):
     """
 
     def __init__(self, maps: Mapping[str, Form]) -> None:
-        self._maps = {name: MemoryMap(shape, np.dtype(kind)) for name, (shape, kind) in maps.items()}
+        self._maps = {
+            name: MemoryMap(shape, np.dtype(kind)) for name, (shape, kind) in maps.items()
+        }
 
     def __getitem__(self, name: str) -> MemoryMap:
         return self._maps[name]

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import ComputedRows, DataError, MapRows
+from acquisition import ComputedRows, DataError, MapRows, MapToFill
 from processing._detail.copies import cut_row, lay
 from processing._detail.tile import TILES, Tile
 from processing._normal_map import NormalMap
@@ -17,17 +16,6 @@ from processing._normal_map import NormalMap
 Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
-
-
-class RowsToWrite(Protocol):
-    """An array or a file whose rows are written."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """``(H, W)``."""
-
-    def __setitem__(self, rows: slice, values: Whole, /) -> None:
-        """Replace rows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +168,7 @@ class Cover:
         """Whether copies overlap, so that cuts have to be found."""
         return self.overlaps != (0, 0)
 
-    def cut(self, normals: MapRows, copies: RowsToWrite) -> None:
+    def cut(self, normals: MapRows, copies: MapToFill) -> None:
         """Find the cuts between copies of a detail, one row of copies after the other.
 
         Parameters
@@ -220,36 +208,6 @@ class Cover:
 
         known = ComputedRows((rows, columns), np.dtype(np.int32), cut)
         return Placement(self.window, self.at, self.tiles, self.overlaps, tile == "mirror", known)
-
-
-def cover(detail: NormalMap, target_mask: Mask, tile: Tile) -> Placement:
-    """Cover a target's mask with the largest rectangle inside a source's mask.
-
-    Parameters
-    ----------
-    detail
-        The detail of the source.
-    target_mask
-        ``(H, W)`` bool, not empty; the size may differ.
-    tile
-        How copies of the rectangle are joined.
-
-    Returns
-    -------
-    Placement
-        As `Cover.of` describes.
-
-    Raises
-    ------
-    DataError
-        If `tile` is unknown.
-    """
-    way = Cover.of(detail.mask, target_mask, tile)
-    if not way.is_cut:
-        return way.placement(tile, None)
-    copies = np.zeros(way.size, np.int32)
-    way.cut(detail.normals, copies)
-    return way.placement(tile, copies)
 
 
 def _along(start: int, length: int, need: int, overlap: int) -> tuple[int, int, int, int]:

@@ -9,14 +9,17 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from processing._detail.placement import Placement, cover, place_at
+from acquisition import MemoryMaps
+from processing._detail.placement import Placement
 from processing._detail.seam import SeamSteps, border_steps
 from processing._detail.separation import Separation, separate, sums_of_rows
 from processing._detail.shape_filter import ShapeFilter
 from processing._detail.tile import Tile
-from processing._detail.transfer_rows import check_steps, refined, scale_slopes, transferred
+from processing._detail.transfer_rows import scale_slopes
+from processing._detail.transfer_stage import TransferStage
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
+from processing._stages.stage import run_steps
 from rig import Progress, no_progress
 
 Float = npt.NDArray[np.float32]
@@ -182,7 +185,7 @@ def transfer(
         the rectangle, which leaves a step at every border; ``mirror`` mirrors every second copy
         with its normals, whose slopes then change their sign at a border.
     on_progress
-        Receives the stage ``transferring``: three steps, and one per correction.
+        Receives the stage ``transferring``, in rows of all steps.
 
     Returns
     -------
@@ -208,26 +211,19 @@ def transfer(
     """
     check_normal_map("source", source)
     check_normal_map("target", target)
-    check_steps(refine)
-    steps = 3 + refine
-    on_progress("transferring", 0, steps)
-    detail = separate(source, shape_filter=shape_filter).detail
-    if at is None:
-        placement = cover(detail, target.mask, tile)
-    else:
-        placement = place_at(source.mask, target.mask, at)
-    detail = placement.place(detail, target)
-    detail = scale_slopes(detail, amplitude)
-    received = detail.mask
-    on_progress("transferring", 1, steps)
-    shape = shape_filter.shape(target)
-    on_progress("transferring", 2, steps)
-    ground = target if keep_target_detail else shape
-    normals = transferred(detail.normals, received, ground.normals, target.normals)
-    for done in range(refine):
-        result_shape = shape_filter.shape(NormalMap(normals, target.mask))
-        normals = refined(normals, received, result_shape.normals, shape.normals)
-        on_progress("transferring", 3 + done, steps)
-    result = NormalMap(normals, target.mask)
-    on_progress("transferring", steps, steps)
-    return TransferResult(result, source, target, shape_filter, amplitude, placement, shape, detail)
+    stage = TransferStage(keep_target_detail, amplitude, refine, shape_filter, at, tile)
+    maps = MemoryMaps(stage.forms(source.size, target.size))
+    steps = stage.steps(maps, source, target)[:-1]  # without the figures
+    run_steps(stage.name, steps, maps, on_progress)
+    placement = stage.placement(maps, source.mask, target.mask)
+    detail = NormalMap.of_unit_vectors(maps["source_detail"][:], source.mask)
+    return TransferResult(
+        NormalMap(maps[stage.result][:], target.mask),
+        source,
+        target,
+        shape_filter,
+        amplitude,
+        placement,
+        NormalMap.of_unit_vectors(maps["shape"][:], target.mask),
+        scale_slopes(placement.place(detail, target), amplitude),
+    )

@@ -53,7 +53,7 @@ class TransferSizes:
         )
 
     def least(self) -> int:
-        """Return the bytes that `transfer_on_disk` needs at least."""
+        """Return the bytes of a transfer in bands, at least."""
         around = min(2 * self.halo, self._height()) * self._filtered()
         band = around + min(rows.LEAST_ROWS, self._height()) * self._row()
         return min(self._outside() + band, self.whole())
@@ -83,36 +83,3 @@ class TransferSizes:
 
     def _height(self) -> int:
         return max(self.source[0], self.target[0])
-
-
-def memory_of_transfer(
-    source: tuple[int, int],
-    target: tuple[int, int],
-    shape_filter: ShapeFilter = ShapeFilter(),
-) -> int:
-    """Return the bytes that a program needs to read two maps of (height, width) and `transfer`.
-
-    Examples
-    --------
-    >>> from processing import memory_of_transfer
-    >>> memory_of_transfer((500, 500), (3000, 4000)) // 1_000_000 > 1000
-    True
-    """
-    return TransferSizes(source, target, shape_filter).whole()
-
-
-def least_memory_of_transfer(
-    source: tuple[int, int],
-    target: tuple[int, int],
-    shape_filter: ShapeFilter = ShapeFilter(),
-) -> int:
-    """Return the bytes that `transfer_on_disk` needs at least.
-
-    Examples
-    --------
-    >>> from processing import least_memory_of_transfer, memory_of_transfer
-    >>> sizes = (500, 500), (3000, 4000)
-    >>> least_memory_of_transfer(*sizes) < memory_of_transfer(*sizes)
-    True
-    """
-    return TransferSizes(source, target, shape_filter).least()

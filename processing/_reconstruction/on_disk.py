@@ -117,14 +117,14 @@ def reconstruct_on_disk(
             def on_band(rows: slice) -> None:
                 if colours is not None:
                     store["colour"][rows] = _albedo_in_colour(store, colours, examined, rows)
-                store.complete(rows)
+                store.complete("solve", rows)
 
             shown = solve_bands(
                 examined,
                 method,
                 on_progress,
                 store,
-                store.missing(),
+                store.missing("solve", len(mask)),
                 rows_of_band(source, count, memory, colour=colours is not None),
                 on_band,
             )

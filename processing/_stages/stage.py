@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -47,15 +47,18 @@ class Step:
         What is counted: rows of a map, or other parts that can be computed on their own.
     run
         Computes some units and writes them into the maps. It may read beyond them: maps of earlier
-        steps are complete.
+        steps are complete. If it takes long, it yields the share of the units that is done.
     most
         Units that are computed at once; None for all.
+    weight
+        How much a unit counts in the progress.
     """
 
     name: str
     units: int
-    run: Callable[[slice], object]
+    run: Callable[[slice], Iterable[float] | None]
     most: int | None = None
+    weight: int = 1
 
 
 class NormalRows(Protocol):
@@ -86,9 +89,7 @@ class Stage(Protocol):
     def forms(self, *sizes: Size) -> Mapping[str, Form]:
         """Return shape and type of every map that the steps fill; refuse sizes that do not fit."""
 
-    def steps(
-        self, maps: Maps, *inputs: NormalRows, memory: int | None = None
-    ) -> Sequence[Step]:
+    def steps(self, maps: Maps, *inputs: NormalRows, memory: int | None = None) -> Sequence[Step]:
         """Return the steps that fill the maps.
 
         ``memory`` is what bands may use, in bytes; None if everything is in memory.
@@ -103,29 +104,29 @@ def run_steps(
     Parameters
     ----------
     name
-        Name of the stage; ``on_progress`` receives it with the number of units of all steps.
+        Name of the stage; ``on_progress`` receives it with the units of all steps by their weight.
     steps
         All steps, in order.
     maps
         The maps, in memory or in files. What is complete in them is not computed again.
     """
     gaps = [(step, gap) for step in steps for gap in maps.missing(step.name, step.units)]
-    total = sum(step.units for step in steps)
-    done = total - sum(gap.stop - gap.start for _, gap in gaps)
+    total = sum(step.units * step.weight for step in steps)
+    done = total - sum((gap.stop - gap.start) * step.weight for step, gap in gaps)
     on_progress(name, done, total)
     for step, gap in gaps:
         most = step.most or step.units
         for first in range(gap.start, gap.stop, most):
             units = slice(first, min(first + most, gap.stop))
-            step.run(units)
+            length = (units.stop - units.start) * step.weight
+            for share in step.run(units) or ():
+                on_progress(name, done + int(share * length), total)
             maps.complete(step.name, units)
-            done += units.stop - units.start
+            done += length
             on_progress(name, done, total)
 
 
-def computed(
-    stage: Stage, *inputs: NormalRows, on_progress: Progress = no_progress
-) -> MemoryMaps:
+def computed(stage: Stage, *inputs: NormalRows, on_progress: Progress = no_progress) -> MemoryMaps:
     """Return the maps of a stage, computed in memory."""
     maps = MemoryMaps(stage.forms(*(size_of(given) for given in inputs)))
     run_steps(stage.name, stage.steps(maps, *inputs), maps, on_progress)

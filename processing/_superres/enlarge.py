@@ -25,10 +25,10 @@ from processing._superres.interpolation import (
     units,
     without_averaging,
 )
+from processing._superres.method import PixelSampling
 from processing._superres.model import Domain
 from processing._superres.network import Network
 from processing._superres.pixel_means import means_of_points, with_given
-from processing._superres.super_resolution import PixelSampling
 from processing._superres.tiles import Tile, enlarged_window
 
 Float = npt.NDArray[np.float32]

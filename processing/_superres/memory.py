@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from processing._stages.stage import Need, Size
 from processing._superres.enlarge import margin_rows
-from processing._superres.enlargement import tile_side
 
+# Side of a tile in pixels of the low resolution, and its least ratio to the halo.
+TILE_PX, _HALOS = 128, 2
 # The interpreter, libraries, compiled kernels and a network with the features of a tile.
 _FIXED = 450_000_000
 # Bytes per pixel of the high resolution: a result in memory with what is written of it, masks while
@@ -14,32 +16,20 @@ _WHOLE, _ON_DISK, _OF_BAND = 30, 2, 36
 _MAP, _MASK, _OF_LOW_BAND = 13, 2, 60
 
 
-def memory_of_super_resolution(size: tuple[int, int], scale: int, halo_px: int = 19) -> int:
-    """Return the bytes that a program needs to read and `super_resolve` a map of (height, width).
-
-    ``halo_px`` is that of the network.
-
-    Examples
-    --------
-    >>> from processing import memory_of_super_resolution
-    >>> memory_of_super_resolution((3000, 4000), 4) // 1_000_000
-    6770
-    """
+def memory_need(size: Size, scale: int, halo_px: int) -> Need:
+    """Return the memory for a map of (height, width) and a network with a halo."""
     height, width = size
-    return _FIXED + height * width * (_MAP + scale**2 * _WHOLE) + _band(size, scale, halo_px)
+    fixed = _FIXED + _band(size, scale, halo_px)
+    return Need(
+        fixed + height * width * (_MAP + scale**2 * _WHOLE),
+        fixed + height * width * (_MASK + scale**2 * _ON_DISK),
+        f"a normal map of {width} x {height} pixels at scale {scale}",
+    )
 
 
-def least_memory_of_super_resolution(size: tuple[int, int], scale: int, halo_px: int = 19) -> int:
-    """Return the bytes that `super_resolve_on_disk` needs; parameters are those in memory.
-
-    Examples
-    --------
-    >>> from processing import least_memory_of_super_resolution
-    >>> least_memory_of_super_resolution((3000, 4000), 4) // 1_000_000
-    1262
-    """
-    height, width = size
-    return _FIXED + height * width * (_MASK + scale**2 * _ON_DISK) + _band(size, scale, halo_px)
+def tile_side(halo: int) -> int:
+    """Return the side of a tile for a halo, both in pixels of the low resolution."""
+    return max(TILE_PX, _HALOS * halo)
 
 
 def _band(size: tuple[int, int], scale: int, halo_px: int) -> int:

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from processing._detail.separation import sums_of_rows
+from acquisition import MapRows
 from processing._normal_map import NormalMap
+from processing._superres.median import median_of_rows
+from processing._superres.method import SuperResolutionMethod
 from processing._superres.model import SuperResolutionModel
+from processing._superres.super_resolution_stage import SuperResolutionStage
 
 Float = npt.NDArray[np.float32]
-SuperResolutionMethod = Literal["bicubic", "normals", "detail"]
-# What a normal is: the mean over the area of its pixel, or the normal at its centre.
-PixelSampling = Literal["area", "points"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,52 +25,89 @@ class SuperResolution:
 
     Parameters
     ----------
-    normal_map
-        The map.
-    sigma_deg
-        ``(H, W)`` float32, predicted root mean square angle to the true normal at this resolution,
-        NaN outside the mask; None for bicubic interpolation, which predicts none.
-    added_deg
-        ``(H, W)`` float32, angle between the map and interpolation without a network, 0 outside the
-        mask.
-    invented
-        ``(H, W)`` float32, share of the detail of each pixel that the network added: the square of
-        `added_deg` relative to its sum with the square of the angle between interpolation and shape
-        component; 0 to 1, and 0 outside the mask.
-    invented_share
-        The same ratio of the means over the mask.
-    method
-        How the map was made.
-    scale
-        Factor of the resolution.
-    model
-        The network; None for bicubic interpolation.
-    self_ensemble
-        Whether the results of turned copies were averaged.
+    maps
+        The maps ``normals`` ``(H, W, 3)``, ``mask`` ``(H, W)``, and those that the properties
+        describe, in memory or in files.
+    stage
+        How they were computed.
     """
 
-    normal_map: NormalMap
-    sigma_deg: Float | None
-    added_deg: Float
-    invented: Float
-    invented_share: float
-    method: SuperResolutionMethod
-    scale: int
-    model: SuperResolutionModel | None
-    self_ensemble: bool
+    maps: Mapping[str, MapRows]
+    stage: SuperResolutionStage
 
     def __repr__(self) -> str:
-        return f"SuperResolution({self.normal_map!r}, {self.method}, x{self.scale})"
+        height, width = self.mask.shape
+        count = np.count_nonzero(self.mask)
+        made = f"NormalMap(float32[{height}, {width}, 3], {count} normals)"
+        return f"SuperResolution({made}, {self.method}, x{self.scale})"
+
+    @cached_property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        """``(H, W)`` bool, the pixels with a normal."""
+        return self.maps["mask"][:]
+
+    @cached_property
+    def normal_map(self) -> NormalMap:
+        """The map."""
+        return NormalMap.of_unit_vectors(self.maps["normals"][:], self.mask)
+
+    @property
+    def sigma_deg(self) -> Float | None:
+        """``(H, W)`` predicted root mean square angle to the true normal at this resolution.
+
+        NaN outside the mask; None for bicubic interpolation, which predicts none.
+        """
+        return self.maps["sigma_deg"][:] if "sigma_deg" in self.maps else None
+
+    @property
+    def added_deg(self) -> Float:
+        """``(H, W)`` angle between the map and interpolation without a network, 0 outside."""
+        return self.maps["added_deg"][:]
+
+    @property
+    def invented(self) -> Float:
+        """``(H, W)`` share of the detail of each pixel that the network added.
+
+        The square of `added_deg` relative to its sum with the square of the angle between
+        interpolation and shape component; 0 to 1, and 0 outside the mask.
+        """
+        return self.maps["invented"][:]
+
+    @property
+    def invented_share(self) -> float:
+        """The same ratio of the means over the mask."""
+        sums = self.maps["sums"][:]
+        added, own = sums[:, 0].sum(), sums[:, 1].sum()
+        return float(added / (added + own)) if added else 0.0
 
     @cached_property
     def median_sigma_deg(self) -> float:
         """Median of `sigma_deg` over the mask, NaN for bicubic interpolation."""
-        if self.sigma_deg is None:
+        if "sigma_deg" not in self.maps:
             return float("nan")
-        return float(np.median(self.sigma_deg[self.normal_map.mask]))
+        return median_of_rows(self.maps["sigma_deg"], self.mask)
 
-    @cached_property
+    @property
     def mean_added_deg(self) -> float:
         """Mean of `added_deg` over the mask."""
-        mask = self.normal_map.mask
-        return float(sums_of_rows(self.added_deg, mask).sum() / np.count_nonzero(mask))
+        return float(self.maps["sums"][:][:, 2].sum() / np.count_nonzero(self.mask))
+
+    @property
+    def method(self) -> SuperResolutionMethod:
+        """How the map was made."""
+        return self.stage.method
+
+    @property
+    def scale(self) -> int:
+        """Factor of the resolution."""
+        return self.stage.scale
+
+    @property
+    def model(self) -> SuperResolutionModel | None:
+        """The network; None for bicubic interpolation."""
+        return self.stage.model
+
+    @property
+    def self_ensemble(self) -> bool:
+        """Whether the results of turned copies were averaged."""
+        return self.stage.self_ensemble

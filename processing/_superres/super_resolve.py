@@ -9,14 +9,11 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
-from processing._superres.enlargement import Enlargement, Maps, invented_share
+from processing._stages.stage import computed
+from processing._superres.method import PixelSampling, SuperResolutionMethod
 from processing._superres.model import SuperResolutionModel
-from processing._superres.super_resolution import (
-    PixelSampling,
-    SuperResolution,
-    SuperResolutionMethod,
-)
-from processing._superres.tiles import enlarged_rows
+from processing._superres.super_resolution import SuperResolution
+from processing._superres.super_resolution_stage import SuperResolutionStage
 from rig import MAX_PIXELS, Progress, no_progress
 
 Mask = npt.NDArray[np.bool_]
@@ -70,7 +67,7 @@ def super_resolve(
     max_pixels
         Largest number of pixels of the result.
     on_progress
-        Receives the stage ``super-resolution``, in tiles.
+        Receives the stage ``super-resolution``, in rows.
 
     Returns
     -------
@@ -96,48 +93,23 @@ def super_resolve(
     SuperResolution(NormalMap(float32[96, 128, 3], 12288 normals), bicubic, x4)
     """
     check_normal_map("normal_map", normal_map)
-    way = Enlargement.by(scale, method, model, self_ensemble, sampling)
-    size = way.size(normal_map.size, max_pixels)
-    if mask is not None and (mask.dtype != np.bool_ or mask.shape != size):
-        raise DataError(
-            f"a mask of {mask.dtype} and shape {mask.shape} does not fit: bool of shape "
-            f"{size} is required"
-        )
-    maps, low = _allocated(way, size), normal_map.mask
-    bands = way.bands(low)
-    count, done = way.tile_count(low, bands), 0
-
-    def on_tile() -> None:
-        nonlocal done
-        done += 1
-        on_progress("super-resolution", done, count)
-
-    on_progress("super-resolution", 0, count)
-    for band in bands:
-        for name, rows in way.rows(normal_map.normals, low, band, mask, on_tile).items():
-            maps[name][enlarged_rows(band.core, scale)] = rows
-    if not maps["mask"].any():
-        raise DataError("the mask of the higher resolution has no pixel near the normal map")
-    return SuperResolution(
-        NormalMap.of_unit_vectors(maps["normals"], maps["mask"]),
-        maps.get("sigma_deg"),
-        maps["added_deg"],
-        maps["invented"],
-        invented_share(maps["sums"]),
-        way.method,
+    stage = SuperResolutionStage.of(
         scale,
-        way.model,
-        way.self_ensemble,
+        method=method,
+        model=model,
+        self_ensemble=self_ensemble,
+        sampling=sampling,
+        mask=mask,
+        max_pixels=max_pixels,
     )
-
-
-def _allocated(way: Enlargement, size: tuple[int, int]) -> Maps:
-    """Return empty maps of the higher resolution, or raise `DataError`."""
     try:
-        return {name: np.zeros(*form) for name, form in way.forms(size).items()}
+        made = SuperResolution(computed(stage, normal_map, on_progress=on_progress), stage)
     except MemoryError as error:
-        height, width = size
+        height, width = (scale * length for length in normal_map.size)
         raise DataError(
             f"a map of {width} x {height} pixels does not fit into the memory: it needs "
             f"{25 * width * height / 1e9:.1f} GB; use a part of the map"
         ) from error
+    if not made.mask.any():
+        raise DataError("the mask of the higher resolution has no pixel near the normal map")
+    return made

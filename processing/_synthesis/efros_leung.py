@@ -12,7 +12,7 @@ from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
 from processing._synthesis.exemplar import prepare_exemplar
 from processing._synthesis.patch_search import GOLDEN, mixed, stream
-from processing._synthesis.quilting import Synthesis
+from processing._synthesis.synthesize import Synthesis
 from rig import Progress, no_progress
 
 # Compiled in: processing/_synthesis/patch_search.py f774940a9c88

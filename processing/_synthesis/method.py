@@ -6,7 +6,7 @@ from typing import Literal, Protocol
 
 from processing._normal_map import NormalMap
 from processing._synthesis.efros_leung import efros_leung
-from processing._synthesis.quilting import Synthesis, synthesize
+from processing._synthesis.synthesize import Synthesis, synthesize
 from rig import Progress
 
 SynthesisMethod = Literal["quilting", "efros-leung"]

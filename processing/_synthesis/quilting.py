@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from processing._normal_map import NormalMap, check_normal_map
+from processing._normal_map import NormalMap
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
 from processing._synthesis.quilt_kernels import place_patches
-from processing._synthesis.seam_steps import CutSteps, cut_steps
-from processing._synthesis.softened_cuts import soften_cuts
-from processing._synthesis.spectrum_match import match_spectrum
-from processing._synthesis.strips import Begun, LabelRows, SheetRows, StripRange, strip_ranges
-from rig import Progress, in_threads, no_progress
+from processing._synthesis.strips import Begun, StripRange, strip_ranges
+from rig import in_threads
 
 Whole = npt.NDArray[np.int32]
+Rows = npt.NDArray[np.float32]
 
 CANDIDATES = 2400
 # How strongly a class of patches that was used often is avoided.
@@ -28,122 +25,15 @@ BALANCE = 1.0
 _LEAST_PATCH = 6
 
 
-@dataclass(frozen=True, eq=False)
-class Synthesis:
-    """A synthesised detail component.
-
-    Parameters
-    ----------
-    detail
-        The sheet: unit vectors of the exemplar, known everywhere.
-    labels
-        ``(H, W)`` uint8: pixels of the same patch have the same number, pixels of patches that
-        touch have different ones.
-    patch, overlap
-        Side of the patches, and the least width of their overlap, in pixels.
-    tileable
-        Whether the last column and row continue at the first ones.
-    """
-
-    detail: NormalMap
-    labels: npt.NDArray[np.uint8]
-    patch: int
-    overlap: int
-    tileable: bool
-
-    def __repr__(self) -> str:
-        used = f"patch={self.patch}, overlap={self.overlap}"
-        return f"Synthesis({self.detail!r}, {used}{', tileable' if self.tileable else ''})"
-
-    @cached_property
-    def steps(self) -> CutSteps:
-        """Mean angles between neighbouring normals, across cuts and inside patches."""
-        return cut_steps(self.detail.normals, self.labels, wrapped=self.tileable)
-
-
-def synthesize(
-    exemplar: NormalMap,
-    size: tuple[int, int],
-    *,
-    patch: int = 48,
-    overlap: int | None = None,
-    seed: int = 0,
-    rotate: bool = False,
-    mirror: bool = False,
-    tileable: bool = False,
-    on_progress: Progress = no_progress,
-) -> Synthesis:
-    """Continue a detail component over a sheet of any size by image quilting.
-
-    Patches of the exemplar are placed in rows and columns so that they agree where they overlap,
-    and are joined along cuts where they differ least (Efros and Freeman, *Image Quilting for
-    Texture Synthesis and Transfer*, 2001). Flat and steep parts of the exemplar are used as often
-    as they occur, so that the sheet is as steep as the exemplar. Where the mean step across cuts is
-    larger than inside patches, the two pixels at each cut take a small share of each other. One
-    filter gives the sheet the spectrum of the exemplar. All vectors have unit length.
-
-    Parameters
-    ----------
-    exemplar
-        Detail component, for instance of `separate`. Patches lie inside its mask.
-    size
-        (height, width) of the sheet in pixels.
-    patch
-        Side of the square patches in pixels, at least 6. Structures larger than a patch are lost.
-    overlap
-        Width of the overlap of neighbouring patches in pixels, 2 to a third of the patch. Default:
-        a quarter of the patch.
-    seed
-        Fixes all random choices, 0 to 2^63 - 1. The result does not depend on the number of
-        threads.
-    rotate, mirror
-        Also use copies of the exemplar that are turned by 90, 180 and 270 degrees, or mirrored,
-        with their normals.
-    tileable
-        The last column and row continue at the first ones, so that the sheet can be repeated.
-    on_progress
-        Receives the stages ``preparing`` and ``synthesising``, the latter with numbers of patches.
-
-    Returns
-    -------
-    Synthesis
-        The sheet, float32.
-
-    Raises
-    ------
-    DataError
-        If the exemplar is smaller than a patch, flat, or its mask has no room for a patch; if a
-        number is out of range; if the sheet is too small for tiling or too large for the memory.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from processing import NormalMap, synthesize
-    >>> noise = np.random.default_rng(0).normal(scale=0.2, size=(64, 64, 3))
-    >>> rough = NormalMap.from_vectors(noise + [0, 0, 1])
-    >>> synthesize(rough, (100, 150), patch=16).detail
-    NormalMap(float32[100, 150, 3], 15000 normals)
-    """
-    check_normal_map("exemplar", exemplar)
-    quilt = Quilt.of(
-        exemplar, size, patch, overlap, seed, rotate=rotate, mirror=mirror, tileable=tileable,
-        on_progress=on_progress,
-    )  # fmt: skip
-    try:
-        sheet = np.zeros((*size, 3), np.float32)
-        labels, mask = np.zeros(size, np.uint8), np.ones(size, np.bool_)
-    except MemoryError as error:
-        raise DataError(
-            f"a sheet of {size[1]} x {size[0]} pixels does not fit into the memory: it needs "
-            f"{14 * size[0] * size[1] / 1e9:.1f} GB"
-        ) from error
-    for _ in quilt.fill(sheet, labels, quilt.nothing(), on_progress):
-        pass
-    # In this order, because softened cuts have less power at high frequencies.
-    soften_cuts(sheet, labels, wrapped=tileable)
-    match_spectrum(sheet, exemplar, wrapped=tileable)
-    detail = NormalMap.of_unit_vectors(sheet, mask)
-    return Synthesis(detail, labels, patch, quilt.overlap, tileable)
+def first_pixels(
+    size: tuple[int, int], patch: int, overlap: int, seed: int, *, tileable: bool
+) -> tuple[Whole, Whole]:
+    """Check the numbers of a sheet; return the first row and column of its patches."""
+    if min(size) < 1:
+        raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
+    check_options(patch, overlap, seed)
+    rows, columns = (positions(length, patch, overlap, tileable) for length in size)
+    return rows, columns
 
 
 def overlap_of(patch: int, overlap: int | None) -> int:
@@ -215,16 +105,11 @@ class Quilt:
         rotate: bool,
         mirror: bool,
         tileable: bool,
-        on_progress: Progress,
     ) -> Quilt:
         """Check the arguments of `synthesize` and prepare its exemplar."""
         overlap = overlap_of(patch, overlap)
-        if min(size) < 1:
-            raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
-        check_options(patch, overlap, seed)
-        on_progress("preparing", 0, 1)
+        rows, columns = first_pixels(size, patch, overlap, seed, tileable=tileable)
         made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
-        rows, columns = (positions(length, patch, overlap, tileable) for length in size)
         return cls(made, size, rows, columns, patch, overlap, seed, tileable)
 
     @property
@@ -236,24 +121,24 @@ class Quilt:
         """Return the beginning of a sheet."""
         return Begun.nothing(len(self.exemplar.shares), self.size[1])
 
-    def fill(
-        self, sheet: SheetRows, labels: LabelRows, begun: Begun, on_progress: Progress
-    ) -> Iterator[Begun]:
-        """Place the patches that are missing, strip by strip, and yield the sheet after each."""
-        total, waits = len(self.rows) * len(self.columns), True
-        for part in self.strips[begun.strips :]:
-            filled = begun.strip(part)
-            uses, placed = begun.uses.copy(), begun.placed
-            for patch_of in diagonals(part.last - part.first, len(self.columns), self.tileable):
-                uses += self._place(*filled, part, patch_of, uses, placed)
-                if waits:  # the first patch waits for the compiler
-                    on_progress("preparing", 1, 1)
-                    on_progress("synthesising", placed, total)
-                    waits = False
-                placed += len(patch_of)
-                on_progress("synthesising", placed, total)
-            begun = begun.after(part, filled, sheet, labels, self.patch, uses, placed)
-            yield begun
+    def fill_strip(
+        self, part: StripRange, begun: Begun
+    ) -> Generator[
+        float, None, tuple[tuple[Rows, npt.NDArray[np.uint8]], npt.NDArray[np.float64], int]
+    ]:
+        """Place the patches of a strip; yield the share that is done.
+
+        Returned are the rows of the strip with their labels, the uses of the classes, and the
+        number of patches.
+        """
+        filled = begun.strip(part)
+        uses, placed = begun.uses.copy(), begun.placed
+        groups = list(diagonals(part.last - part.first, len(self.columns), self.tileable))
+        for number, patch_of in enumerate(groups, 1):
+            uses += self._place(*filled, part, patch_of, uses, placed)
+            placed += len(patch_of)
+            yield number / len(groups)
+        return filled, uses, placed
 
     def _place(
         self,

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import MapRows
 from processing._synthesis.seam_steps import cut_steps, part_in_middle
-from processing._synthesis.strips import LabelRows, SheetRows, bands_with_margins
+from processing._synthesis.strips import bands_with_margins
 
 Float = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -17,29 +18,20 @@ Bytes = npt.NDArray[np.uint8]
 _MEASURED = 1024
 
 
-def soften_cuts(sheet: SheetRows, labels: LabelRows, *, wrapped: bool) -> None:
-    """Make the mean step across cuts as large as that inside patches, if it is larger.
+def softening_share(sheet: MapRows, labels: MapRows) -> float:
+    """Return the share that the pixels at a cut take of each other; 0 if none is needed.
 
-    A step of d between the two pixels at a straight cut becomes (1 - 2 s) d if each takes a share s
-    of the other: if steps across cuts are a tenth larger, the share is .045.
+    It makes the mean step across cuts as large as that inside patches. A step of d between the two
+    pixels at a straight cut becomes (1 - 2 s) d if each takes a share s of the other: if steps
+    across cuts are a tenth larger, the share is 0.045.
 
     Parameters
     ----------
     sheet
-        ``(H, W, 3)`` unit vectors, changed in place.
+        ``(H, W, 3)`` unit vectors.
     labels
         ``(H, W)`` numbers of the patches.
-    wrapped
-        Whether the last column and row continue at the first.
     """
-    share = softening_share(sheet, labels)
-    if share:
-        for rows, band in softened_bands(sheet, labels, share, wrapped=wrapped):
-            sheet[rows] = band
-
-
-def softening_share(sheet: SheetRows, labels: LabelRows) -> float:
-    """Return the share that the pixels at a cut take of each other; 0 if none is needed."""
     height = labels.shape[0]
     middle = slice(max(0, height - _MEASURED) // 2, max(0, height - _MEASURED) // 2 + _MEASURED)
     ratio = cut_steps(part_in_middle(sheet, middle), part_in_middle(labels, middle)).ratio
@@ -47,7 +39,7 @@ def softening_share(sheet: SheetRows, labels: LabelRows) -> float:
 
 
 def softened_bands(
-    sheet: SheetRows, labels: LabelRows, share: float, *, wrapped: bool, begin: int = 0
+    sheet: MapRows, labels: MapRows, share: float, *, wrapped: bool, begin: int = 0
 ) -> Iterator[tuple[slice, Float]]:
     """Yield bands of rows whose cuts are softened, beginning with a band."""
     height = labels.shape[0]

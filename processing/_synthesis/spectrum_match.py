@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.fft import fftshift, irfft2, rfft2
 
+from acquisition import MapRows
 from processing._normal_map import NormalMap
 from processing._synthesis.spectrum import (
     band_counts,
@@ -18,7 +19,7 @@ from processing._synthesis.spectrum import (
     frequencies,
     windowed_power,
 )
-from processing._synthesis.strips import SheetRows, bands_with_margins
+from processing._synthesis.strips import bands_with_margins
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -40,25 +41,7 @@ _SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
 KERNEL = (2 * _REACH + 1, 2 * _REACH + 1)
 
 
-def match_spectrum(sheet: SheetRows, exemplar: NormalMap, *, wrapped: bool) -> None:
-    """Filter a detail component so that its power in each band becomes that of an exemplar.
-
-    Parameters
-    ----------
-    sheet
-        ``(H, W, 3)`` unit vectors, corrected in place.
-    exemplar
-        Detail component with the intended power.
-    wrapped
-        Whether the last column and row continue at the first.
-    """
-    kernel = matching_kernel(sheet, exemplar)
-    if kernel is not None:
-        for rows, band in filtered_bands(sheet, kernel, wrapped=wrapped):
-            sheet[rows] = band
-
-
-def matching_kernel(sheet: SheetRows, exemplar: NormalMap) -> Float | None:
+def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float | None:
     """Return the filter that gives a sheet the power of an exemplar in each band.
 
     The cuts between patches add power at low frequencies, because patches no longer end where
@@ -70,8 +53,10 @@ def matching_kernel(sheet: SheetRows, exemplar: NormalMap) -> Float | None:
 
     Parameters
     ----------
-    sheet, exemplar
-        As for `match_spectrum`.
+    sheet
+        ``(H, W, 3)`` unit vectors.
+    exemplar
+        Detail component with the intended power.
 
     Returns
     -------
@@ -110,7 +95,7 @@ def _mean_angle(vectors: Float) -> float:
     return float(np.mean(np.arctan2(slopes, vectors[..., 2]), dtype=np.float64))
 
 
-def _measured(sheet: SheetRows, block: int) -> tuple[Double, Complex, Float]:
+def _measured(sheet: MapRows, block: int) -> tuple[Double, Complex, Float]:
     """Return the power of a sheet in each band, and some of its windows.
 
     These are larger than a block by the reach on each side, where a sheet ends by its reflection.
@@ -200,7 +185,7 @@ def _kernel(gains: Double, side: int) -> Float:
 
 
 def filtered_bands(
-    sheet: SheetRows, kernel: Float, *, wrapped: bool, begin: int = 0
+    sheet: MapRows, kernel: Float, *, wrapped: bool, begin: int = 0
 ) -> Iterator[tuple[slice, Float]]:
     """Yield bands of rows with n_x and n_y filtered, and unit length, beginning with a band."""
     border = cv2.BORDER_WRAP if wrapped else cv2.BORDER_REFLECT_101

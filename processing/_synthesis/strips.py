@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
+
+from acquisition import MapRows, MapToFill
 
 Float = npt.NDArray[np.float32]
 Bytes = npt.NDArray[np.uint8]
@@ -17,42 +18,6 @@ Whole = npt.NDArray[np.int32]
 ROWS = 16
 # Rows of a sheet that are corrected at once.
 CORRECTED_ROWS = 512
-
-
-class SheetRows(Protocol):
-    """Rows of a sheet ``(H, W, 3)``, as an array or a file has them."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """(H, W, 3)."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the values."""
-
-    def __getitem__(self, rows: slice, /) -> Float:
-        """Return rows."""
-
-    def __setitem__(self, rows: slice, values: Float, /) -> None:
-        """Replace rows."""
-
-
-class LabelRows(Protocol):
-    """Rows of the numbers of patches ``(H, W)``, as an array or a file has them."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """(H, W)."""
-
-    @property
-    def dtype(self) -> np.dtype[Any]:
-        """Type of the values."""
-
-    def __getitem__(self, rows: slice, /) -> Bytes:
-        """Return rows."""
-
-    def __setitem__(self, rows: slice, values: Bytes, /) -> None:
-        """Replace rows."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +116,8 @@ class Begun:
         self,
         part: StripRange,
         filled: tuple[Float, Bytes],
-        sheet: SheetRows,
-        labels: LabelRows,
+        sheet: MapToFill,
+        labels: MapToFill,
         patch: int,
         uses: npt.NDArray[np.float64],
         placed: int,
@@ -173,7 +138,7 @@ class Begun:
 
 
 def bands_with_margins(
-    sheet: SheetRows, reach: int, *, wrapped: bool, begin: int = 0
+    sheet: MapRows, reach: int, *, wrapped: bool, begin: int = 0
 ) -> Iterator[tuple[slice, Float]]:
     """Yield bands of rows, with the rows above and below that a correction needs.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from processing._stages.stage import Need, Size
 from processing._synthesis.strips import CORRECTED_ROWS, ROWS
 
 # The interpreter, libraries and compiled kernels; the figures, of at most 2048 x 2048 pixels.
@@ -17,58 +18,26 @@ _ON_DISK, _OF_STRIP, _OF_BAND = 3, 30, 70
 _MARGIN = 64
 
 
-def memory_of_synthesis(
-    exemplar: tuple[int, int], size: tuple[int, int], *, copies: int = 1
-) -> int:
-    """Return the bytes that a program needs to read an exemplar and `synthesize` a sheet.
+def memory_need(exemplar: Size, size: Size, patch: int, overlap: int | None, copies: int) -> Need:
+    """Return the memory of a synthesis.
 
     Parameters
     ----------
     exemplar, size
         (height, width) of exemplar and sheet.
-    copies
-        Number of turned and mirrored copies of the exemplar.
-
-    Examples
-    --------
-    >>> from processing import memory_of_synthesis
-    >>> memory_of_synthesis((256, 256), (4000, 5000)) // 1_000_000 > 600
-    True
-    """
-    return _outside(exemplar, copies) + _figures(size) + _SHEET * size[0] * size[1]
-
-
-def least_memory_of_synthesis(
-    exemplar: tuple[int, int],
-    size: tuple[int, int],
-    *,
-    patch: int = 48,
-    overlap: int | None = None,
-    copies: int = 1,
-) -> int:
-    """Return the bytes that `synthesize_on_disk` needs.
-
-    Parameters
-    ----------
-    exemplar, size, copies
-        As for `memory_of_synthesis`.
     patch, overlap
         As for `synthesize`.
-
-    Examples
-    --------
-    >>> from processing import least_memory_of_synthesis, memory_of_synthesis
-    >>> sizes = (256, 256), (10000, 10000)
-    >>> least_memory_of_synthesis(*sizes) < memory_of_synthesis(*sizes) / 2
-    True
+    copies
+        Number of turned and mirrored copies of the exemplar.
     """
     height, width = size
+    whole = _outside(exemplar, copies) + _figures(size) + _SHEET * height * width
     stride = patch - (patch // 4 if overlap is None else overlap)
     strip = min(ROWS * stride + patch, height) * _OF_STRIP
     band = min(CORRECTED_ROWS + _MARGIN, height) * _OF_BAND
     most = max(_figures(size), width * max(strip, band))
     least = _outside(exemplar, copies) + _ON_DISK * height * width + most
-    return min(least, memory_of_synthesis(exemplar, size, copies=copies))
+    return Need(whole, min(least, whole), f"a sheet of {width} x {height} pixels")
 
 
 def _outside(exemplar: tuple[int, int], copies: int) -> int:

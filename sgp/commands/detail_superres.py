@@ -18,8 +18,8 @@ from sgp._options import Input, Memory, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._point_samples import points_notices
 from sgp._result import Result
+from sgp._stage_maps import MapInput, stage_maps
 from sgp._stage_options import MapOptions
-from sgp._stored_superres import Enlarging, enlarged_within, network_files
 from sgp._write_superres import measure_superres, write_superres_maps, write_superres_picture
 
 _MAPS = MapOptions()
@@ -105,26 +105,30 @@ def superres(
     found = processing.find_normals(normals, max_pixels=max_pixels)
     doubts = [] if sampling or network is None else points_notices(found.files)
     points = any(doubt.code == "superres-points" for doubt in doubts)
-    how = Enlarging(
-        scale=scale,
+    stage = processing.SuperResolutionStage.of(
+        scale,
         method=method,
-        network=network,
+        model=network,
         self_ensemble=self_ensemble,
         sampling=sampling or ("points" if points else "area"),
+        max_pixels=max(max_pixels, rig.MAX_PIXELS),
     )
     view = None if camera is None else acquisition.read_camera(camera, found.size)
     limit = Limit(memory, out / "superres", force)
-    with enlarged_within(limit, normals, how, green=green, max_pixels=max_pixels) as enlarged:
+    given, files = MapInput(normals, green, max_pixels=max_pixels), network_files(network)
+    with stage_maps(stage, [given], limit, files=files) as found_maps:
+        made = processing.SuperResolution(found_maps.maps, stage)
         claim_folder(out, "superres.json")
-        result = Result(warnings=[*enlarged.warnings, *doubts], inputs=[*enlarged.files])
+        result = Result(warnings=[*found_maps.warnings, *doubts], inputs=[*found_maps.files])
         with Stages() as progress:
             result.outputs = processing.write_normal_rows(
-                out, enlarged.normals, enlarged.mask, green=maps.green_out, on_progress=progress
+                out, made.maps["normals"], made.mask, green=maps.green_out, on_progress=progress
             )
-        result.outputs |= write_superres_maps(out, enlarged)
-        measure_superres(enlarged, result)
+        result.outputs |= write_superres_maps(out, made)
+        measure_superres(made, result)
         result.outputs["picture"] = out / "superres.png"
-        write_superres_picture(result.outputs["picture"], normals.name, enlarged)
+        low = found_maps.inputs[0]
+        write_superres_picture(result.outputs["picture"], normals.name, made, low)
     size = pixel_mm
     if camera is not None and view is not None:
         result.inputs.append(camera)
@@ -137,11 +141,16 @@ def superres(
         result.metrics = {**result.metrics, "pixel_mm": size / scale}
         result.summary.append(f"pixel          {size / scale:.4g} mm")
     if network is not None:
-        result.inputs += network_files(network)
+        result.inputs += files
         result.parameters = {
             "model": network.name,
             "method": network.domain,
-            "sampling": how.sampling,
-            "self_ensemble": enlarged.made.self_ensemble,
+            "sampling": stage.sampling,
+            "self_ensemble": stage.self_ensemble,
         }
     return result
+
+
+def network_files(network: processing.SuperResolutionModel | None) -> list[Path]:
+    """Return a network and its description."""
+    return [] if network is None else [network.path, network.path.with_suffix(".json")]

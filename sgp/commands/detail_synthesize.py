@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -20,8 +20,8 @@ from sgp._memory_limit import Limit, identity
 from sgp._options import Count, Input, Memory, OptionalInput, Pixels, Region, Seed, image_size
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_maps import maps_in_files, options_of
 from sgp._stage_options import MapOptions, SeparationOptions
-from sgp._stored_synthesis import SheetOptions, SheetSizes, sheet_within
 from sgp._write_synthesis import (
     Synthesised,
     measure_texture,
@@ -144,12 +144,15 @@ def synthesize(
     width, height = (0, 0) if size is None else image_size("--size", size)
     limit = Limit(memory, out / "synthesize", force)
     found = processing.find_normals(exemplar, max_pixels=max_pixels)
-    copies = (4 if rotate else 1) * (2 if mirror else 1)
     of_sheet = (height, width)
     if onto is not None:
         of_sheet = processing.find_normals(onto, max_pixels=max_pixels).size
-    sizes = SheetSizes(found.size, of_sheet, patch or 48, overlap, copies)
-    need = sizes.need("sheet" if onto is None else "target")
+    stage = processing.SynthesisStage(
+        of_sheet, patch or 48, overlap, seed, rotate, mirror, tileable
+    )
+    need = stage.need(found.size)
+    if onto is not None:
+        need = replace(need, of=need.of.replace("sheet", "target"))
     if onto is not None or method != "quilting":
         limit.check_whole(need, "--onto" if onto is not None else f"--method {method}")
     else:
@@ -183,27 +186,30 @@ def synthesize(
                         detail, of_sheet, seed=seed, on_progress=progress, **sides
                     )
                 )
-        elif target is None:
-            sheet: SheetOptions = {**placing, "tileable": tileable}
-            given = {**sheet, "size": of_sheet, "is_detail": is_detail, "crop": crop}
+        elif target is None and limit.must_be_stored(need):
+            given = {**options_of(stage), "is_detail": is_detail, "crop": crop}
             given |= {**asdict(options), "green": green}
             depends_on = identity(given, list(read.files))
-            made = opened.enter_context(
-                sheet_within(limit, need, detail, of_sheet, sheet, depends_on)
+            sheet = opened.enter_context(
+                maps_in_files(stage, [found.size], limit, depends_on, lambda _: [detail])
             )
+            made = Synthesised.of_sheet(stage, sheet)
+        elif target is None:
+            with Stages() as progress:
+                whole = processing.computed(stage, detail, on_progress=progress)
+            made = Synthesised.of_sheet(stage, whole)
         else:
             shape = shape_filter.shape(target)
             with Stages() as progress:
-                made = Synthesised.in_memory(
-                    processing.synthesize_onto(
-                        detail,
-                        shape,
-                        image_space=image_space,
-                        on_progress=progress,
-                        **guides,
-                        **placing,
-                    )
+                grown = processing.synthesize_onto(
+                    detail,
+                    shape,
+                    image_space=image_space,
+                    on_progress=progress,
+                    **guides,
+                    **placing,
                 )
+            made = Synthesised.in_memory(grown)
         claim_folder(out, "synthesize.json")
         with Stages() as progress:
             result.outputs = processing.write_normal_rows(
@@ -215,13 +221,13 @@ def synthesize(
         result.outputs["picture"] = picture = out / "synthesis.png"
         if target is None:
             write_sheet_picture(picture, f"Synthesis from {exemplar.name}", made, detail)
-        elif onto is not None and isinstance(made.made, processing.TargetSynthesis):
-            normals = processing.combine(target if keep_target_detail else shape, made.made.detail)
+        elif onto is not None:
+            normals = processing.combine(target if keep_target_detail else shape, grown.detail)
             with Stages() as progress:
                 result.outputs |= processing.write_normals(
                     out, normals, green=maps.green_out, on_progress=progress
                 )
-            metrics |= measure_transfer(made.made, shape, normals, shape_filter, result)
+            metrics |= measure_transfer(grown, shape, normals, shape_filter, result)
             title = f"Detail of {exemplar.name} on {onto.name}"
             write_target_picture(picture, title, detail, target, normals)
     result.metrics = metrics

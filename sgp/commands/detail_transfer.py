@@ -32,8 +32,8 @@ from sgp._options import (
 )
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_maps import MapInput, stage_maps
 from sgp._stage_options import MapOptions
-from sgp._stored_transfer import TransferMaps, TransferOptions, transferred_within
 from sgp._write_profile import write_height_profile
 from sgp._write_transfer import Transferred, write_transfer
 
@@ -173,26 +173,24 @@ def transfer(
             "--tile cannot be used with --at or in a local transfer: only one copy is placed"
         )
     limit = Limit(memory, out / "normals", force)
-    maps = TransferMaps(source, target, source_green, target_green, max_pixels)
+    maps = (
+        MapInput(source, source_green, "--source-green", max_pixels),
+        MapInput(target, target_green, "--target-green", max_pixels),
+    )
     by = processing.ShapeFilter(filter, order, (10 if is_local else 5) if w is None else w)
+    where = None if is_local or place is None else _whole(place)
+    stage = processing.TransferStage(keep_target_detail, amplitude, refine, by, where, tile)
     whole = [*local.given(), *(["--profile"] if profile else [])]
     read = None
     if whole:
-        limit.check_whole(maps.need(by)[0], whole[0])
-        read = maps.read()
+        limit.check_whole(stage.need(*(one.find().size for one in maps)), whole[0])
+        read = [one.read() for one in maps]
     with ExitStack() as opened:
         if read is not None and is_local:
-            done = _transfer_local(*read, local, place, amplitude, by)
+            done = _transfer_local(read[0], read[1], local, place, amplitude, by)
         else:
-            options: TransferOptions = {
-                "keep_target_detail": keep_target_detail,
-                "amplitude": amplitude,
-                "refine": refine,
-                "shape_filter": by,
-                "at": None if place is None else _whole(place),
-                "tile": tile,
-            }
-            done = opened.enter_context(transferred_within(limit, maps, options, read))
+            made = opened.enter_context(stage_maps(stage, maps, limit, read=read))
+            done = Transferred.of_stage(stage, made)
         result = Result(
             warnings=[*done.warnings],
             inputs=[*done.files, *local.masks()],
@@ -237,7 +235,7 @@ def _transfer_local(
             on_progress=progress,
         )
     with Stages() as progress:
-        return Transferred.in_memory(done, source, target, progress)
+        return Transferred.of_part(done, source, target, progress)
 
 
 def _mask(path: Path | None, normal_map: processing.NormalMap) -> Mask | None:

@@ -14,8 +14,10 @@ from acquisition import (
     BandFile,
     BandStore,
     ComputedRows,
+    DamagedMapsError,
     DataError,
     ImageRows,
+    MemoryMaps,
     OtherMapsError,
     SessionInUseError,
     StorageError,
@@ -46,21 +48,21 @@ def fill(store: BandStore, rows: slice) -> None:
 
 def test_rows_that_were_completed_survive(tmp_path: Path) -> None:
     with open_store(tmp_path) as store:
-        assert store.missing() == [slice(0, 7)]
+        assert store.missing("solve", 7) == [slice(0, 7)]
         for rows in (slice(0, 2), slice(4, 6)):
             fill(store, rows)
-            store.complete(rows)
+            store.complete("solve", rows)
         fill(store, slice(2, 4))  # killed before the journal names it
     journal = store.folder / "journal.jsonl"
-    journal.write_bytes(journal.read_bytes() + b"[2, ")
+    journal.write_bytes(journal.read_bytes() + b'{"step": "so')
     with open_store(tmp_path) as again:
-        assert again.missing() == [slice(2, 4), slice(6, 7)]
+        assert again.missing("solve", 7) == [slice(2, 4), slice(6, 7)]
         np.testing.assert_array_equal(again["used"][0:2], 1)
         np.testing.assert_array_equal(again["normals"][4:6], 5)
         assert np.asarray(again["used"]).shape == (7, 4)
-        for rows in again.missing():
-            again.complete(rows)
-        assert again.missing() == []
+        for rows in again.missing("solve", 7):
+            again.complete("solve", rows)
+        assert again.missing("solve", 7) == []
         again.remove()
     assert not list(tmp_path.iterdir())
 
@@ -78,27 +80,34 @@ def test_maps_of_another_identity_are_refused(
     tmp_path: Path, changes: dict[str, object], named: str
 ) -> None:
     with open_store(tmp_path) as store:
-        store.complete(slice(0, 7))
+        store.complete("solve", slice(0, 7))
     with pytest.raises(OtherMapsError, match=f"that differs in {named}: repeat"):
         open_store(tmp_path, **changes)
     with pytest.raises(OtherMapsError, match=named):
         check_unfinished(tmp_path / "normals", {**IDENTITY, **changes})
     check_unfinished(tmp_path / "normals", IDENTITY)
     with open_store(tmp_path) as store:
-        assert store.missing() == []
+        assert store.missing("solve", 7) == []
     with open_store(tmp_path, replace=True) as store:
-        assert store.missing() == []
+        assert store.missing("solve", 7) == []
     with open_store(tmp_path, **changes, replace=True) as store:
-        assert store.missing() == [slice(0, 7)]
+        assert store.missing("solve", 7) == [slice(0, 7)]
         assert not store["used"][0:7].any()
 
 
 def test_damage_and_strange_files(tmp_path: Path) -> None:
     with open_store(tmp_path) as store:
-        store.complete(slice(0, 2))
+        store.complete("solve", slice(0, 2))
     journal, identity = store.folder / "journal.jsonl", store.folder / "identity.json"
-    for line in ("[0]", "[3, 2]", "[0, 8]", "x", "{}", '["a", "b"]'):
-        journal.write_text(f"[0, 2]\n{line}\n")
+    good = journal.read_text()
+    for line in (
+        "[0]",
+        "x",
+        "{}",
+        '{"step": "a", "units": [3, 2], "written": {}}',
+        '{"replaced": 1}',
+    ):
+        journal.write_text(f"{good}{line}\n")
         with pytest.raises(DataError, match="line 2 is damaged"):
             open_store(tmp_path)
     journal.write_text("")
@@ -112,7 +121,7 @@ def test_damage_and_strange_files(tmp_path: Path) -> None:
     target.mkdir()
     store.folder.symlink_to(target)
     with open_store(tmp_path) as again:
-        assert again.missing() == [slice(0, 7)]
+        assert again.missing("solve", 7) == [slice(0, 7)]
     assert not list(target.iterdir())
 
 
@@ -123,7 +132,7 @@ def test_a_kill_while_maps_are_removed_leaves_nothing_to_continue(
     path, form = tmp_path / "normals", {"albedo": ((6, 4), np.float32)}
     store = BandStore(path, {}, form)
     store["albedo"][0:6] = 1.0
-    store.complete(slice(0, 6))
+    store.complete("solve", slice(0, 6))
 
     def killed(folder: Path) -> None:
         (folder / "albedo.raw").unlink()
@@ -136,10 +145,59 @@ def test_a_kill_while_maps_are_removed_leaves_nothing_to_continue(
     store.close()
     assert (store.folder / "journal.jsonl").is_file()
     with BandStore(path, {}, form) as again:
-        assert again.missing() == [slice(0, 6)]
+        assert again.missing("solve", 6) == [slice(0, 6)]
     (store.folder / "identity.json").unlink()
     band_store.remove_unfinished(path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_maps_in_memory_are_filled_like_those_in_files(tmp_path: Path) -> None:
+    with open_store(tmp_path) as store:
+        maps = MemoryMaps(FORM)
+        given = np.full((7, 4, 3), 3, np.float32)
+        for one in (store, maps):
+            one["normals"][0:7] = given
+            whole = one["normals"][0:7]
+            one["normals"][2:3] = 5.0
+            one["used"][1:3] = [[2], [3]]
+            np.testing.assert_array_equal(whole, 3)  # what was read is not changed
+            np.testing.assert_array_equal(given, 3)
+            assert sorted(one) == ["normals", "used"]
+        for name in FORM:
+            np.testing.assert_array_equal(store[name][:], maps[name][:])
+            np.testing.assert_array_equal(np.asarray(store[name]), np.asarray(maps[name]))
+            assert len(store[name]) == len(maps[name]) == 7
+    kept = MemoryMaps(FORM)
+    kept["normals"][0:7] = given
+    assert np.shares_memory(kept["normals"][:], given)
+
+
+def test_rows_that_are_replaced_are_not_compared_with_what_they_were(tmp_path: Path) -> None:
+    """A kill between the write and its line in the journal leaves either values."""
+    with open_store(tmp_path) as store:
+        fill(store, slice(0, 7))
+        store.complete("solve", slice(0, 7))
+        store["used"][3:5] = 9
+    with open_store(tmp_path) as store:
+        assert store.missing("solve", 7) == []
+        assert store.missing("smooth", 7) == [slice(0, 7)]
+        store["used"][3:5] = 8
+        store.complete("smooth", slice(3, 5))
+    with open_store(tmp_path) as store:
+        np.testing.assert_array_equal(store["used"][3:5], 8)
+    (store.folder / "used.raw").unlink()
+    with pytest.raises(DamagedMapsError, match=r"used\.raw: was deleted since a part"):
+        open_store(tmp_path)
+
+
+def test_maps_of_an_earlier_layout_are_not_continued(tmp_path: Path) -> None:
+    with open_store(tmp_path) as store:
+        identity = store.folder / "identity.json"
+        content = json.loads(identity.read_text())
+    del content["layout"]
+    identity.write_text(json.dumps(content))
+    with pytest.raises(OtherMapsError, match="differs in layout"):
+        open_store(tmp_path)
 
 
 def test_one_process_at_a_time(tmp_path: Path) -> None:
@@ -155,7 +213,7 @@ def test_a_full_disk_loses_no_completed_row(
 
     with open_store(tmp_path) as store:
         fill(store, slice(0, 2))
-        store.complete(slice(0, 2))
+        store.complete("solve", slice(0, 2))
         with monkeypatch.context() as patched:
             patched.setattr(os, "pwrite", full)
             with pytest.raises(StorageError, match="free space"):
@@ -163,12 +221,12 @@ def test_a_full_disk_loses_no_completed_row(
         with monkeypatch.context() as patched:
             patched.setattr(os, "fsync", full)
             with pytest.raises(StorageError, match="free space"):
-                store.complete(slice(2, 4))
-        assert store.missing() == [slice(2, 7)]
+                store.complete("solve", slice(2, 4))
+        assert store.missing("solve", 7) == [slice(2, 7)]
     with monkeypatch.context() as patched:
         patched.setattr(band_store.shutil, "disk_usage", lambda _: type("Usage", (), {"free": 9}))
         with open_store(tmp_path) as store:  # its space is not needed again
-            assert store.missing() == [slice(2, 7)]
+            assert store.missing("solve", 7) == [slice(2, 7)]
         with pytest.raises(StorageError, match=r"are free: free space"):
             open_store(tmp_path, replace=True, method="best")
 

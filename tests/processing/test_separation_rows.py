@@ -7,8 +7,6 @@ from acquisition import ComputedRows, DataError
 from processing import (
     NormalMap,
     ShapeFilter,
-    least_memory_of_separation,
-    memory_of_separation,
     separate,
     separate_rows,
 )
@@ -52,12 +50,3 @@ def test_a_band_without_normals_is_empty_and_small_maps_are_refused(relief):
     assert shape.shape == (20, 150, 3)
     with pytest.raises(DataError, match="larger than the normal map"):
         separate_rows(relief.normals[:10], relief.mask[:10], slice(0, 5))
-
-
-def test_edge_aware_filters_need_more_memory():
-    small, large = (
-        [need((side, 2000), ShapeFilter(kind)) for kind in ("gaussian", "guided")]
-        for need, side in ((least_memory_of_separation, 3000), (memory_of_separation, 3000))
-    )
-    assert max(small) < min(large)
-    assert large[1] - large[0] > 6_000_000 * 100

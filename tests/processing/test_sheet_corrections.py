@@ -8,8 +8,20 @@ import pytest
 
 from processing import NormalMap, texture_figures
 from processing._synthesis.seam_steps import cut_steps
-from processing._synthesis.softened_cuts import soften_cuts
-from processing._synthesis.spectrum_match import match_spectrum
+from processing._synthesis.softened_cuts import softened_bands, softening_share
+from processing._synthesis.spectrum_match import filtered_bands, matching_kernel
+
+
+def soften_cuts(sheet, labels, *, wrapped):
+    share = softening_share(sheet, labels)
+    for rows, band in softened_bands(sheet, labels, share, wrapped=wrapped) if share else ():
+        sheet[rows] = band
+
+
+def match_spectrum(sheet, exemplar, *, wrapped):
+    kernel = matching_kernel(sheet, exemplar)
+    for rows, band in () if kernel is None else filtered_bands(sheet, kernel, wrapped=wrapped):
+        sheet[rows] = band
 
 
 def smooth_noise(side, sigma, seed, gain=0.2):

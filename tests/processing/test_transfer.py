@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from processing._detail.placement import cover, largest_rectangle
+from processing._detail.placement import Cover, Placement, largest_rectangle
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._detail.tile import Tile
@@ -68,6 +68,14 @@ def masked(size: tuple[int, int], box: tuple[slice, slice]) -> npt.NDArray[np.bo
     mask = np.zeros(size, bool)
     mask[box] = True
     return mask
+
+
+def cover(detail: NormalMap, target_mask: np.ndarray, tile: Tile) -> Placement:
+    way, copies = Cover.of(detail.mask, target_mask, tile), None
+    if way.is_cut:
+        copies = np.zeros(way.size, np.int32)
+        way.cut(detail.normals, copies)
+    return way.placement(tile, copies)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,11 @@ from tests.sgp.test_cli_memory import check_equal, stop
 
 
 def check_bands(
-    sgp: Callable[..., Any], bands: list[slice], folder: Path, words: list[Any], limit: str
+    sgp: Callable[..., Any],
+    bands: list[tuple[str, slice]],
+    folder: Path,
+    words: list[Any],
+    limit: str,
 ) -> None:
     """Compare the result and the answer of a command in bands with those in memory.
 
@@ -48,7 +52,7 @@ def check_continued(
     *,
     other: tuple[Any, ...],
     reason: str,
-) -> list[slice]:
+) -> list[tuple[str, slice]]:
     """Stop a command by a full disk and by Ctrl-C, and let it continue with more memory.
 
     Parameters
@@ -68,12 +72,12 @@ def check_continued(
         What was completed, without what was interrupted.
     """
     assert sgp(*command, "--out", folder / "whole").code == 0
-    done: list[slice] = []
+    done: list[tuple[str, slice]] = []
     complete = BandStore.complete
 
-    def noted(store: BandStore, rows: slice) -> None:
-        complete(store, rows)
-        done.append(rows)
+    def noted(store: BandStore, step: str, rows: slice) -> None:
+        complete(store, step, rows)
+        done.append((step, rows))
 
     monkeypatch.setattr(BandStore, "complete", noted)
     out = folder / "out"
@@ -92,7 +96,7 @@ def check_continued(
         assert sgp(*command, "--out", out, "--memory", limit).code == 3
     assert len(list(out.iterdir())) > 1
     assert sgp(*command, "--out", out, "--memory", "1G").code == 0
-    named = [row for rows in done for row in range(rows.start, rows.stop)]
+    named = [(step, row) for step, rows in done for row in range(rows.start, rows.stop)]
     assert sorted(named) == sorted(set(named))
     check_equal(out, folder / "whole")
     return done

@@ -46,13 +46,13 @@ def check_equal(found: Path, expected: Path) -> None:
 
 
 @pytest.fixture
-def bands(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[slice]]:
+def bands(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, slice]]]:
     """The rows that are completed."""
     seen, complete = [], BandStore.complete
 
-    def noted(store: BandStore, rows: slice) -> None:
-        complete(store, rows)
-        seen.append(rows)
+    def noted(store: BandStore, step: str, rows: slice) -> None:
+        complete(store, step, rows)
+        seen.append((step, rows))
 
     monkeypatch.setattr(BandStore, "complete", noted)
     return seen
@@ -103,10 +103,10 @@ def stop(error: BaseException, after: int) -> Callable[..., None]:
     """Return a replacement of `BandStore.complete` that fails after some bands."""
     complete, count = BandStore.complete, iter(range(100))
 
-    def stopped(store: BandStore, rows: slice) -> None:
+    def stopped(*args: object) -> None:
         if next(count) >= after:
             raise error
-        complete(store, rows)
+        complete(*args)
 
     return stopped
 

@@ -75,8 +75,8 @@ def test_an_interrupted_enlargement_continues(sgp, low, tmp_path, monkeypatch) -
     done: list[int] = []
     complete = BandStore.complete
 
-    def noted(store: BandStore, rows: slice) -> None:
-        complete(store, rows)
+    def noted(store: BandStore, step: str, rows: slice) -> None:
+        complete(store, step, rows)
         done.append(rows.start)
 
     monkeypatch.setattr(BandStore, "complete", noted)
