@@ -205,7 +205,7 @@ def _normals(
 ) -> _Normals:
     """Compute, write and draw the normals, and keep what the other stages need."""
     stage = compute_normals(source, options, pixel_mm)
-    normal_map = stage.stereo.normal_map
+    normal_map = stage.normals
     picture = processing.albedo_picture(stage.albedo, normal_map.mask)
     write(
         "normals",
@@ -318,8 +318,8 @@ def _error_bars(found: processing.NormalUncertainty, crop: Crop) -> list[Panel]:
 
 def _highlights(stage: processing.Reconstruction, crop: Crop) -> Panel:
     """Return a map of the light above a matte surface, relative to the mean albedo."""
-    mask = stage.stereo.normal_map.mask
-    percent = 100 * stage.specular / np.mean(stage.stereo.albedo[mask], dtype=np.float64)
+    mask = stage.normals.mask
+    percent = 100 * stage.specular / np.mean(stage.gray_albedo[mask], dtype=np.float64)
     title = f"light above a matte surface, mean {np.mean(percent[mask]):.2g} %"
     return map_panel(title, percent, "% of the mean albedo", crop, error=True, mask=mask)
 

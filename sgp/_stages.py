@@ -186,30 +186,6 @@ def with_scale(
     return replace(source, camera=camera), None
 
 
-def compute_normals(
-    source: acquisition.Source, options: SourceOptions, pixel_mm: float | None = None
-) -> processing.Reconstruction:
-    """Run `processing.reconstruct` up to the normals and show its progress.
-
-    A notice that an option answers names the option.
-    """
-    with Stages() as progress:
-        stage = processing.reconstruct(
-            source,
-            method=options.method,
-            channel=options.channel,
-            distant=options.distant,
-            height_mm=options.height_mm,
-            rests_on_plane=options.rests_on_plane,
-            pixel_mm=pixel_mm,
-            exclude_disagreeing=options.exclude_disagreeing,
-            semi_calibrated=options.semi_calibrated,
-            surface=False,
-            on_progress=progress,
-        )
-    return replace(stage, warnings=with_answers(stage.warnings, source))
-
-
 def with_answers(
     warnings: Iterable[rig.Notice], source: acquisition.Source
 ) -> tuple[rig.Notice, ...]:

@@ -23,7 +23,7 @@ from tests.quick_sample import quick
 def arrays(result: Reconstruction) -> dict[str, Any]:
     """Return all maps of a reconstruction."""
     found = {
-        "normals": result.stereo.normal_map.normals,
+        "normals": result.normals.normals,
         "mask": result.mask,
         "albedo": result.albedo,
         "specular": result.specular,
@@ -88,8 +88,8 @@ def test_maps_of_colours_do_not_depend_on_the_bands(
     columns = source.size[1]
     monkeypatch.setattr(recorded_images, "_SAMPLE", 3 * 8 * columns)
     whole = reconstruct(source, method="cauchy", channel=channel, surface=False)
-    assert not whole.stereo.normal_map.mask[:9].any()
-    assert whole.stereo.normal_map.mask[9:].all()
+    assert not whole.normals.mask[:9].any()
+    assert whole.normals.mask[9:].all()
     assert whole.uncertainty.valid[9:].all()
     monkeypatch.setattr(source_to_normals, "_IN_MEMORY", 0)
     monkeypatch.setattr(recorded_images, "_BAND", 7 * 3 * 4 * len(source.light_ids) * columns)
