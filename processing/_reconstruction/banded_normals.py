@@ -109,7 +109,8 @@ def solve_bands(
     examined, method, on_progress
         As in `normals_in_bands`.
     maps
-        What is filled. The first two maps of error bars hold variances.
+        What is filled, and ``first`` and ``last``, the images of these lights, if they are there.
+        The first two maps of error bars hold variances.
     missing
         Rows to fill; default: all.
     rows
@@ -234,4 +235,7 @@ class _Solver:
         for name in ("normals", "albedo", "residual", "used"):
             self._maps[name][band.rows] = getattr(maps, name)[inner]
         self._maps["specular"][band.rows] = specular[inner]
+        for name, image in (("first", 0), ("last", -1)):
+            if name in self._maps:
+                self._maps[name][band.rows] = stack.values[image][inner]
         self._error_bars.write(band.rows, variances.variances(self.shown.correlation), inner)

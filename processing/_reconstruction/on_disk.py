@@ -109,6 +109,7 @@ def reconstruct_on_disk(
         mask, count = examined.mask, len(examined.lights)
         colours = _colours(source, stack, examined)
         forms = map_forms(mask.shape, count)
+        forms["first"] = forms["last"] = (mask.shape, np.float32)
         if colours is not None:
             forms["colour"] = ((*mask.shape, 3), np.float32)
         store = BandStore(path, identity, forms, replace=replace)
@@ -155,6 +156,7 @@ def reconstruct_on_disk(
         quality=quality,
         excluded=examined.excluded,
         error=_error(source, maps["normals"], valid, mask),
+        previews=(store["first"], store["last"]),
         near_height=examined.near,
         warnings=warnings,
         store=store,

@@ -35,6 +35,8 @@ class StoredReconstruction:
         Maps whose rows are read on request: ``normals`` ``(H, W, 3)``, ``albedo`` ``(H, W)`` or
         ``(H, W, 3)``, ``residual``, ``specular``, ``used``, ``normal_sigma_deg``,
         ``normal_sigma_common_deg``, ``validity`` and ``samples_*``; see `Reconstruction.maps`.
+    previews
+        The first and the last linear image, each ``(H, W)`` float32, in the rows of the mask.
     noise, neighbour_correlation
         As in `NormalUncertainty`.
     store
@@ -51,6 +53,7 @@ class StoredReconstruction:
     quality: ImageQuality
     excluded: tuple[str, ...]
     error: AngularError | None
+    previews: tuple[MapRows, MapRows]
     near_height: NearHeight | None
     warnings: tuple[Notice, ...]
     store: BandStore
