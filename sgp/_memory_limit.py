@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
 
 import acquisition
 import processing
 import rig
-from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._hashes import input_hashes
 from sgp._result import plain

@@ -9,15 +9,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import acquisition
-import processing
 import rig
-from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._hashes import input_hashes
 from sgp._options import (
     RIG_LIGHTS,
     RecordingOptions,
-    SourceOptions,
     transfer_files,
     transfer_of,
 )
@@ -186,7 +183,18 @@ def with_scale(
     return replace(source, camera=camera), None
 
 
-def with_answers(
+def compute_normals(
+    source: acquisition.Source,
+    stage: processing.NormalsStage,
+    files: processing.MapFiles | None = None,
+) -> processing.Reconstruction:
+    """Compute normals and show the progress; a notice that an option answers names the option."""
+    with Stages() as progress:
+        made = stage.run(source, files, progress)
+    return replace(made, warnings=_with_answers(made.warnings, source))
+
+
+def _with_answers(
     warnings: Iterable[rig.Notice], source: acquisition.Source
 ) -> tuple[rig.Notice, ...]:
     """Return notices that name the options which answer them."""

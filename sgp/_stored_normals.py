@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import acquisition
 import processing
 import rig
-from sgp._console import Stages
 from sgp._memory_limit import identity, is_in_bands, needs_maps, other_maps_refused
 from sgp._options import SourceOptions
-from sgp._stages import with_answers
+from sgp._stages import compute_normals
 
 
 @contextmanager
@@ -58,19 +57,17 @@ def normals_within(
         if not force and acquisition.is_unfinished(path):
             with other_maps_refused():
                 acquisition.check_unfinished(path, depends_on())
-        with Stages() as progress:
-            made = stage.run(source, on_progress=progress)
-        yield replace(made, warnings=with_answers(made.warnings, source))
+        yield compute_normals(source, stage)
         acquisition.remove_unfinished(path)
         return
     limit = max(rig.memory_budget(memory), stage.need(source).least)
     in_files = processing.MapFiles(path, depends_on(), limit, force)
-    with other_maps_refused(), Stages() as progress:
-        made = stage.run(source, in_files, progress)
+    with other_maps_refused():
+        made = compute_normals(source, stage, in_files)
     if made.store is None:
         raise RuntimeError("maps in files have a store")
     with made.store:
-        yield replace(made, warnings=with_answers(made.warnings, source))
+        yield made
         made.store.remove()
 
 

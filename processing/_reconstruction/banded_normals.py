@@ -78,8 +78,9 @@ def solve_bands(
     on_progress
         Receives the stage ``normals``, one step per pixel.
     maps
-        Maps of the forms of `map_forms`, of which the missing rows are filled. The first two maps
-        of error bars hold variances.
+        Maps of the forms of `map_forms`, of which the missing rows are filled, and ``first`` and
+        ``last``, the images of these lights, if they are there. The first two maps of error bars
+        hold variances.
     rows
         Rows of a band; default: as many as need 128 MB.
     on_band
@@ -208,4 +209,7 @@ class _Solver:
         for name in ("normals", "albedo", "residual", "used"):
             self._maps[name][band.rows] = getattr(maps, name)[inner]
         self._maps["specular"][band.rows] = specular[inner]
+        for name, image in (("first", 0), ("last", -1)):
+            if name in self._maps:
+                self._maps[name][band.rows] = stack.values[image][inner]
         self._error_bars.write(band.rows, variances.variances(self.shown.correlation), inner)

@@ -179,10 +179,6 @@ class NormalsStage:
             examined.leave_out_unlit()
             examined.find_surface(semi_calibrated=self.semi_calibrated)
             quality = examined.check(exclude_disagreeing=self.exclude_disagreeing)
-            previews = tuple(
-                np.array(image) if pattern is None else gray_picture(image, pattern)
-                for image in (examined.images[0], examined.images[-1])
-            )
             in_colour = examined.images.in_colour
             colours = None
             if banded is not None and not in_colour and pattern is None:
@@ -193,8 +189,15 @@ class NormalsStage:
                 forms["colour"] = ((*mask.shape, 3), np.float32)
             maps: MemoryMaps | BandStore = MemoryMaps(forms)
             if files is not None:
+                forms["first"] = forms["last"] = (mask.shape, np.float32)
                 maps = store = BandStore(files.path, files.identity, forms, replace=files.replace)
                 opened.push(lambda error, *_: store.close() if error else None)
+                previews: tuple[MapRows, ...] = store["first"], store["last"]
+            else:
+                previews = tuple(
+                    np.array(image) if pattern is None else gray_picture(image, pattern)
+                    for image in (examined.images[0], examined.images[-1])
+                )
             shown = self._solve(examined, maps, files, colours, on_progress)
             valid, notices = _valid_pixels(maps, examined)
             warnings = (

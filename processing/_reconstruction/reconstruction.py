@@ -72,7 +72,7 @@ class Reconstruction:
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
-        The first and the last linear image, each ``(H, W)`` float32.
+        The first and the last linear image, each ``(H, W)`` float32; in files, where the mask is.
     near_height
         Where the surface is, under near lights; None under distant lights.
     warnings
@@ -94,7 +94,7 @@ class Reconstruction:
     excluded: tuple[str, ...]
     strengths: LightStrengths | None
     error: AngularError | None
-    previews: tuple[Float, ...]
+    previews: tuple[MapRows, ...]
     near_height: NearHeight | None
     warnings: tuple[Notice, ...]
     store: BandStore | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rig import Notice
-from sgp._options import Input, RecordingOptions, SourceOptions
+from sgp._options import Input, RecordingOptions
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._spheres import SphereLights
@@ -35,7 +35,7 @@ def inspect(source: Input, *, options: RecordingOptions = _DEFAULTS) -> Result:
     """
     opened = open_recording(source, options)
     # The tests compute the normals that they need: the quicker method is enough.
-    stage = compute_normals(opened.source, SourceOptions(**vars(options), method="ls"))
+    stage = compute_normals(opened.source, SourceOptions(**vars(options), method="ls").stage())
     metrics: InspectMetrics = {
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",

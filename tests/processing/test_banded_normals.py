@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,19 +22,11 @@ from tests.quick_sample import quick
 
 def arrays(result: Reconstruction) -> dict[str, Any]:
     """Return all maps of a reconstruction."""
-    found = {
-        "normals": result.normals.normals,
+    return {
         "mask": result.mask,
-        "albedo": result.albedo,
-        "specular": result.specular,
         "preview": result.previews[0],
+        **{name: rows[:] for name, rows in result.maps.items()},
     }
-    for part in (result.stereo, result.uncertainty):
-        for field in fields(part):
-            value = getattr(part, field.name)
-            if isinstance(value, np.ndarray):
-                found[f"{type(part).__name__}.{field.name}"] = value
-    return found
 
 
 @pytest.mark.parametrize(
