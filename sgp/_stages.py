@@ -9,7 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import acquisition
+import processing
 import rig
+from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._hashes import input_hashes
 from sgp._options import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rig import Notice
-from sgp._options import Input, RecordingOptions
+from sgp._options import Input, RecordingOptions, SourceOptions
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._spheres import SphereLights
