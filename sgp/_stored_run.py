@@ -19,6 +19,7 @@ from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder
 from sgp._overview import Panel
+from sgp._own_files import output_fault
 from sgp._panels.crop import Crop
 from sgp._panels.stages import (
     DRAWN,
@@ -36,6 +37,7 @@ from sgp._pipeline import (
     process,
     write_integrated,
 )
+from sgp._record import read_record
 from sgp._result import Result, dumps
 from sgp._stage_maps import MapInput, stage_maps
 from sgp._stage_metrics import NormalsMetrics
@@ -254,7 +256,7 @@ class _Run:
                 self._out.rmdir()
 
     def _kept(self, name: str) -> Result | None:
-        """Return the result of a stage that is complete."""
+        """Return the result of a stage that is complete, and whose files are as it left them."""
         try:
             content: Any = rig.parse_json(rig.read_bounded(self._store.folder / f"{name}.json"))
         except (FileNotFoundError, rig.UnreadableError):
@@ -267,10 +269,15 @@ class _Run:
             summary=content["summary"],
             parameters=content["parameters"],
         )
-        complete = all(
-            path.is_file() for path in (folder / f"{name}.json", *result.outputs.values())
+        try:
+            files = read_record(folder / f"{name}.json").files
+        except (acquisition.DataError, acquisition.MissingPathError):
+            return None
+        intact = all(
+            output_fault(folder / file, known.bytes, known.sha256) is None
+            for file, known in files.items()
         )
-        return result if complete else None
+        return result if intact else None
 
     def _keep(self, name: str, result: Result) -> Result:
         """State that a stage is complete, with what the end of the run needs of it."""
