@@ -14,34 +14,6 @@ from acquisition import BandStore
 from tests.sgp.test_cli_memory import check_equal, stop
 
 
-def check_bands(
-    sgp: Callable[..., Any],
-    bands: list[tuple[str, slice]],
-    folder: Path,
-    words: list[Any],
-    limit: str,
-) -> None:
-    """Compare the result and the answer of a command in bands with those in memory.
-
-    Parameters
-    ----------
-    bands
-        The rows that are completed.
-    folder
-        Folder for both results, ``whole`` and ``bands``.
-    words, limit
-        The command, and a limit of memory for bands.
-    """
-    answers = []
-    for name, memory in (("whole", "1G"), ("bands", limit)):
-        answer = sgp(*words, "--json", "--memory", memory, "--out", folder / name)
-        assert answer.code == 0, answer.err
-        answers.append(answer.out.replace(f"/{name}/", "/"))
-        assert (len(bands) > 5) == (name == "bands")
-    assert answers[0] == answers[1]
-    check_equal(folder / "bands", folder / "whole")
-
-
 def check_continued(
     sgp: Callable[..., Any],
     monkeypatch: pytest.MonkeyPatch,

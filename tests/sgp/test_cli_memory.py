@@ -7,13 +7,11 @@ import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from acquisition import BandStore, read_image, software_version, write_png
+from acquisition import BandStore, software_version
 from processing._reconstruction import memory
 from sgp import _stored_normals
-from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 
 # For 40 x 48 pixels and 8 lights: bands of 10 rows.
 LITTLE = "200K"
@@ -56,47 +54,6 @@ def bands(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[tuple[str, slice]]]:
 
     monkeypatch.setattr(BandStore, "complete", noted)
     return seen
-
-
-def test_bands_give_the_files_and_figures_of_the_whole(sgp, given, tmp_path, bands) -> None:
-    """Also of images in colour, with a saturated part."""
-    check_bands(sgp, given, tmp_path, bands, LITTLE)
-    for path in sorted(Path(given[0]).iterdir()):
-        gray = read_image(path).astype(float)
-        colour = np.clip(gray[..., None] * [1.2, 0.8, 0.5] + 90, 0, 65535)
-        write_png(path, colour.astype(np.uint16))
-    for name, options in (("c-whole", []), ("c-bands", ["--memory", LITTLE])):
-        answer = sgp("normals", *given, "--out", tmp_path / name, *options)
-        assert answer.code == 0, answer.err
-    assert read_image(tmp_path / "c-bands" / "albedo.exr").ndim == 3
-    check_equal(tmp_path / "c-bands", tmp_path / "c-whole")
-
-
-def test_bands_under_near_lights(sgp, tmp_path, bands) -> None:
-    """Bands find their points on the surface, whose height is one for all."""
-    write_images(tmp_path / "cap", HEIGHT, NORMALS, panel(220.0))
-    given = [tmp_path / "cap", "--lights", tmp_path / "lights.json", "--pixel-mm", PIXEL_MM]
-    check_bands(sgp, given, tmp_path, bands, LITTLE)
-
-
-@pytest.mark.slow
-def test_bands_of_several_exposures(sgp, tmp_path, bands) -> None:
-    """Exposures are merged in each band, with the law of their noise."""
-    scene = ("simulate", "coin", "--size", "72x60", "--led-count", 8)
-    exposures = ("--exposure-us", 3000, "--exposure-us", 500)
-    assert sgp(*scene, *exposures, "--out", tmp_path / "coin").code == 0
-    lights = tmp_path / "coin" / "derived" / "truth" / "lights.json"
-    check_bands(sgp, [tmp_path / "coin", "--lights", lights], tmp_path, bands, "300K")
-
-
-def check_bands(sgp, given, tmp_path, bands, memory) -> None:
-    whole = sgp("normals", *given, "--out", tmp_path / "whole", "--json")
-    assert whole.code == 0, whole.err
-    assert not bands
-    banded = sgp("normals", *given, "--out", tmp_path / "bands", "--memory", memory, "--json")
-    assert len(bands) >= 3
-    check_equal(tmp_path / "bands", tmp_path / "whole")
-    assert banded.out == whole.out.replace("/whole/", "/bands/")
 
 
 def stop(error: BaseException, after: int) -> Callable[..., None]:

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from acquisition import write_png
-from processing import ShapeFilter, write_normal_rows
+from processing import write_normal_rows
 from processing._detail import rows
-from tests.quick_sample import quick
-from tests.sgp.in_bands import check_bands, check_continued
-from tests.sgp.test_cli_memory import bands, check_equal  # noqa: F401 - a fixture
+from tests.sgp.in_bands import check_continued
 
 SIZE = (330, 60)
 
@@ -37,48 +35,6 @@ def relief(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("relief")
     write_normal_rows(folder, vectors.astype(np.float32), mask)
     return folder
-
-
-def least(kind: str, order: int, w: int) -> str:
-    found = rows.least_memory_of_separation(SIZE, ShapeFilter(kind, order, w))
-    return f"{found // 1024 + 9}K"
-
-
-@pytest.mark.parametrize(
-    ("kind", "order", "w"),
-    quick(
-        [
-            ("gaussian", 8, 2),
-            ("gaussian", 1, 5),
-            ("box", 1, 3),
-            ("guided", 1, 4),
-            ("bilateral", 1, 3),
-        ],
-        every=2,
-    ),
-)
-def test_separation_in_bands_is_that_of_the_whole(
-    sgp,
-    relief,
-    tmp_path,
-    bands,  # noqa: F811
-    kind,
-    order,
-    w,
-) -> None:
-    command = ["detail", "separate", relief, "--filter", kind, "--order", order, "--w", w]
-    check_bands(sgp, bands, tmp_path, command, least(kind, order, w))
-
-
-def test_maps_of_other_forms(sgp, relief, tmp_path) -> None:
-    """A PNG with alpha, green down, and background."""
-    (png := tmp_path / "map.png").write_bytes((relief / "normals.png").read_bytes())
-    for name, memory in (("whole", "1G"), ("bands", "400K")):
-        command = ("detail", "separate", png, "--green", "down", "--w", 1)
-        answer = sgp(*command, "--out", tmp_path / name, "--memory", memory)
-        assert answer.code == 0, answer.err
-        assert "alpha channel is the mask" in answer.err
-    check_equal(tmp_path / "bands", tmp_path / "whole")
 
 
 def test_an_interrupted_separation_continues(sgp, relief, tmp_path, monkeypatch) -> None:

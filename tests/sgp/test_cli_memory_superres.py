@@ -12,7 +12,7 @@ import pytest
 from acquisition import BandStore
 from processing import NormalMap, SuperResolutionStage, write_normals
 from processing._superres import memory
-from tests.sgp.test_cli_memory import bands, check_equal, stop  # noqa: F401 - a fixture
+from tests.sgp.test_cli_memory import check_equal, stop
 
 SIZE = (95, 13)
 
@@ -38,33 +38,6 @@ def low(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def least(scale: int) -> str:
     return f"{SuperResolutionStage.of(scale).need(SIZE).least // 1024 + 1}K"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [
-        pytest.param(["--scale", 4], id="x4"),
-        pytest.param(["--scale", 2, "--sampling", "points"], id="points"),
-        pytest.param(["--scale", 4, "--method", "bicubic"], id="bicubic"),
-    ],
-)
-def test_bands_give_the_files_and_figures_of_the_whole(
-    sgp,
-    low,
-    tmp_path,
-    bands,  # noqa: F811
-    options,
-) -> None:
-    answers = []
-    for name, limit in (("whole", "1G"), ("bands", least(options[1]))):
-        command = ("detail", "superres", low, *options, "--pixel-mm", 0.2, "--json")
-        answer = sgp(*command, "--out", tmp_path / name, "--memory", limit)
-        assert answer.code == 0, answer.err
-        answers.append(answer.out.replace(f"/{name}/", "/"))
-        assert (len(bands) > 2) == (name == "bands")
-    assert answers[0] == answers[1]
-    check_equal(tmp_path / "bands", tmp_path / "whole")
 
 
 @pytest.mark.slow

@@ -9,8 +9,7 @@ import pytest
 
 from processing import NormalMap, write_normals
 from processing._synthesis import synthesis_memory
-from tests.sgp.in_bands import check_bands, check_continued, check_needs_whole
-from tests.sgp.test_cli_memory import bands  # noqa: F401 - a fixture
+from tests.sgp.in_bands import check_continued, check_needs_whole
 
 SIZE = ("--size", "110x600", "--patch", 16)
 # More than a strip needs, less than the sheet.
@@ -35,19 +34,6 @@ def hide(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("hide")
     write_normals(folder, NormalMap.from_vectors(np.dstack([*slopes, np.ones(x.shape)])))
     return folder
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        pytest.param((), id="", marks=pytest.mark.slow),
-        pytest.param(("--tileable", "--seed", 3), id="for tiling"),
-        pytest.param(("--rotate", "--crop", "5,5,80,80"), id="turned", marks=pytest.mark.slow),
-    ],
-)
-def test_a_sheet_in_files_is_that_in_memory(sgp, hide, tmp_path, bands, options) -> None:  # noqa: F811
-    command = ["detail", "synthesize", hide, *SIZE, *options]
-    check_bands(sgp, bands, tmp_path, command, LITTLE)
 
 
 @pytest.mark.slow

@@ -11,8 +11,8 @@ from acquisition import BandStore
 from processing import NormalMap, ShapeFilter, write_normals
 from processing._detail import rows
 from processing._detail.transfer_memory import TransferSizes
-from tests.sgp.in_bands import check_bands, check_continued, check_needs_whole
-from tests.sgp.test_cli_memory import bands, stop  # noqa: F401 - a fixture
+from tests.sgp.in_bands import check_continued, check_needs_whole
+from tests.sgp.test_cli_memory import stop
 
 SOURCE, TARGET = (70, 40), (300, 60)
 FILTER = ("--order", 2, "--w", 2)
@@ -44,22 +44,6 @@ def memory(refine: int = 0) -> str:
     """Return a limit for some bands, and for the cuts between copies."""
     least = TransferSizes(SOURCE, TARGET, ShapeFilter(order=2, w=2), refine).least()
     return f"{least // 1024 + 120}K"
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        pytest.param((), id="cut", marks=pytest.mark.slow),
-        pytest.param(("--refine", 2), id="corrected"),
-        pytest.param(
-            ("--tile", "mirror", "--amplitude", -0.5), id="mirrored", marks=pytest.mark.slow
-        ),
-        pytest.param(("--at", "-10,50"), id="put", marks=pytest.mark.slow),
-    ],
-)
-def test_bands_give_the_result_of_the_whole(sgp, maps, tmp_path, bands, options) -> None:  # noqa: F811
-    command = ["detail", "transfer", *maps, *FILTER, *options]
-    check_bands(sgp, bands, tmp_path, command, memory())
 
 
 @pytest.mark.slow

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import itertools
-import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +15,6 @@ import pytest
 
 from acquisition import (
     CameraModel,
-    read_image,
     write_camera,
     write_exr,
     write_mask,
@@ -54,39 +52,6 @@ def given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[object]:
     k = np.array([[150.0, 0, 29.5], [0, 150.0, 95.5], [0, 0, 1]])
     write_camera(Path("camera.json"), CameraModel(k, SIZE[1], SIZE[0], 300.0))
     return ["n", "--mask", "mask.png", "--albedo", "albedo.exr", "--sigma", "sigma.exr", "--stl"]
-
-
-@pytest.mark.parametrize("camera", [False, True])
-def test_blocks_give_the_files_of_the_whole(sgp, given, tmp_path, camera) -> None:
-    if camera:
-        given += ["--camera", "camera.json", "--height-mm", 4]
-    whole = sgp("surface", *given, "--out", "whole", "--json")
-    assert (whole.code, whole.err) == (0, "")
-    found = sgp("surface", *given, "--out", "blocks", "--memory", LITTLE, "--json")
-    assert found.code == 0, found.err
-    assert f"surface of {SIZE[1]} x {SIZE[0]} pixels: in blocks of" in found.err
-    a, b = Path("whole"), Path("blocks")
-    assert sorted(p.name for p in a.iterdir()) == sorted(p.name for p in b.iterdir())
-    for name in ("mask.png", "curl_deg.exr", "curl.png"):
-        assert (a / name).read_bytes() == (b / name).read_bytes(), name
-    for name in ("surface.ply", "surface.stl"):
-        assert (a / name).stat().st_size == (b / name).stat().st_size
-    heights = [read_image(each / "height.exr") for each in (a, b)]
-    np.testing.assert_array_equal(*(np.isnan(height) for height in heights))
-    off = np.nanmax(np.abs(heights[0] - heights[1]))
-    assert off < 5e-4 * np.ptp(heights[0][np.isfinite(heights[0])])
-    one, other = (json.loads(answer.out) for answer in (whole, found))
-    assert other["metrics"].pop("blocks") >= 2
-    assert other["metrics"].pop("block_error") < 1e-2
-    assert other["metrics"].pop("block_rounds") < 12
-    assert other["metrics"].keys() == one["metrics"].keys()
-    for key in ("unit", "vertices", "parts", "curl_deg", "curl_excess"):
-        assert other["metrics"][key] == one["metrics"][key], key
-    for key in ("height_range", "normal_residual_deg"):
-        assert other["metrics"][key] == pytest.approx(one["metrics"][key], rel=1e-3), key
-    assert [n["code"] for n in one["notices"]] == [n["code"] for n in other["notices"]]
-    record = json.loads((b / "surface.json").read_text())
-    assert record["inputs"] == json.loads((a / "surface.json").read_text())["inputs"]
 
 
 @pytest.mark.parametrize(

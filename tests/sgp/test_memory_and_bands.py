@@ -68,9 +68,7 @@ OF_HEIGHTS = {
                  "surface.ply", "surface.stl", "surface.json")
 } | {"stdout"}  # fmt: skip
 # Memory is a parameter, and bands are announced.
-OF_MEMORY = re.compile(
-    r'"memory": "?\w+"?,? ?|, "memory"|.* (bands of rows|as a whole|blocks of \d+).*'
-)
+OF_MEMORY = re.compile(r', "memory"(: "\w+")?|.* (bands of rows|as a whole|blocks of \d+).*')
 
 
 # The first test also makes the recordings.
