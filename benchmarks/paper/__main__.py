@@ -1,149 +1,127 @@
-"""``sgp bench``: recompute the paper's tables, compare synthesised sheets, and super-resolution."""
+"""Recompute the paper's tables next to the published figures, from maps in SGP_DATA or simulated.
+
+transfer: properties and transfers of details, next to two mesh methods: displacement (DSPL) and
+Laplacian editing (LAPL). --quick uses at most 50 thousand points and one run per measurement:
+about two minutes.
+
+synthesis: sheets next to their exemplars, and to repeated and mirrored exemplars, with time and
+memory for as many pixels as the paper's target has. --quick makes sheets of 1024 x 1024 instead of
+2048 x 2048 pixels without complete maps as exemplars: about two minutes instead of five.
+
+superres: super-resolution of normals and of details next to bicubic interpolation: errors of
+normals and heights by class of surface, and how well the predicted deviations agree with the
+errors. --quick uses the middle 256 x 256 pixels of the maps, and only scale 4.
+
+The output folder has tables.md, tables.json, pictures, height profiles as .csv, and bench.json
+with the parameters and the hashes of all inputs.
+
+    python -m benchmarks.paper --out tables --quick
+    python -m benchmarks.paper --table superres --models trained --out tables
+"""
 
 from __future__ import annotations
 
+import os
+import sys
 import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+# Before numpy is loaded: idle threads of BLAS would spin and count as CPU time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import acquisition
+from benchmarks.harness import command_line
+from benchmarks.paper.comparison import Comparison
+from benchmarks.paper.run import run_all
+from benchmarks.paper.sheets import run_sheets
+from benchmarks.paper.superres import run_superres
+from benchmarks.paper.tables import markdown
 from sgp._console import note
-from sgp._metrics import BenchMetrics, SheetBenchMetrics, SuperresBenchMetrics
-from sgp._options import Count, OptionalInput, Seed
-from sgp._output import claim_folder, writes_folder
+from sgp._exit import FAULT, UsageError, error_text, exit_code
+from sgp._output import check_output, claim_folder, write_record
+from sgp._overview import write_overview
 from sgp._result import Result, dumps
+from sgp._write_profile import write_profile_data
 
-if TYPE_CHECKING:
-    from sgp._paper.comparison import Comparison
-
-
-@writes_folder("bench.json")
-def paper(
-    *,
-    out: Path,
-    quick: bool = False,
-    runs: Count | None = None,
-    force: bool = False,
-) -> Result:
-    """Recompute the paper's tables from available data, next to the published figures.
-
-    Normal maps are read from the folder in SGP_DATA or simulated. Two mesh-based methods,
-    displacement (DSPL) and Laplacian editing (LAPL), are measured in the same run.
-
-    For example:
-
-        sgp bench paper --out tables --quick
-
-    Parameters
-    ----------
-    out
-        Folder for tables.md, tables.json, pictures of some tables, the height profiles as .csv,
-        and bench.json.
-    quick
-        Use at most 50 thousand points and one run per measurement: about two minutes.
-    runs
-        Number of runs per measurement, which are averaged; default: 10 as in the paper, 1 with
-        --quick.
-    force
-        Write into an output folder that already contains files.
-    """
-    from sgp._paper.run import run_all
-
-    count = runs or (1 if quick else 10)
-    comparison = run_all(quick=quick, runs=count, advance=_Steps())
-    result = _written(comparison, out)
-    metrics: BenchMetrics = {"tables": len(comparison.tables), "runs": count, "quick": quick}
-    result.metrics = metrics
-    return result
+RECORD = "bench.json"
+# For each group of tables: the function that computes them, and its options with their defaults.
+TABLES: Mapping[str, tuple[Callable[..., Comparison], Mapping[str, Any]]] = {
+    "transfer": (run_all, {"runs": None}),
+    "synthesis": (run_sheets, {"seed": 7}),
+    "superres": (run_superres, {"seed": 7, "models": None}),
+}
 
 
-@writes_folder("bench.json")
-def synthesis(*, out: Path, quick: bool = False, seed: Seed = 7, force: bool = False) -> Result:
-    """Compare synthesised sheets with their exemplars, and with repeated and mirrored exemplars.
+def main(words: Sequence[str] | None = None) -> int:
+    """Compute a group of tables and write them; return the exit code."""
+    parser = command_line(__doc__)
+    parser.add_argument("--table", choices=tuple(TABLES), default="transfer", help="the tables")
+    parser.add_argument("--out", type=Path, required=True, help="output folder")
+    parser.add_argument("--quick", action="store_true", help="compute less, as above")
+    parser.add_argument(
+        "--runs",
+        type=_at_least(1),
+        metavar="N",
+        help="transfer: runs per measurement, which are averaged; 10 as in the paper if not given, "
+        "1 with --quick",
+    )
+    parser.add_argument(
+        "--seed",
+        type=_at_least(0),
+        metavar="N",
+        help="synthesis and superres: seed of the simulated materials; 7 if not given",
+    )
+    parser.add_argument(
+        "--models",
+        type=Path,
+        help="superres: folder with networks (.onnx) and their descriptions, of both domains and "
+        "several seeds of the training, which should be trained alike",
+    )
+    parser.add_argument("--force", action="store_true", help="write into a folder with files")
+    options = parser.parse_args(words)
+    compute, defaults = TABLES[options.table]
+    names = ("runs", "seed", "models")
+    given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+    for name in given.keys() - defaults:
+        parser.error(f"--{name} is not an option of --table {options.table}")
+    parameters = {"quick": options.quick, **defaults, **given}
+    try:
+        if options.models is not None and not options.models.is_dir():
+            raise UsageError(f"{options.models}: no such folder")
+        check_output(options.out, parameters.values(), force=options.force)
+        result = _written(compute(**parameters, advance=_Steps()), options.out)
+        command = f"python -m benchmarks.paper --table {options.table}"
+        write_record(options.out / RECORD, command, parameters, result)
+    except Exception as error:
+        if exit_code(error) == FAULT:
+            raise
+        print(f"error: {error_text(error)}", file=sys.stderr)
+        return exit_code(error)
+    for notice in result.warnings:
+        note(f"note: {notice}")
+    print(*result.summary, sep="\n")
+    return 0
 
-    The exemplars are simulated materials, drawn structures, and the reliefs and normal maps in the
-    folder in SGP_DATA. Time and memory are measured for as many pixels as the paper's target has.
 
-    For example:
+def _at_least(least: int) -> Callable[[str], int]:
+    """Return a converter of an option's text to a whole number that refuses smaller ones."""
 
-        sgp bench synthesis --out tables --quick
+    def number(text: str) -> int:
+        if int(text) < least:
+            raise ValueError(text)
+        return int(text)
 
-    Parameters
-    ----------
-    out
-        Folder for tables.md, tables.json, pictures of the sheets, the height profiles as .csv, and
-        bench.json.
-    quick
-        Make sheets of 1024 x 1024 instead of 2048 x 2048 pixels, and leave out complete maps as
-        exemplars: about two minutes instead of five.
-    seed
-        Seed of the simulated materials.
-    force
-        Write into an output folder that already contains files.
-    """
-    from sgp._paper.sheets import run_sheets
-
-    comparison = run_sheets(quick=quick, seed=seed, advance=_Steps())
-    result = _written(comparison, out)
-    metrics: SheetBenchMetrics = {"tables": len(comparison.tables), "quick": quick}
-    result.metrics = metrics
-    return result
-
-
-@writes_folder("bench.json")
-def superres(
-    *,
-    out: Path,
-    quick: bool = False,
-    models: OptionalInput = None,
-    seed: Seed = 7,
-    force: bool = False,
-) -> Result:
-    """Compare super-resolution of normals and of details with bicubic interpolation.
-
-    The maps are those in the folder in SGP_DATA, simulated materials, drawings and smooth shapes.
-    The tables have the errors of normals and heights by class of surface, and how well the
-    predicted deviations agree with the errors. With --models, networks on details are compared
-    with networks on plain normals.
-
-    For example:
-
-        sgp bench superres --out tables --quick
-        sgp bench superres --models trained --out tables
-
-    Parameters
-    ----------
-    out
-        Folder for tables.md, tables.json, pictures of a head and of parts of maps, and bench.json.
-    quick
-        Use the middle 256 x 256 pixels of the maps, and only scale 4.
-    models
-        Folder with networks (.onnx) and their descriptions, of both domains and several seeds of
-        the training, for comparing the domains. They should be trained alike.
-    seed
-        Seed of the simulated materials.
-    force
-        Write into an output folder that already contains files.
-    """
-    from sgp._paper.superres import run_superres
-
-    comparison = run_superres(quick=quick, seed=seed, models=models, advance=_Steps())
-    result = _written(comparison, out)
-    metrics: SuperresBenchMetrics = {"tables": len(comparison.tables), "quick": quick}
-    result.metrics = metrics
-    return result
+    return number
 
 
 def _written(comparison: Comparison, out: Path) -> Result:
     """Write tables, pictures and profiles into a folder."""
-    from dataclasses import asdict
-
-    from sgp._overview import write_overview
-    from sgp._paper.tables import markdown
-    from sgp._write_profile import write_profile_data
-
-    claim_folder(out, "bench.json")
+    claim_folder(out, RECORD)
     result = Result(warnings=list(comparison.left_out), inputs=comparison.files)
+    result.metrics = {"tables": len(comparison.tables)}
     result.outputs = {"tables": out / "tables.md", "tables_json": out / "tables.json"}
     for name, picture in comparison.pictures.items():
         result.outputs[name] = out / f"{name}.png"
@@ -174,3 +152,7 @@ class _Steps:
             return
         left_s = (now_s - self._began_s) * (total - done) / done
         note(f"{step}; about {left_s:.0f} s left for this table")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

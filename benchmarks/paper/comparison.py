@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import processing
 import rig
+from benchmarks.paper.tables import Table
 from sgp._overview import Panel
-from sgp._paper.tables import Table
 
 
 class Picture(NamedTuple):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import processing
+from benchmarks.paper import figures as paper
+from benchmarks.paper.sources import Sources, bowl
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.profile import profile_panels
-from sgp._paper import figures as paper
-from sgp._paper.sources import Sources, bowl
-from sgp._paper.tables import Number, Table
 
 # The substitutes for the paper's two sources, and the file names of their curves.
 _STAND_INS = {"scales (simulated)": "scales", "cloth (simulated)": "cloth"}

@@ -23,10 +23,10 @@ import numpy.typing as npt
 
 import processing
 import rig
-from sgp._peers.displacement import Displacement
-from sgp._peers.laplacian import LaplacianEditing, superlu
-from sgp._peers.mesh import Float, GridMesh
-from sgp._peers.surfaces import Surfaces
+from benchmarks.paper.peers.dspl import Displacement
+from benchmarks.paper.peers.lapl import LaplacianEditing, superlu
+from benchmarks.paper.peers.mesh import Float, GridMesh
+from benchmarks.paper.peers.surfaces import Surfaces
 
 Method = Literal["DSPL", "LAPL", "LAPL, direct solver", "normals", "normals, order 8"]
 # The methods that the tables compare. The direct solver gives the same result as LAPL.

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import rig
+from benchmarks.paper import figures as paper
+from benchmarks.paper.comparison import Comparison, Picture
+from benchmarks.paper.heights import height_profiles
+from benchmarks.paper.local import local_transfers
+from benchmarks.paper.properties import chain, exchange, of_textures
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.transfer import by_resolution, onto_diligent
 from rig import Progress
-from sgp._paper import figures as paper
-from sgp._paper.comparison import Comparison, Picture
-from sgp._paper.heights import height_profiles
-from sgp._paper.local import local_transfers
-from sgp._paper.properties import chain, exchange, of_textures
-from sgp._paper.sources import Sources
-from sgp._paper.transfer import by_resolution, onto_diligent
 
 _QUICK_POINTS = 50_000
 
@@ -24,7 +24,7 @@ _PREFACE = (
 )
 
 
-def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
+def run_all(*, quick: bool, runs: int | None, advance: Progress) -> Comparison:
     """Compute all tables that the available data allow.
 
     Parameters
@@ -32,10 +32,11 @@ def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
     quick
         Skip the largest numbers of points.
     runs
-        Number of runs per measurement.
+        Number of runs per measurement; default: 10 as in the paper, 1 with `quick`.
     advance
         Called before each step: what it does, and how much of this table is done.
     """
+    runs = runs or (1 if quick else 10)
     sources = Sources.found()
     comparison = Comparison(_PREFACE)
     textures = sources.textures()

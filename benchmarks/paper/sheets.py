@@ -12,18 +12,18 @@ import numpy as np
 
 import processing
 import rig
+from benchmarks.paper import figures as paper
+from benchmarks.paper.comparison import Comparison, Picture
+from benchmarks.paper.exemplars import captured, materials, structured
+from benchmarks.paper.measure import peaks
+from benchmarks.paper.pixel_by_pixel import pixel_by_pixel
+from benchmarks.paper.sources import Sources, bowl
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_panel
 from sgp._panels.profile import profile_panels
-from sgp._paper import figures as paper
-from sgp._paper.comparison import Comparison, Picture
-from sgp._paper.exemplars import captured, materials, structured
-from sgp._paper.measure import peaks
-from sgp._paper.pixel_by_pixel import pixel_by_pixel
-from sgp._paper.sources import Sources, bowl
-from sgp._paper.tables import Number, Table
 
 PATCH_PX = 48
 _SIDE_PX, _QUICK_SIDE_PX = 2048, 1024

@@ -10,15 +10,15 @@ import numpy as np
 
 import processing
 import rig
+from benchmarks.paper import superres_tables as tables
+from benchmarks.paper.comparison import Comparison
+from benchmarks.paper.measure import peaks
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.superres_judge import DOMAINS, Networks, judge
+from benchmarks.paper.superres_maps import judged_maps
+from benchmarks.paper.superres_pictures import add_head, add_parts
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp._paper import superres_tables as tables
-from sgp._paper.comparison import Comparison
-from sgp._paper.measure import peaks
-from sgp._paper.sources import Sources
-from sgp._paper.superres_judge import DOMAINS, Networks, judge
-from sgp._paper.superres_maps import judged_maps
-from sgp._paper.superres_pictures import add_head, add_parts
-from sgp._paper.tables import Number, Table
 from sgp._superres.judgement import Judgement, judged, measure
 from sgp._superres.presets import REPORTED
 
