@@ -5,7 +5,7 @@ import os
 import sys
 import time
 import traceback
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,8 @@ from acquisition._pixels.quality import measure_quality
 from rig import RigConfig
 from simulator import ImageFormation, simulated_rig
 from simulator._bench_state import BenchState
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
 
 LEDS = 36
 SIZE = (48, 64)
@@ -57,6 +59,34 @@ def open_planes(mode="software", camera="auto"):
     return simulated_rig(
         plane, config, size=SIZE, formation=ImageFormation(NOISE, noisy=False), camera=camera
     )
+
+
+def fast_options(parser):
+    """Add the options of a virtual camera that delivers precomposed frames, and its lights."""
+    parser.add_argument("--lights", type=int, default=36, help="shots per pass")
+    parser.add_argument("--size", default="2448x2048", help="image size in pixels")
+    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
+    parser.add_argument("--exposure-us", type=float, default=5000.0, help="exposure time per shot")
+    return parser
+
+
+@contextmanager
+def fast_bench(options, frames):
+    """Open a virtual board, and a camera that delivers precomposed frames at a limited rate."""
+    width, height = map(int, options.size.split("x"))
+    with (
+        VirtualBoard(options.lights) as virtual,
+        GentlCamera(
+            frames,
+            size=(height, width),
+            leds=options.lights,
+            precomposed=True,
+            bench_state_path=virtual.bench_state_path,
+            formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
+            device=GentlDevice(frame_rate_hz=options.rate),
+        ) as camera,
+    ):
+        yield virtual, camera
 
 
 def bench_of(rig):

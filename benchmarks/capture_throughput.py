@@ -14,7 +14,6 @@ than the frames of the sequence, because each frame has a buffer), or if a seque
 1.15 times the camera's own time.
 """
 
-import argparse
 import shutil
 import sys
 import tempfile
@@ -23,13 +22,11 @@ import time
 from pathlib import Path
 
 import numpy as np
+from capture_bench import fast_bench, fast_options
+from harness import command_line
 
-from acquisition import CapturePlan, Labels, NoiseModel, record, verify_session
-from acquisition._pixels.quality import measure_quality
+from acquisition import CapturePlan, Labels, record, verify_session
 from rig import Board, Rig, RigConfig, open_genicam
-from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
 
 MOST_TIMES_CAMERA = 1.15
 MOST_FRAMES = 12
@@ -74,11 +71,7 @@ class Peak:
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--lights", type=int, default=36)
-    parser.add_argument("--size", default="2448x2048")
-    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
-    parser.add_argument("--exposure-us", type=float, default=5000.0)
+    parser = fast_options(command_line(__doc__))
     parser.add_argument("--passes", type=int, default=3)
     parser.add_argument(
         "--out", type=Path, help="folder for the sessions; default: a temporary folder"
@@ -86,23 +79,11 @@ def main():
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     frame_bytes = 2 * width * height
-    measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
     before = own_bytes()
     out = Path(tempfile.mkdtemp(prefix="sgp-throughput-", dir=options.out))
     bad = 0
     try:
-        with (
-            VirtualBoard(options.lights) as virtual,
-            GentlCamera(
-                frames(width, height),
-                size=(height, width),
-                leds=options.lights,
-                precomposed=True,
-                bench_state_path=virtual.bench_state_path,
-                formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
-                device=GentlDevice(frame_rate_hz=options.rate),
-            ) as camera,
-        ):
+        with fast_bench(options, frames(width, height)) as (virtual, camera):
             for mode in ("software", "board", "sequence"):
                 for number in range(options.passes):
                     folder = out / f"{mode}{number}"

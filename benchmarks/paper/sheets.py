@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import time
 from collections.abc import Sequence
 from functools import partial
 
@@ -15,9 +14,9 @@ import rig
 from benchmarks.paper import figures as paper
 from benchmarks.paper.comparison import Comparison, Picture
 from benchmarks.paper.exemplars import captured, materials, structured
-from benchmarks.paper.measure import peaks
+from benchmarks.paper.measure import cost
 from benchmarks.paper.pixel_by_pixel import pixel_by_pixel
-from benchmarks.paper.sources import Sources, bowl
+from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp._overview import Panel
@@ -148,11 +147,7 @@ def _cost(
         advance(f"cost of {size:g} million pixels", done, len(sizes_mpx))
         side = round(math.sqrt(size * 1e6))
         work = partial(processing.synthesize, exemplar, (side, side), patch=PATCH_PX)
-        cpu, wall = time.process_time(), time.perf_counter()
-        work()
-        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-        measured = peaks(work, 1)
-        rows[f"{size:g} million pixels"] = [cpu, wall, measured[0] / 1e6 if measured else None]
+        rows[f"{size:g} million pixels"] = cost(work)
     return Table(
         "cost",
         "Cost of sheets",
@@ -170,11 +165,7 @@ def _onto_target(
     sources: Sources, exemplars: dict[str, processing.NormalMap], advance: Progress
 ) -> tuple[Table, dict[str, processing.HeightProfile], list[Panel]]:
     """Put synthesised details on a target, and compare details and heights."""
-    where, target = (
-        ("bowl (simulated)", bowl(_BOWL_POINTS))
-        if sources.data is None
-        else ("cat", sources.given("diligent/cat"))
-    )
+    where, target = sources.target(_BOWL_POINTS)
     shape, ground = processing.separate(target).shape, processing.integrate(target)
     rows: dict[str, list[Number]] = {}
     profiles: dict[str, processing.HeightProfile] = {}
