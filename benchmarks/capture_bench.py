@@ -27,6 +27,8 @@ PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(EXPOSURE_US,))
 ROUNDING_DN = 0.51
 # How an exposure is started: by software, by the board, or in a sequence that the board runs.
 MODES = ("software", "board", "sequence")
+# The watchdog turns LEDs off within a second; no LED may stay on for longer after its shot.
+LEFT_ON_S = 1.25
 LABELS = Labels("benchmark", "planes")
 # Compile here once, instead of once in every forked process.
 measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
@@ -61,17 +63,19 @@ def open_planes(mode="software", camera="auto"):
     )
 
 
-def fast_options(parser):
+def fast_options(parser, *, size="2448x2048", exposure_us=5000.0):
     """Add the options of a virtual camera that delivers precomposed frames, and its lights."""
     parser.add_argument("--lights", type=int, default=36, help="shots per pass")
-    parser.add_argument("--size", default="2448x2048", help="image size in pixels")
+    parser.add_argument("--size", default=size, help="image size in pixels")
     parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
-    parser.add_argument("--exposure-us", type=float, default=5000.0, help="exposure time per shot")
+    parser.add_argument(
+        "--exposure-us", type=float, default=exposure_us, help="exposure time per shot"
+    )
     return parser
 
 
 @contextmanager
-def fast_bench(options, frames):
+def fast_bench(options, frames, **device):
     """Open a virtual board, and a camera that delivers precomposed frames at a limited rate."""
     width, height = map(int, options.size.split("x"))
     with (
@@ -83,7 +87,7 @@ def fast_bench(options, frames):
             precomposed=True,
             bench_state_path=virtual.bench_state_path,
             formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
-            device=GentlDevice(frame_rate_hz=options.rate),
+            device=GentlDevice(frame_rate_hz=options.rate, **device),
         ) as camera,
     ):
         yield virtual, camera
@@ -138,6 +142,16 @@ def last_light_ns(state, path, timeout_s=10.0):
             raise SystemExit(f"the virtual board of {path} still runs after {timeout_s:g} s")
         time.sleep(0.005)
     return max((period.end_ns for period in state.periods()), default=0)
+
+
+def dark_in_time(state):
+    """Return whether a bench is dark by the time at which the board's watchdog acts."""
+    ends_s = time.monotonic() + LEFT_ON_S
+    while state.led(time.monotonic_ns()) is not None:
+        if time.monotonic() > ends_s:
+            return False
+        time.sleep(0.002)
+    return True
 
 
 def open_state(path):

@@ -17,13 +17,12 @@ than the frames of the sequence, because each frame has a buffer), or if a seque
 import shutil
 import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 
 import numpy as np
 from capture_bench import fast_bench, fast_options
-from harness import command_line
+from harness import command_line, largest
 
 from acquisition import CapturePlan, Labels, record, verify_session
 from rig import Board, Rig, RigConfig, open_genicam
@@ -49,25 +48,6 @@ def own_bytes():
         if line.startswith("RssAnon"):
             return int(line.split()[1]) * 1024
     raise SystemExit("this system does not report a process's own memory (RssAnon)")
-
-
-class Peak:
-    """Peak of the process's own memory inside the ``with``."""
-
-    def __enter__(self):
-        self.bytes = own_bytes()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._watch)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stop.set()
-        self._thread.join()
-
-    def _watch(self):
-        while not self._stop.wait(0.005):
-            self.bytes = max(self.bytes, own_bytes())
 
 
 def main():
@@ -106,13 +86,13 @@ def one(options, mode, folder, virtual, camera, before, frame_bytes):
     config = RigConfig(name="fast", driver="bench", leds=options.lights, trigger=trigger)
     own_s = len(plan.shots()) / options.rate
     genicam = open_genicam(camera.cti, pixel_format="Mono16")
-    with Peak() as peak, Rig(Board(virtual.port), genicam, config) as rig:
+    with largest(own_bytes, 0.005) as peak, Rig(Board(virtual.port), genicam, config) as rig:
         cpu, began = time.process_time(), time.perf_counter()
         session = record(rig, plan, folder, Labels())
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
     report = verify_session(folder)
     pauses = [line for line in session.events if line.event == "paused"]
-    grown = (peak.bytes - before) / frame_bytes
+    grown = (peak[0] - before) / frame_bytes
     print(
         f"{mode:<9} {report.frames} frames of {frame_bytes / 1e6:.1f} MB in {wall:.2f} s = "
         f"{wall / own_s:.3f} of the camera's {own_s:.2f} s, {cpu / report.frames * 1000:.0f} ms "

@@ -7,6 +7,7 @@ import ctypes
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -141,6 +142,25 @@ def resident_bytes(entry: str = "VmRSS") -> float:
     except OSError:
         return float("nan")
     return next(float(line.split()[1]) for line in lines if line.startswith(entry)) * 1024
+
+
+@contextmanager
+def largest(read: Callable[[], int], every_s: float) -> Iterator[list[int]]:
+    """Yield a list whose only value is the largest that was read so far inside the ``with``."""
+    found, ended = [read()], threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(every_s):
+            found[0] = max(found[0], read())
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        yield found
+    finally:
+        ended.set()
+        watcher.join()
+        found[0] = max(found[0], read())
 
 
 def peak_begins() -> float:
