@@ -60,17 +60,16 @@ def main():
     width, height = map(int, options.size.split("x"))
     frame_bytes = 2 * width * height
     before = own_bytes()
-    out = Path(tempfile.mkdtemp(prefix="sgp-throughput-", dir=options.out))
     bad = 0
-    try:
-        with fast_bench(options, frames(width, height)) as (virtual, camera):
-            for mode in ("software", "board", "sequence"):
-                for number in range(options.passes):
-                    folder = out / f"{mode}{number}"
-                    bad += one(options, mode, folder, virtual, camera, before, frame_bytes)
-                    shutil.rmtree(folder)
-    finally:
-        shutil.rmtree(out, ignore_errors=True)
+    with (
+        tempfile.TemporaryDirectory(prefix="sgp-throughput-", dir=options.out) as out,
+        fast_bench(options, frames(width, height)) as (virtual, camera),
+    ):
+        for mode in ("software", "board", "sequence"):
+            for number in range(options.passes):
+                folder = Path(out) / f"{mode}{number}"
+                bad += one(options, mode, folder, virtual, camera, before, frame_bytes)
+                shutil.rmtree(folder)
     print("FAILED" if bad else "passed")
     sys.exit(bool(bad))
 

@@ -129,13 +129,12 @@ def main():
     )
     busy_option(parser)
     options = parser.parse_args()
-    out = Path(tempfile.mkdtemp(prefix="sgp-stress-", dir=options.out))
     began = time.monotonic()
-    try:
-        with busy(options.busy):
-            tally = stress(options, out)
-    finally:
-        shutil.rmtree(out, ignore_errors=True)
+    with (
+        tempfile.TemporaryDirectory(prefix="sgp-stress-", dir=options.out) as out,
+        busy(options.busy),
+    ):
+        tally = stress(options, Path(out))
     seconds = time.monotonic() - began
     own_s = options.sequences * (options.lights + 1) / options.rate
     print(

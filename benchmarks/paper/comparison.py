@@ -42,3 +42,8 @@ class Comparison:
     profiles: dict[str, processing.HeightProfile] = field(default_factory=dict)
     left_out: list[rig.Notice] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
+
+    def add(self, name: str, title: str, columns: int, table: Table, panels: list[Panel]) -> None:
+        """Add a table and a picture with a name and a title."""
+        self.tables.append(table)
+        self.pictures[name] = Picture(title, panels, columns)

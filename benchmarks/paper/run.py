@@ -47,18 +47,15 @@ def run_all(*, quick: bool, runs: int | None, advance: Progress) -> Comparison:
     )
     if sources.data is not None:
         comparison.tables.append(chain(sources, advance))
-    exchanged, panels = exchange(textures, advance)
-    comparison.tables.append(exchanged)
-    comparison.pictures["cross_exchange"] = Picture("Details exchanged (order 8)", panels, 4)
+    exchanged = exchange(textures, advance)
+    comparison.add("cross_exchange", "Details exchanged (order 8)", 4, *exchanged)
     points = [count for count in paper.POINTS if not quick or count <= _QUICK_POINTS]
     tables, panels = by_resolution(sources, points, runs, advance)
     comparison.tables += tables
     comparison.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
     table, comparison.profiles, panels = height_profiles(sources, textures, advance)
-    comparison.tables.append(table)
-    comparison.pictures["height_profile"] = Picture(
-        "Heights, sorted by the target's (order 8)", panels, 2
-    )
+    title = "Heights, sorted by the target's (order 8)"
+    comparison.add("height_profile", title, 2, table, panels)
     if sources.data is None:
         text = (
             "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
@@ -71,9 +68,8 @@ def run_all(*, quick: bool, runs: int | None, advance: Progress) -> Comparison:
         comparison.pictures["diligent"] = Picture(
             "Cracks on the DiLiGenT targets (order 1)", panels, 5
         )
-        table, panels = local_transfers(sources, advance)
-        comparison.tables.append(table)
-        comparison.pictures["local"] = Picture("Faces transferred to other surfaces", panels, 3)
+        local = local_transfers(sources, advance)
+        comparison.add("local", "Faces transferred to other surfaces", 3, *local)
     if quick:
         text = (
             f"--quick: more than {_QUICK_POINTS} points are left out, and with them the headline "

@@ -12,7 +12,7 @@ import numpy as np
 import processing
 import rig
 from benchmarks.paper import figures as paper
-from benchmarks.paper.comparison import Comparison, Picture
+from benchmarks.paper.comparison import Comparison
 from benchmarks.paper.exemplars import captured, materials, structured
 from benchmarks.paper.measure import cost
 from benchmarks.paper.pixel_by_pixel import pixel_by_pixel
@@ -67,21 +67,16 @@ def run_sheets(*, quick: bool, seed: int, advance: Progress, side: int | None = 
     side = side or (_QUICK_SIDE_PX if quick else _SIDE_PX)
     simulated = materials(seed)
     given = dict(captured(sources, complete=not quick))
-    table, panels = _quality("sheets", simulated | given, side, advance)
-    comparison.tables.append(table)
-    comparison.pictures["sheets"] = Picture("Materials, and sheets made from them", panels, 4)
-    table, panels = _quality("structured", structured(), side, advance)
-    comparison.tables.append(table)
-    comparison.pictures["structured"] = Picture("Ordered structures", panels, 4)
-    table, panels = pixel_by_pixel(simulated | structured(), advance)
-    comparison.tables.append(table)
-    comparison.pictures["efros_leung"] = Picture("Efros-Leung and quilting", panels, 3)
+    materials_made = _quality("sheets", simulated | given, side, advance)
+    comparison.add("sheets", "Materials, and sheets made from them", 4, *materials_made)
+    structures_made = _quality("structured", structured(), side, advance)
+    comparison.add("structured", "Ordered structures", 4, *structures_made)
+    small = pixel_by_pixel(simulated | structured(), advance)
+    comparison.add("efros_leung", "Efros-Leung and quilting", 3, *small)
     comparison.tables.append(_cost(simulated, [_SAME_MPX] if quick else _SIZES_MPX, advance))
     table, comparison.profiles, panels = _onto_target(sources, simulated, advance)
-    comparison.tables.append(table)
-    comparison.pictures["height_profile"] = Picture(
-        "Heights, sorted by the target's (order 8)", panels, 4
-    )
+    title = "Heights, sorted by the target's (order 8)"
+    comparison.add("height_profile", title, 4, table, panels)
     if sources.data is None:
         text = "SGP_DATA is not set: reliefs, owl, plant and cat are left out; all is simulated"
         comparison.left_out.append(rig.Notice("bench-without-data", text))
