@@ -16,18 +16,14 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 from harness import Cost, alone, command_line, measured
+from sessions import write_session
 
-from acquisition import read_source
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import SessionWriter
+from acquisition import PlannedShot, read_source
 from calibration import linear_stack, open_stack
 
 WIDTH, HEIGHT = 5472, 3648
@@ -39,26 +35,24 @@ def record(folder: Path, lights: int, brackets: int) -> None:
     """Record noise; a session that exists is kept."""
     if (folder / "COMPLETE").exists():
         return
-    plan = CapturePlan(leds=tuple(range(lights)), exposures_us=_TIMES_US[:brackets])
-    content = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="benchmark",
-        object="noise",
-        plan=plan,
-        camera=CameraRecord(width=WIDTH, height=HEIGHT, bit_depth=12, black_level_dn=100),
-        sensor=SensorRecord(
-            electrons_per_dn=2.5, read_noise_e=3.0, black_level_dn=100.0, bit_depth=12
-        ),
-    )
     noise = np.random.default_rng(0).normal(0, 12, (HEIGHT, WIDTH)).astype(np.float32)
     slope = np.linspace(300, 4200, WIDTH, dtype=np.float32)
-    with SessionWriter.create(folder, content) as writer:
-        for i, shot in enumerate(writer.missing):
-            share = (shot.exposure_us or 0.0) / _TIMES_US[0] if shot.role == "light" else 0.0
-            pixels = 100 + share * slope + np.roll(noise, 7919 * i)
-            frame = np.clip(np.rint(pixels), 0, 4095).astype(np.uint16)
-            writer.write_frame(shot, frame, report=CameraReport(exposure_us=shot.exposure_us))
-        writer.complete()
+
+    def frame(i: int, shot: PlannedShot) -> npt.NDArray[np.uint16]:
+        share = (shot.exposure_us or 0.0) / _TIMES_US[0] if shot.role == "light" else 0.0
+        pixels = 100 + share * slope + np.roll(noise, 7919 * i)
+        return np.clip(np.rint(pixels), 0, 4095).astype(np.uint16)
+
+    write_session(
+        folder,
+        "noise",
+        frame,
+        lights=lights,
+        size=(HEIGHT, WIDTH),
+        exposures_us=_TIMES_US[:brackets],
+        black_level_dn=100,
+        read_noise_e=3.0,
+    )
 
 
 def whole(folder: Path) -> tuple[Cost, str]:

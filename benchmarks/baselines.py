@@ -23,13 +23,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 
-import laplacian_by_cholmod
 import numpy as np
 from harness import command_line, copy_s
 
+from benchmarks.paper.judge import AS_SURFACES, PLAIN, SAME_SURFACES, judge
+from benchmarks.paper.measure import IN_NORMALS, METHODS, Measured, measure
+from benchmarks.paper.peers import lapl_by_cholmod
 from processing import NormalMap
-from sgp._paper.judge import AS_SURFACES, PLAIN, SAME_SURFACES, judge
-from sgp._paper.measure import IN_NORMALS, METHODS, Measured, measure
 from simulator import Textile
 
 ERRORS = (*PLAIN[::2], *SAME_SURFACES, *AS_SURFACES)
@@ -48,8 +48,8 @@ def pair(points: int) -> tuple[NormalMap, NormalMap]:
 def all_measured(source: NormalMap, target: NormalMap, runs: int) -> dict[str, Measured]:
     results = measure((*METHODS, "LAPL, direct solver"), source, target, runs=runs)
     if find_spec("cvxopt") is not None:
-        script = Path(laplacian_by_cholmod.__file__)
-        method = laplacian_by_cholmod.METHOD
+        script = Path(lapl_by_cholmod.__file__)
+        method = lapl_by_cholmod.METHOD
         results |= measure((method,), source, target, runs=runs, script=script)
     return results
 

@@ -5,7 +5,7 @@ import os
 import sys
 import time
 import traceback
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,8 @@ from acquisition._pixels.quality import measure_quality
 from rig import RigConfig
 from simulator import ImageFormation, simulated_rig
 from simulator._bench_state import BenchState
+from simulator._board.virtual_board import VirtualBoard
+from simulator._camera.gentl_camera import GentlCamera, GentlDevice
 
 LEDS = 36
 SIZE = (48, 64)
@@ -25,6 +27,8 @@ PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(EXPOSURE_US,))
 ROUNDING_DN = 0.51
 # How an exposure is started: by software, by the board, or in a sequence that the board runs.
 MODES = ("software", "board", "sequence")
+# The watchdog turns LEDs off within a second; no LED may stay on for longer after its shot.
+LEFT_ON_S = 1.25
 LABELS = Labels("benchmark", "planes")
 # Compile here once, instead of once in every forked process.
 measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
@@ -57,6 +61,36 @@ def open_planes(mode="software", camera="auto"):
     return simulated_rig(
         plane, config, size=SIZE, formation=ImageFormation(NOISE, noisy=False), camera=camera
     )
+
+
+def fast_options(parser, *, size="2448x2048", exposure_us=5000.0):
+    """Add the options of a virtual camera that delivers precomposed frames, and its lights."""
+    parser.add_argument("--lights", type=int, default=36, help="shots per pass")
+    parser.add_argument("--size", default=size, help="image size in pixels")
+    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
+    parser.add_argument(
+        "--exposure-us", type=float, default=exposure_us, help="exposure time per shot"
+    )
+    return parser
+
+
+@contextmanager
+def fast_bench(options, frames, **device):
+    """Open a virtual board, and a camera that delivers precomposed frames at a limited rate."""
+    width, height = map(int, options.size.split("x"))
+    with (
+        VirtualBoard(options.lights) as virtual,
+        GentlCamera(
+            frames,
+            size=(height, width),
+            leds=options.lights,
+            precomposed=True,
+            bench_state_path=virtual.bench_state_path,
+            formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
+            device=GentlDevice(frame_rate_hz=options.rate, **device),
+        ) as camera,
+    ):
+        yield virtual, camera
 
 
 def bench_of(rig):
@@ -108,6 +142,16 @@ def last_light_ns(state, path, timeout_s=10.0):
             raise SystemExit(f"the virtual board of {path} still runs after {timeout_s:g} s")
         time.sleep(0.005)
     return max((period.end_ns for period in state.periods()), default=0)
+
+
+def dark_in_time(state):
+    """Return whether a bench is dark by the time at which the board's watchdog acts."""
+    ends_s = time.monotonic() + LEFT_ON_S
+    while state.led(time.monotonic_ns()) is not None:
+        if time.monotonic() > ends_s:
+            return False
+        time.sleep(0.002)
+    return True
 
 
 def open_state(path):

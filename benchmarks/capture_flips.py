@@ -12,7 +12,6 @@ Exit code 1 if a flip is not detected.
 
 import argparse
 import random
-import shutil
 import sys
 import tempfile
 from collections import Counter
@@ -103,12 +102,9 @@ def main():
     parser.add_argument("--flips", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    root = Path(tempfile.mkdtemp(prefix="sgp-flips-"))
-    try:
-        folders = [session(root / kind, kind) for kind in ("complete", "incomplete", "torn")]
-        sys.exit(run(options, folders))
-    finally:
-        shutil.rmtree(root, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix="sgp-flips-") as root:
+        kinds = ("complete", "incomplete", "torn")
+        sys.exit(run(options, [session(Path(root) / kind, kind) for kind in kinds]))
 
 
 def run(options, folders):

@@ -14,22 +14,18 @@ than the frames of the sequence, because each frame has a buffer), or if a seque
 1.15 times the camera's own time.
 """
 
-import argparse
 import shutil
 import sys
 import tempfile
-import threading
 import time
 from pathlib import Path
 
 import numpy as np
+from capture_bench import fast_bench, fast_options
+from harness import command_line, largest
 
-from acquisition import CapturePlan, Labels, NoiseModel, record, verify_session
-from acquisition._pixels.quality import measure_quality
+from acquisition import CapturePlan, Labels, record, verify_session
 from rig import Board, Rig, RigConfig, open_genicam
-from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
 
 MOST_TIMES_CAMERA = 1.15
 MOST_FRAMES = 12
@@ -54,31 +50,8 @@ def own_bytes():
     raise SystemExit("this system does not report a process's own memory (RssAnon)")
 
 
-class Peak:
-    """Peak of the process's own memory inside the ``with``."""
-
-    def __enter__(self):
-        self.bytes = own_bytes()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._watch)
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._stop.set()
-        self._thread.join()
-
-    def _watch(self):
-        while not self._stop.wait(0.005):
-            self.bytes = max(self.bytes, own_bytes())
-
-
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--lights", type=int, default=36)
-    parser.add_argument("--size", default="2448x2048")
-    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
-    parser.add_argument("--exposure-us", type=float, default=5000.0)
+    parser = fast_options(command_line(__doc__))
     parser.add_argument("--passes", type=int, default=3)
     parser.add_argument(
         "--out", type=Path, help="folder for the sessions; default: a temporary folder"
@@ -86,30 +59,17 @@ def main():
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     frame_bytes = 2 * width * height
-    measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
     before = own_bytes()
-    out = Path(tempfile.mkdtemp(prefix="sgp-throughput-", dir=options.out))
     bad = 0
-    try:
-        with (
-            VirtualBoard(options.lights) as virtual,
-            GentlCamera(
-                frames(width, height),
-                size=(height, width),
-                leds=options.lights,
-                precomposed=True,
-                bench_state_path=virtual.bench_state_path,
-                formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
-                device=GentlDevice(frame_rate_hz=options.rate),
-            ) as camera,
-        ):
-            for mode in ("software", "board", "sequence"):
-                for number in range(options.passes):
-                    folder = out / f"{mode}{number}"
-                    bad += one(options, mode, folder, virtual, camera, before, frame_bytes)
-                    shutil.rmtree(folder)
-    finally:
-        shutil.rmtree(out, ignore_errors=True)
+    with (
+        tempfile.TemporaryDirectory(prefix="sgp-throughput-", dir=options.out) as out,
+        fast_bench(options, frames(width, height)) as (virtual, camera),
+    ):
+        for mode in ("software", "board", "sequence"):
+            for number in range(options.passes):
+                folder = Path(out) / f"{mode}{number}"
+                bad += one(options, mode, folder, virtual, camera, before, frame_bytes)
+                shutil.rmtree(folder)
     print("FAILED" if bad else "passed")
     sys.exit(bool(bad))
 
@@ -125,13 +85,13 @@ def one(options, mode, folder, virtual, camera, before, frame_bytes):
     config = RigConfig(name="fast", driver="bench", leds=options.lights, trigger=trigger)
     own_s = len(plan.shots()) / options.rate
     genicam = open_genicam(camera.cti, pixel_format="Mono16")
-    with Peak() as peak, Rig(Board(virtual.port), genicam, config) as rig:
+    with largest(own_bytes, 0.005) as peak, Rig(Board(virtual.port), genicam, config) as rig:
         cpu, began = time.process_time(), time.perf_counter()
         session = record(rig, plan, folder, Labels())
         wall, cpu = time.perf_counter() - began, time.process_time() - cpu
     report = verify_session(folder)
     pauses = [line for line in session.events if line.event == "paused"]
-    grown = (peak.bytes - before) / frame_bytes
+    grown = (peak[0] - before) / frame_bytes
     print(
         f"{mode:<9} {report.frames} frames of {frame_bytes / 1e6:.1f} MB in {wall:.2f} s = "
         f"{wall / own_s:.3f} of the camera's {own_s:.2f} s, {cpu / report.frames * 1000:.0f} ms "

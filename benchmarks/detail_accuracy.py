@@ -22,8 +22,8 @@ import numpy as np
 import numpy.typing as npt
 from harness import command_line
 
+from benchmarks.paper.sources import DILIGENT
 from processing import FilterKind, NormalMap, ShapeFilter, angle_deg, read_normals, transfer
-from sgp._paper.sources import DILIGENT
 
 Mask = npt.NDArray[np.bool_]
 FILTERS: tuple[tuple[FilterKind, int], ...] = (

@@ -120,7 +120,9 @@ def seeds() -> dict[str, list[Seed]]:
         for kind, maker in _MAKERS.items():
             place = root / kind
             place.mkdir()
-            by_kind[kind] = [*maker(place), *_real(kind)]
+            made = maker(place)
+            files = map(single, sorted(place.iterdir())) if made is None else made
+            by_kind[kind] = [*files, *_real(kind)]
         return by_kind
 
 
@@ -163,7 +165,7 @@ def _oiio(path: Path, pixels: np.ndarray, compression: str = "", **more: object)
     return path
 
 
-def _images(root: Path) -> Iterator[Seed]:
+def _images(root: Path) -> None:
     grey, rgb = _pixels(), _pixels(channels=3)
     rgb8, rgba8 = _pixels(np.uint8, 3), _pixels(np.uint8, 4)
     floats = (rgb / 60_000).astype(np.float32)
@@ -187,8 +189,6 @@ def _images(root: Path) -> Iterator[Seed]:
     if done:
         (root / "progressive.jpg").write_bytes(encoded.tobytes())
     _with_metadata(root, Image.fromarray(rgb8))
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
 def _with_metadata(root: Path, image: Image.Image) -> None:
@@ -223,22 +223,18 @@ def _profile(curve: bytes) -> bytes:
     return head + table + curve + bytes(range(100))
 
 
-def _profiles(root: Path) -> Iterator[Seed]:
+def _profiles(root: Path) -> None:
     (root / "function.icc").write_bytes(_profile(_FUNCTION))
     (root / "table.icc").write_bytes(_profile(_TABLE))
     (root / "gamma.icc").write_bytes(_profile(b"curv\0\0\0\0\0\0\0\1\2\x33"))
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
-def _curves(root: Path) -> Iterator[Seed]:
+def _curves(root: Path) -> None:
     (root / "curve.csv").write_text("sample,light\n0,0\n64,4.2\n128,20.9\n255,100\n")
     (root / "curve.txt").write_text("# measured\n0 0\n0.5 0.2\n1 1\n")
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
-def _texture_maps(root: Path) -> Iterator[Seed]:
+def _texture_maps(root: Path) -> None:
     random = np.random.default_rng(1)
     shared = random.normal(size=(12, 16, 6)).astype(np.float32)
     colour = random.random((12, 16, 3)).astype(np.float32)
@@ -246,25 +242,19 @@ def _texture_maps(root: Path) -> Iterator[Seed]:
     write_ptm(root / "rgb.ptm", RelightableImage("ptm", np.stack([shared] * 3, axis=-1)))
     older = (root / "lrgb.ptm").read_bytes().replace(b"1.2", b"1.1", 1)
     (root / "older.ptm").write_bytes(older)
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
-def _masks(root: Path) -> Iterator[Seed]:
+def _masks(root: Path) -> None:
     disc = np.zeros((24, 32), np.uint8)
     cv2.circle(disc, (16, 12), 9, 255, -1)
     write_png(root / "mask.png", disc)
     _oiio(root / "alpha.png", np.dstack([disc, disc, disc, disc]))
     _oiio(root / "mask.tga", disc)
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
-def _raws(root: Path) -> Iterator[Seed]:
+def _raws(root: Path) -> None:
     (root / "a.dng").write_bytes(dng(_pixels(side=40) // 16))
     (root / "big.dng").write_bytes(dng(_pixels(side=40) // 16, order=">"))
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
 def dng(pixels: np.ndarray, order: str = "<") -> bytes:
@@ -316,16 +306,14 @@ def _lights(count: int = 6) -> Lights:
     return Lights(positions_mm=300 * vectors, ids=tuple(f"L{i:02d}" for i in range(count)))
 
 
-def _light_files(root: Path) -> Iterator[Seed]:
+def _light_files(root: Path) -> None:
     write_lights(root / "near.json", _lights())
     write_lights(root / "distant.json", _lights().distant(), {"source": {"by": ["hand"]}})
     write_lights(root / "a.lp", _lights())
     (root / "table.txt").write_text("6\n" + "0.1 0.2 0.9\n" * 6)
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
-def _sensors(root: Path) -> Iterator[Seed]:
+def _sensors(root: Path) -> None:
     figure = Measured(2.5, 0.01)
     sensor = MeasuredSensor(
         12,
@@ -340,7 +328,6 @@ def _sensors(root: Path) -> Iterator[Seed]:
         full_well_limit="pixel",
     )
     write_sensor(root / "sensor.json", sensor, {"command": "by hand"})
-    yield single(root / "sensor.json")
 
 
 def _flats(root: Path) -> Iterator[Seed]:
@@ -356,7 +343,7 @@ def _camera() -> CameraModel:
     return CameraModel(K, 32, 24, 600.0, np.array([-0.1, 0.01, 1e-3, 0, 0]))
 
 
-def _cameras(root: Path) -> Iterator[Seed]:
+def _cameras(root: Path) -> None:
     write_camera(root / "camera.json", _camera())
     write_camera(root / "camera.yml", _camera())
     storage = cv2.FileStorage(str(root / "camera.xml"), cv2.FILE_STORAGE_WRITE)
@@ -367,27 +354,23 @@ def _cameras(root: Path) -> Iterator[Seed]:
     storage.release()
     (root / "cameras.txt").write_text("# cameras\n1 OPENCV 32 24 1000 1001 16 12 0 0 0 0\n")
     (root / "K.txt").write_text("1000 0 16\n0 1000 12\n0 0 1\n")
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
-def _plans(root: Path) -> Iterator[Seed]:
+def _plans(root: Path) -> None:
     (root / "plan.toml").write_text(
         "leds = [0, 1, 2, 3, 4, 5]\nexposures_us = [5000.0, 20000.0]\nrepeats = 2\ndark = true\n"
         "flats = 3\nretakes = 1\nmax_clipped_fraction = 0.01\n\n[exposures_by_led]\n"
         "3 = [8000.0, 30000.0]\n"
     )
-    yield single(root / "plan.toml")
 
 
-def _rigs(root: Path) -> Iterator[Seed]:
+def _rigs(root: Path) -> None:
     places = ", ".join(f"[{i}.5, {2 * i}, 300]" for i in range(4))
     (root / "rig.toml").write_text(
         'name = "bench"\ndriver = "bench"\nleds = 4\nsettle_ms = 3.5\ndead_leds = [2]\n'
         f"led_positions_mm = [{places}]\n\n[mounting]\nrotation_deg = 90\n\n[options]\n"
         'port = "/dev/ttyACM0"\ncti = ["a.cti"]\nsettings = {Gain = 1.5, Width = 640}\n'
     )
-    yield single(root / "rig.toml")
 
 
 def _scenes(root: Path) -> Iterator[Seed]:
@@ -410,7 +393,7 @@ def _scenes(root: Path) -> Iterator[Seed]:
         yield Seed(path.name, files, (path.name,), path.name)
 
 
-def _normal_maps(root: Path) -> Iterator[Seed]:
+def _normal_maps(root: Path) -> None:
     rows, columns = np.mgrid[:24, :32]
     x, y = (columns - 15.5) / 20, (11.5 - rows) / 20
     normals = np.dstack([x, y, np.sqrt(1 - x**2 - y**2)]).astype(np.float32)
@@ -421,11 +404,9 @@ def _normal_maps(root: Path) -> Iterator[Seed]:
     np.save(root / "n.npy", normals)
     np.save(root / "double.npy", np.asfortranarray(normals.astype(">f8")))
     np.save(root / "whole.npy", encoded)
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
-def _meshes(root: Path) -> Iterator[Seed]:
+def _meshes(root: Path) -> None:
     ball = trimesh.creation.icosphere(1)
     for suffix in ("obj", "stl", "glb", "off"):
         ball.export(root / f"ball.{suffix}")
@@ -468,8 +449,6 @@ def _meshes(root: Path) -> Iterator[Seed]:
         )
         + "0 0 0 0 0 1\n" * 4
     )
-    for path in sorted(root.iterdir()):
-        yield single(path)
 
 
 def _copied_and_sparse() -> bytes:
@@ -575,7 +554,8 @@ def _exports(root: Path) -> Iterator[Seed]:
         yield folder(out, "*.json", "*.lp", "*.txt")
 
 
-_MAKERS: dict[str, Callable[[Path], Iterator[Seed]]] = {
+# Each writes files, which are the seeds, or yields seeds of folders.
+_MAKERS: dict[str, Callable[[Path], Iterator[Seed] | None]] = {
     "image": _images,
     "icc": _profiles,
     "transfer": _curves,

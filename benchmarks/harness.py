@@ -7,6 +7,7 @@ import ctypes
 import os
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -91,15 +92,16 @@ def busy(count: int) -> Iterator[None]:
 
 def measured(work: Callable[[], Result], runs: int = 1) -> tuple[Cost, Result]:
     """Run some work; return the minimum cost over the runs, and the result of the last run."""
-    costs = []
+    costs: list[tuple[float, float, float]] = []
+    results: list[Result] = []
     for _ in range(runs):
-        result = None  # frees the result of the previous run
-        before = _peak_begins()
+        results.clear()  # frees the result of the previous run
+        before = peak_begins()
         cpu, wall = time.process_time(), time.perf_counter()
-        result = work()
+        results.append(work())
         cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
         costs.append((cpu, wall, resident_bytes("VmHWM") - before))
-    return Cost(*map(min, zip(*costs, strict=True))), result
+    return Cost(*map(min, zip(*costs, strict=True))), results[0]
 
 
 def copy_s(values: npt.NDArray[Any]) -> float:
@@ -142,7 +144,26 @@ def resident_bytes(entry: str = "VmRSS") -> float:
     return next(float(line.split()[1]) for line in lines if line.startswith(entry)) * 1024
 
 
-def _peak_begins() -> float:
+@contextmanager
+def largest(read: Callable[[], int], every_s: float) -> Iterator[list[int]]:
+    """Yield a list whose only value is the largest that was read so far inside the ``with``."""
+    found, ended = [read()], threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(every_s):
+            found[0] = max(found[0], read())
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    try:
+        yield found
+    finally:
+        ended.set()
+        watcher.join()
+        found[0] = max(found[0], read())
+
+
+def peak_begins() -> float:
     """Reset the system's peak of the resident memory; return the memory that is resident now."""
     try:
         # Return freed memory to the system, because it would hide memory that is used later.

@@ -18,14 +18,13 @@ import argparse
 import shutil
 import sys
 import tempfile
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from harness import command_line
+from harness import command_line, largest
 from stereo_costs import dome, session
 from whole_commands import cost
 
@@ -51,26 +50,8 @@ def recorded(root: Path, megapixels: float, lights: int) -> Path:
     return folder
 
 
-@contextmanager
-def largest_size(folder: Path) -> Iterator[list[int]]:
-    """Yield a list whose only value is the largest size of a folder so far, bytes on the disk."""
-    largest, ended = [0], threading.Event()
-
-    def watch() -> None:
-        while not ended.wait(_POLL_S):
-            largest[0] = max(largest[0], _on_disk(folder))
-
-    watcher = threading.Thread(target=watch)
-    watcher.start()
-    try:
-        yield largest
-    finally:
-        ended.set()
-        watcher.join()
-        largest[0] = max(largest[0], _on_disk(folder))
-
-
-def _on_disk(folder: Path) -> int:
+def on_disk(folder: Path) -> int:
+    """Return the size of a folder, bytes on the disk."""
     size = 0
     for path in folder.rglob("*"):
         try:
@@ -151,14 +132,14 @@ def main() -> None:
         for megapixels in (options.reference, options.megapixels):
             out = root / "out"
             for label, words in commands(root, out, megapixels, options):
-                with largest_size(out) as largest:
+                with largest(partial(on_disk, out), _POLL_S) as size:
                     cpu, wall, peak = cost([*SGP, *words, "--out", str(out)])
                 shutil.rmtree(out)
                 us = cpu / megapixels
                 ratio = us / of_reference.setdefault(label, us)
                 print(
                     f"{label:26}{megapixels:6g}{cpu:9.1f}{us:8.2f}{ratio:7.2f}"
-                    f"{peak * 1e9 / 2**20:10.0f}{largest[0] / 2**20:11.0f}{wall:8.0f}",
+                    f"{peak * 1e9 / 2**20:10.0f}{size[0] / 2**20:11.0f}{wall:8.0f}",
                     flush=True,
                 )
 

@@ -19,9 +19,9 @@ import numpy as np
 from harness import command_line, copy_s, measured
 from matplotlib.axes import Axes
 
+from benchmarks.paper.faces import FACES
 from processing import NormalMap, Pose, read_normals, transfer_local
 from sgp._overview import Panel, write_overview
-from sgp._paper.faces import FACES
 
 # Section of the target in the pictures: first column, first row, side.
 VIEW = (215, 92, 180)

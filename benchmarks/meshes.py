@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -20,6 +19,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from harness import peak_begins, resident_bytes
 
 from processing import HeightMap, NormalMap, height_mesh, integrate, solid_mesh, write_mesh
 
@@ -36,25 +36,6 @@ def relief(side: int) -> tuple[NormalMap, HeightMap]:
     return normal_map, integrate(normal_map, pixel_mm=0.05)
 
 
-def memory() -> float:
-    """Return the memory that is in use now, in bytes."""
-    pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
-    return int(pages) * os.sysconf("SC_PAGE_SIZE")
-
-
-def forget_peak() -> None:
-    """Reset the highest memory of this process."""
-    Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def peak() -> float:
-    """Return the highest memory since `forget_peak`, in bytes."""
-    for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
-        if line.startswith("VmHWM"):
-            return float(line.split()[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0
-
-
 def carry_out(task: str, side: int, folder: Path) -> None:
     """Measure one task and print its line."""
     small, small_surface = relief(64)
@@ -62,8 +43,7 @@ def carry_out(task: str, side: int, folder: Path) -> None:
     normal_map, surface = relief(side)
     vertices = int(np.count_nonzero(surface.mask))
     data = np.random.default_rng(0).bytes(50 * vertices) if task == "copy" else b""
-    forget_peak()
-    before, start = memory(), time.process_time()
+    before, start = peak_begins(), time.process_time()
     size = 0
     if task == "copy":
         with (folder / "copy").open("wb") as file:
@@ -82,7 +62,7 @@ def carry_out(task: str, side: int, folder: Path) -> None:
     else:
         (path,) = write_mesh(folder / f"a.{task}", surface, normals=normal_map)
         size = path.stat().st_size
-    seconds, more = time.process_time() - start, peak() - before
+    seconds, more = time.process_time() - start, resident_bytes("VmHWM") - before
     print(
         f"{task:14s} {vertices / 1e6:.2f} M vertices  {seconds:6.2f} CPU s  {size / 1e6:6.0f} MB  "
         f"memory {more / MIB:6.0f} MiB = {more / max(size, 1):.2f} x the file",

@@ -112,6 +112,12 @@ def _waves(rng: np.random.Generator, size: float, slope: float, shortest: float)
     return ground
 
 
+def _turned(x: Double, y: Double, angle: float) -> tuple[Double, Double]:
+    """Return coordinates along a direction and across it."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    return cos * x + sin * y, cos * y - sin * x
+
+
 def _smoothstep(t: Double) -> Double:
     t = np.clip(t, 0, 1)
     return np.asarray(t * t * (3 - 2 * t))
@@ -164,9 +170,8 @@ def _ellipsoid(
     centre: tuple[float, float, float], axes: tuple[float, float, float], angle: float
 ) -> Layer:
     def upper_half(x: Double, y: Double) -> tuple[Double, Mask]:
-        u, v = x - centre[0], y - centre[1]
-        along = (math.cos(angle) * u + math.sin(angle) * v) / axes[0]
-        across = (math.cos(angle) * v - math.sin(angle) * u) / axes[1]
+        along, across = _turned(x - centre[0], y - centre[1], angle)
+        along, across = along / axes[0], across / axes[1]
         left = 1 - along**2 - across**2
         return centre[2] + axes[2] * np.sqrt(np.maximum(left, 1e-9)), left > 1e-3
 
@@ -189,64 +194,44 @@ def _statues(rng: np.random.Generator, size: float) -> list[Layer]:
 def _folds(rng: np.random.Generator, size: float) -> list[Layer]:
     """Return sheets that rise slowly to a rim; the rims end where the sheets lie on the ground."""
     ground = _waves(rng, size, rng.uniform(0.05, 0.3), 0.3)
-    layers = [ground]
-    for _ in range(2):
-        angle, rim = rng.uniform(0, 2 * math.pi), rng.uniform(-0.25, 0.25) * size
-        high, run = rng.uniform(8, 25), rng.uniform(0.25, 0.5) * size
-        middle, half = rng.uniform(-0.15, 0.15) * size, rng.uniform(0.2, 0.4) * size
-        bend = rng.uniform(-0.1, 0.1) * size
+    return [ground, *(_sheet(rng, size, ground) for _ in range(2))]
 
-        def sheet(
-            x: Double,
-            y: Double,
-            angle: float = angle,
-            rim: float = rim,
-            high: float = high,
-            run: float = run,
-            middle: float = middle,
-            half: float = half,
-            bend: float = bend,
-        ) -> tuple[Double, Mask]:
-            along = math.cos(angle) * x + math.sin(angle) * y
-            across = math.cos(angle) * y - math.sin(angle) * x
-            # The distance behind the rim, which is a curve.
-            behind = rim + bend * np.cos(2.5 * across / size) - along
-            side = (across - middle) / half
-            lift = high * _smoothstep(1 - behind / run) * _smoothstep(1.5 - 1.5 * np.abs(side))
-            return ground(x, y)[0] + lift, (behind > 0) & (behind < run) & (np.abs(side) < 1)
 
-        layers.append(sheet)
-    return layers
+def _sheet(rng: np.random.Generator, size: float, ground: Layer) -> Layer:
+    angle, rim = rng.uniform(0, 2 * math.pi), rng.uniform(-0.25, 0.25) * size
+    high, run = rng.uniform(8, 25), rng.uniform(0.25, 0.5) * size
+    middle, half = rng.uniform(-0.15, 0.15) * size, rng.uniform(0.2, 0.4) * size
+    bend = rng.uniform(-0.1, 0.1) * size
+
+    def sheet(x: Double, y: Double) -> tuple[Double, Mask]:
+        along, across = _turned(x, y, angle)
+        # The distance behind the rim, which is a curve.
+        behind = rim + bend * np.cos(2.5 * across / size) - along
+        side = (across - middle) / half
+        lift = high * _smoothstep(1 - behind / run) * _smoothstep(1.5 - 1.5 * np.abs(side))
+        return ground(x, y)[0] + lift, (behind > 0) & (behind < run) & (np.abs(side) < 1)
+
+    return sheet
 
 
 def _tongues(rng: np.random.Generator, size: float) -> list[Layer]:
     """Return strips that rise from the ground at one end, straight or curling upwards."""
     ground = _waves(rng, size, rng.uniform(0.05, 0.3), 0.3)
-    layers = [ground]
-    for _ in range(4):
-        angle, (u, v) = rng.uniform(0, 2 * math.pi), rng.uniform(-0.3, 0.3, 2) * size
-        long, wide = rng.uniform(0.2, 0.5) * size, rng.uniform(0.05, 0.14) * size
-        slope, power = rng.uniform(0.15, 0.7), rng.uniform(1, 2)
+    return [ground, *(_tongue(rng, size, ground) for _ in range(4))]
 
-        def tongue(
-            x: Double,
-            y: Double,
-            angle: float = angle,
-            u: float = u,
-            v: float = v,
-            long: float = long,
-            wide: float = wide,
-            slope: float = slope,
-            power: float = power,
-        ) -> tuple[Double, Mask]:
-            along = math.cos(angle) * (x - u) + math.sin(angle) * (y - v)
-            across = math.cos(angle) * (y - v) - math.sin(angle) * (x - u)
-            lift = slope * long * np.maximum(along / long, 0) ** power
-            end = wide * np.sqrt(np.clip((long - along) / wide, 0, 1))
-            return ground(x, y)[0] + lift, (along > 0) & (np.abs(across) < end)
 
-        layers.append(tongue)
-    return layers
+def _tongue(rng: np.random.Generator, size: float, ground: Layer) -> Layer:
+    angle, (u, v) = rng.uniform(0, 2 * math.pi), rng.uniform(-0.3, 0.3, 2) * size
+    long, wide = rng.uniform(0.2, 0.5) * size, rng.uniform(0.05, 0.14) * size
+    slope, power = rng.uniform(0.15, 0.7), rng.uniform(1, 2)
+
+    def tongue(x: Double, y: Double) -> tuple[Double, Mask]:
+        along, across = _turned(x - u, y - v, angle)
+        lift = slope * long * np.maximum(along / long, 0) ** power
+        end = wide * np.sqrt(np.clip((long - along) / wide, 0, 1))
+        return ground(x, y)[0] + lift, (along > 0) & (np.abs(across) < end)
+
+    return tongue
 
 
 def _spirals(rng: np.random.Generator, size: float) -> list[Layer]:
@@ -273,30 +258,21 @@ def _spirals(rng: np.random.Generator, size: float) -> list[Layer]:
 def _horns(rng: np.random.Generator, size: float) -> list[Layer]:
     """Return round bars that stick out of the ground at one end."""
     ground = _waves(rng, size, rng.uniform(0.02, 0.2), 0.3)
-    layers = [ground]
-    for _ in range(3):
-        angle, (u, v) = rng.uniform(0, 2 * math.pi), rng.uniform(-0.3, 0.3, 2) * size
-        radius, long = rng.uniform(0.05, 0.12) * size, rng.uniform(0.25, 0.5) * size
-        slope = rng.uniform(0.2, 0.7)
+    return [ground, *(_horn(rng, size) for _ in range(3))]
 
-        def horn(
-            x: Double,
-            y: Double,
-            angle: float = angle,
-            u: float = u,
-            v: float = v,
-            radius: float = radius,
-            long: float = long,
-            slope: float = slope,
-        ) -> tuple[Double, Mask]:
-            along = math.cos(angle) * (x - u) + math.sin(angle) * (y - v)
-            across = math.cos(angle) * (y - v) - math.sin(angle) * (x - u)
-            left = radius**2 - across**2
-            z = np.sqrt(np.maximum(left, 1e-6)) + slope * along - 1.2 * radius
-            return z, (left > 0.02 * radius**2) & (along < long)
 
-        layers.append(horn)
-    return layers
+def _horn(rng: np.random.Generator, size: float) -> Layer:
+    angle, (u, v) = rng.uniform(0, 2 * math.pi), rng.uniform(-0.3, 0.3, 2) * size
+    radius, long = rng.uniform(0.05, 0.12) * size, rng.uniform(0.25, 0.5) * size
+    slope = rng.uniform(0.2, 0.7)
+
+    def horn(x: Double, y: Double) -> tuple[Double, Mask]:
+        along, across = _turned(x - u, y - v, angle)
+        left = radius**2 - across**2
+        z = np.sqrt(np.maximum(left, 1e-6)) + slope * along - 1.2 * radius
+        return z, (left > 0.02 * radius**2) & (along < long)
+
+    return horn
 
 
 KINDS: Final[dict[str, Builder]] = {

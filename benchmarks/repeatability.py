@@ -17,7 +17,6 @@ import math
 import tempfile
 import time
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,13 +24,9 @@ import numpy as np
 import numpy.typing as npt
 from harness import command_line
 from light_accuracy import record
+from sessions import write_session
 
-from acquisition import Lights, read_source
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import SessionWriter
+from acquisition import Lights, PlannedShot, read_source
 from calibration import calibrate_spheres
 from processing import integrate, reconstruct
 from simulator import ChromeSphere, Scene, render, scene_named
@@ -72,35 +67,27 @@ def drawn(stated: Lights, truth: Lights, seed: int) -> Lights:
     return replace(stated, positions_mm=found)
 
 
-def write_session(folder: Path, scene: Scene, planes: npt.NDArray[np.float32], seed: int) -> None:
+def recorded_again(folder: Path, scene: Scene, planes: npt.NDArray[np.float32], seed: int) -> None:
     """Record images of the object with the noise of a seed."""
     noise = scene.noise
-    height, width = planes.shape[1:]
-    content = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="benchmark",
-        object="repeated",
-        plan=CapturePlan(leds=tuple(range(len(planes))), exposures_us=(_EXPOSURE_US,)),
-        camera=CameraRecord(
-            width=width,
-            height=height,
-            bit_depth=noise.bit_depth,
-            black_level_dn=noise.black_level_dn,
-        ),
-        sensor=SensorRecord(
-            electrons_per_dn=noise.electrons_per_dn,
-            read_noise_e=noise.read_noise_e,
-            black_level_dn=float(noise.black_level_dn),
-            bit_depth=noise.bit_depth,
-        ),
+
+    def frame(_: int, shot: PlannedShot) -> npt.NDArray[np.uint16]:
+        lit = planes[shot.led] if shot.role == "light" else 0 * planes[0]
+        electrons = (lit * shot.exposure_us).astype(np.float32)
+        return sensor_image(electrons, noise, key=(seed, shot.led or 0, shot.role != "light"))
+
+    write_session(
+        folder,
+        "repeated",
+        frame,
+        lights=len(planes),
+        size=planes.shape[1:],
+        exposures_us=(_EXPOSURE_US,),
+        black_level_dn=noise.black_level_dn,
+        bit_depth=noise.bit_depth,
+        electrons_per_dn=noise.electrons_per_dn,
+        read_noise_e=noise.read_noise_e,
     )
-    with SessionWriter.create(folder, content) as writer:
-        for shot in writer.missing:
-            lit = planes[shot.led] if shot.role == "light" else 0 * planes[0]
-            electrons = (lit * shot.exposure_us).astype(np.float32)
-            frame = sensor_image(electrons, noise, key=(seed, shot.led or 0, shot.role != "light"))
-            writer.write_frame(shot, frame, report=CameraReport(exposure_us=shot.exposure_us))
-        writer.complete()
 
 
 def results(folder: Path, scene: Scene, lights: Lights) -> Recorded:
@@ -179,7 +166,7 @@ def main() -> None:
         else:
             lights = drawn(stated, spheres.lights, seed)
         with tempfile.TemporaryDirectory(prefix="sgp-repeat-") as name:
-            write_session(Path(name) / "session", scene, planes, seed)
+            recorded_again(Path(name) / "session", scene, planes, seed)
             recorded.append(results(Path(name) / "session", scene, lights))
         print(f"recording {len(recorded)}: {time.process_time() - start:.0f} CPU s", flush=True)
     whole, tenths = ratios(recorded)

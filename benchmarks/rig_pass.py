@@ -11,13 +11,10 @@ import statistics
 import time
 
 import numpy as np
+from capture_bench import fast_bench, fast_options
 from harness import command_line
 
-from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, open_genicam
-from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
 
 PASSES = 3
 # Limits, in multiples of the camera's own time.
@@ -41,12 +38,7 @@ def taken(rig, mode, leds, exposure_us):
 
 
 def main():
-    parser = command_line(__doc__)
-    parser.add_argument("--lights", type=int, default=36, help="shots per pass")
-    parser.add_argument("--size", default="2448x2048", help="image size in pixels")
-    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
-    parser.add_argument("--exposure-us", type=float, default=5000.0, help="exposure time per shot")
-    options = parser.parse_args()
+    options = fast_options(command_line(__doc__)).parse_args()
     width, height = map(int, options.size.split("x"))
     own_s = options.lights / options.rate
     leds = list(range(options.lights))
@@ -54,18 +46,7 @@ def main():
         f"{options.lights} lights, {width} x {height}, {options.exposure_us:g} us, camera of "
         f"{options.rate:g} frames/s: its own time is {own_s:.2f} s; median of {PASSES} passes"
     )
-    with (
-        VirtualBoard(options.lights) as virtual,
-        GentlCamera(
-            frames(width, height),
-            size=(height, width),
-            leds=options.lights,
-            precomposed=True,
-            bench_state_path=virtual.bench_state_path,
-            formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
-            device=GentlDevice(frame_rate_hz=options.rate),
-        ) as camera,
-    ):
+    with fast_bench(options, frames(width, height)) as (virtual, camera):
         slow = []
         for mode in ("software", "board", "sequence"):
             config = RigConfig(

@@ -17,25 +17,20 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
+from capture_bench import dark_in_time, fast_bench, fast_options
 from harness import busy, busy_option, command_line
 
 from acquisition import (
     CapturePlan,
     Labels,
-    NoiseModel,
     RecordingHooks,
     Session,
     record,
     verify_session,
 )
-from acquisition._pixels.quality import measure_quality
 from rig import Board, Rig, RigConfig, RigError, open_genicam
 from simulator._bench_state import BenchState
-from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
 
-LEFT_ON_S = 1.25
 BLACK_DN = 100
 
 
@@ -82,15 +77,6 @@ class Tally:
                 self.problems.append(f"{frame.path.name}: recorded as {frame.led}, shows {seen}")
 
 
-def dark_in_time(state):
-    ends = time.monotonic() + LEFT_ON_S
-    while state.led(time.monotonic_ns()) is not None:
-        if time.monotonic() > ends:
-            return False
-        time.sleep(0.002)
-    return True
-
-
 def stress(options, out):
     width, height = map(int, options.size.split("x"))
     plan = CapturePlan(leds=tuple(range(options.lights)), exposures_us=(options.exposure_us,),
@@ -99,17 +85,8 @@ def stress(options, out):
     more = {} if options.buffers is None else {"most_buffers": options.buffers}
     dice, tally = Random(options.seed), Tally()
     with (
-        VirtualBoard(options.lights) as virtual,
+        fast_bench(options, frames(width, height), **more) as (virtual, camera),
         BenchState(virtual.bench_state_path) as state,
-        GentlCamera(
-            frames(width, height),
-            size=(height, width),
-            leds=options.lights,
-            formation=ImageFormation(NoiseModel(1.0, 0.0, 0.0, 16)),
-            device=GentlDevice(frame_rate_hz=options.rate, **more),
-            precomposed=True,
-            bench_state_path=virtual.bench_state_path,
-        ) as camera,
     ):
         rig = None
         for number in range(options.sequences):
@@ -140,16 +117,10 @@ def stress(options, out):
 
 
 def main():
-    parser = command_line(__doc__)
+    parser = fast_options(command_line(__doc__), size="640x512", exposure_us=2000.0)
     parser.add_argument(
         "--sequences", type=int, default=200, help="recordings of one sequence each"
     )
-    parser.add_argument(
-        "--lights", type=int, default=36, help="lights of a sequence, in addition to a dark frame"
-    )
-    parser.add_argument("--rate", type=float, default=20.0, help="frames per second")
-    parser.add_argument("--size", default="640x512", help="image size in pixels")
-    parser.add_argument("--exposure-us", type=float, default=2000.0, help="exposure time per frame")
     parser.add_argument("--buffers", type=int, help="most buffers that the GenTL producer accepts")
     parser.add_argument("--lose", type=float, default=0.0, help="share of lost frames")
     parser.add_argument("--seed", type=int, default=1, help="seed of the choice of lost frames")
@@ -158,15 +129,12 @@ def main():
     )
     busy_option(parser)
     options = parser.parse_args()
-    # The first call compiles the function.
-    measure_quality(np.zeros((4, 4), np.uint16), white_level_dn=1)
-    out = Path(tempfile.mkdtemp(prefix="sgp-stress-", dir=options.out))
     began = time.monotonic()
-    try:
-        with busy(options.busy):
-            tally = stress(options, out)
-    finally:
-        shutil.rmtree(out, ignore_errors=True)
+    with (
+        tempfile.TemporaryDirectory(prefix="sgp-stress-", dir=options.out) as out,
+        busy(options.busy),
+    ):
+        tally = stress(options, Path(out))
     seconds = time.monotonic() - began
     own_s = options.sequences * (options.lights + 1) / options.rate
     print(

@@ -23,6 +23,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from capture_bench import dark_in_time
 from harness import busy, busy_option, command_line, resident_bytes
 
 from acquisition import NoiseModel
@@ -36,8 +37,6 @@ from simulator._camera.image_formation import ImageFormation
 LEDS = 36
 BITS = 8
 EXPOSURE_US = 500.0
-# The watchdog turns LEDs off within a second; no LED may stay on for longer after its shot.
-LEFT_ON_S = 1.25
 ATTEMPTS = 40
 
 LINE_FAULTS = (
@@ -131,12 +130,7 @@ class Bench:
 
     def dark_in_time(self):
         """Return whether the bench is dark by the time at which the board's watchdog acts."""
-        ends = time.monotonic() + LEFT_ON_S
-        while self.state.led(time.monotonic_ns()) is not None:
-            if time.monotonic() > ends:
-                return False
-            time.sleep(0.002)
-        return True
+        return dark_in_time(self.state)
 
     def close(self):
         self.drop()

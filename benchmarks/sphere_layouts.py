@@ -24,9 +24,9 @@ from __future__ import annotations
 import hashlib
 import multiprocessing
 import os
-import resource
 import signal
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -88,7 +88,7 @@ def judge(layout: Layout) -> Score:
     score = Score(layout.seed, layout.kind, len(wanted), expected_mm=expected_mm(layout, wanted))
     radii = [sphere.radius_mm for sphere in layout.spheres]
     same = len(set(radii)) == 1
-    start = cpu_s()
+    start = time.process_time()
     result: SphereCalibration | None = None
     try:
         result = calibrate_spheres(
@@ -97,7 +97,7 @@ def judge(layout: Layout) -> Score:
         outlines = [sphere.outline for sphere in result.spheres]
     except EstimateError as error:
         score.error = str(error)
-    score.cpu_s = cpu_s() - start
+    score.cpu_s = time.process_time() - start
     if result is None:
         outlines = [sphere.outline for sphere in find_spheres(layout.values)]
     else:
@@ -131,12 +131,6 @@ def _compare(
         elif sphere in wanted:
             score.missed.append(f"({centre[0]:.0f},{centre[1]:.0f},r{size:.0f})")
     score.false = [f"({o.centre_px[0]:.0f},{o.centre_px[1]:.0f},r{o.radius_px:.0f})" for o in left]
-
-
-def cpu_s() -> float:
-    """Return the CPU seconds of this process."""
-    usage = resource.getrusage(resource.RUSAGE_SELF)
-    return usage.ru_utime + usage.ru_stime
 
 
 def code_version() -> str:

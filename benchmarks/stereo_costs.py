@@ -18,7 +18,6 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,14 +25,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from harness import Cost, command_line, copy_s, measured
+from sessions import write_session
 from whole_commands import cost as command_cost
 
-from acquisition import Lights, read_source, write_lights, write_mask
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import SessionWriter
+from acquisition import Lights, PlannedShot, read_source, write_lights, write_mask
 from calibration import linear_stack
 from processing import Method, normal_uncertainty, photometric_stereo
 from processing._stereo.method import METHODS
@@ -165,28 +160,22 @@ def session(folder: Path, lights: Lights, side: int, *, gloss: bool = False, see
     """Record a session of images, and write lights and a mask next to it."""
     write_lights(folder.with_suffix(".json"), lights)
     write_mask(folder.with_suffix(".png"), np.ones((side, side), bool))
-    plan = CapturePlan(leds=tuple(range(len(lights))), exposures_us=(20_000.0,))
-    content = Manifest(
-        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
-        operator="benchmark",
-        object="relief",
-        plan=plan,
-        camera=CameraRecord(width=side, height=side, bit_depth=12, black_level_dn=_BLACK),
-        sensor=SensorRecord(
-            electrons_per_dn=2.5,
-            read_noise_e=2.5 * _NOISE * _PER_SIGNAL,
-            black_level_dn=float(_BLACK),
-            bit_depth=12,
-        ),
-    )
     values = strips(lights, side, gloss=gloss, seed=seed)
-    with SessionWriter.create(folder, content) as writer:
-        for shot in writer.missing:
-            lit = values[shot.led] if shot.role == "light" else 0 * values[0]
-            frame = np.clip(np.rint(_BLACK + _PER_SIGNAL * lit), 0, 4095).astype(np.uint16)
-            report = CameraReport(exposure_us=shot.exposure_us)
-            writer.write_frame(shot, repeated(frame, side), report=report)
-        writer.complete()
+
+    def frame(_: int, shot: PlannedShot) -> npt.NDArray[np.uint16]:
+        lit = values[shot.led] if shot.role == "light" else 0 * values[0]
+        return repeated(np.clip(np.rint(_BLACK + _PER_SIGNAL * lit), 0, 4095).astype("u2"), side)
+
+    write_session(
+        folder,
+        "relief",
+        frame,
+        lights=len(lights),
+        size=(side, side),
+        exposures_us=(20_000.0,),
+        black_level_dn=_BLACK,
+        read_noise_e=2.5 * _NOISE * _PER_SIGNAL,
+    )
 
 
 def print_row(name: str, row: Row, cost: Cost, copy: float, of: float) -> None:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from harness import command_line
 
 import processing
-from sgp._paper.sources import Sources
+from benchmarks.paper.sources import Sources
 
 Float = npt.NDArray[np.float32]
 

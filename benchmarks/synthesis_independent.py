@@ -23,8 +23,8 @@ from harness import command_line
 
 import processing
 import simulator
+from benchmarks.paper.sources import relief
 from processing import NormalMap
-from sgp._paper.sources import relief
 
 SIDE_PX, PATCH_PX = 256, 48
 # Around a simulated exemplar, for the filter that separates its detail.

@@ -23,9 +23,9 @@ from harness import command_line, measured
 from matplotlib.axes import Axes
 
 import processing
+from benchmarks.paper.exemplars import materials
 from processing import NormalMap
 from sgp._overview import Panel, write_overview
-from sgp._paper.exemplars import materials
 
 LIGHT = np.array([-0.45, 0.5, 0.74])
 SIZE = 420, 420

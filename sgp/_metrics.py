@@ -126,28 +126,6 @@ class CompareMetrics(TypedDict):
     ssim_paper: Annotated[float, "up to 1", "SSIM in the paper's protocol"]
 
 
-class BenchMetrics(TypedDict):
-    """Figures of the paper's tables; the tables are in tables.json."""
-
-    tables: Annotated[int, "", "tables that were computed"]
-    runs: Annotated[int, "", "runs per measurement"]
-    quick: Annotated[bool, "", "whether `--quick` was given"]
-
-
-class SheetBenchMetrics(TypedDict):
-    """Figures of the tables of synthesis; the tables are in tables.json."""
-
-    tables: Annotated[int, "", "tables that were computed"]
-    quick: Annotated[bool, "", "whether `--quick` was given"]
-
-
-class SuperresBenchMetrics(TypedDict):
-    """Figures of the tables of super-resolution; the tables are in tables.json."""
-
-    tables: Annotated[int, "", "tables that were computed"]
-    quick: Annotated[bool, "", "whether `--quick` was given"]
-
-
 class ExportMetrics(TypedDict):
     """Figures of an export of a session."""
 
@@ -221,9 +199,6 @@ COMMANDS: Final[Mapping[str, tuple[type, ...]]] = {
     "sgp compare": (CompareMetrics,),
     "sgp export": (RtiMetrics,),
     "sgp relight": (RelightMetrics,),
-    "sgp bench paper": (BenchMetrics,),
-    "sgp bench synthesis": (SheetBenchMetrics,),
-    "sgp bench superres": (SuperresBenchMetrics,),
     "sgp capture export": (ExportMetrics,),
     "sgp calibrate spheres": (SpheresMetrics,),
     "sgp calibrate intensities": (IntensitiesMetrics,),

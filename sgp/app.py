@@ -110,14 +110,6 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "detail_train": ("train",),
         },
     ),
-    "bench": (
-        page(
-            "Recompute the paper's tables; judge synthesised sheets and super-resolution.",
-            "sgp bench paper --out tables --quick",
-            "sgp bench synthesis --out sheets --quick",
-        ),
-        {"bench": ("paper", "synthesis", "superres")},
-    ),
 }
 
 

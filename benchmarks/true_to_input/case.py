@@ -5,11 +5,13 @@ from __future__ import annotations
 import io
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Concatenate, Literal, NamedTuple, ParamSpec
+
+P = ParamSpec("P")
 
 Kind = Literal["right", "applied and stated", "refused by name", "vague", "wrong"]
 GOOD: tuple[Kind, ...] = ("right", "applied and stated", "refused by name")
@@ -20,6 +22,10 @@ class Outcome(NamedTuple):
 
     kind: Kind
     text: str
+
+
+# Makes the input of a case in an empty folder, runs the program and judges it.
+Run = Callable[[Path], Outcome]
 
 
 @dataclass(frozen=True)
@@ -43,8 +49,26 @@ class Case:
     name: str
     section: int
     right: str
-    run: Callable[[Path], Outcome]
+    run: Run
     listed: bool = True
+
+
+# Name of a case, what is right, and its run.
+Row = tuple[str, str, Run]
+
+
+def cases(section: int, listed: Iterable[Row], further: Iterable[Row] = ()) -> tuple[Case, ...]:
+    """Return cases of one section: the listed ones, then further members of their kinds."""
+    return tuple(
+        Case(name, section, right, run, known)
+        for known, rows in ((True, listed), (False, further))
+        for name, right, run in rows
+    )
+
+
+def later(run: Callable[Concatenate[Path, P], Outcome]) -> Callable[P, Run]:
+    """Return a function of the other arguments of a run, which gives what a case runs."""
+    return lambda *args, **kwargs: lambda folder: run(folder, *args, **kwargs)
 
 
 class Answer(NamedTuple):

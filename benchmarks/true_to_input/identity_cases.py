@@ -16,7 +16,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from true_to_input.case import Answer, Case, Outcome, sgp
+from true_to_input.case import Answer, Outcome, cases, later, sgp
 from true_to_input.relief import MASK, H, W, directions, images, write_lp
 
 _COUNT = 6
@@ -193,6 +193,7 @@ def _export(folder: Path, layout: str, **session: Any) -> Path:
     return folder / layout
 
 
+@later
 def _export_says_simulated(folder: Path, layout: str) -> Outcome:
     out = _export(folder, layout)
     image = next(path for path in sorted(out.iterdir()) if path.suffix in (".png", ".exr"))
@@ -206,6 +207,7 @@ def _export_says_simulated(folder: Path, layout: str) -> Outcome:
     return Outcome("right", "image, recording.json and record")
 
 
+@later
 def _normals_of_export(folder: Path, layout: str) -> Outcome:
     out = _export(folder, layout)
     shutil.rmtree(folder / "s")
@@ -213,6 +215,7 @@ def _normals_of_export(folder: Path, layout: str) -> Outcome:
     return _states(_record(_normals(out, *words) / "normals.json"))
 
 
+@later
 def _imported_again(
     folder: Path, rig: Mapping[str, object], camera: Mapping[str, object]
 ) -> Outcome:
@@ -274,6 +277,7 @@ def _resealed(session: Path, change: Callable[[dict[str, Any]], None]) -> None:
     (session / "COMPLETE").write_bytes(completion_mark(b"".join(lines)))
 
 
+@later
 def _without_echo(folder: Path, role: str, led: int | None) -> Outcome:
     session = _session(folder / "s")
 
@@ -293,6 +297,7 @@ def _imported_without_echo(folder: Path) -> Outcome:
     return Outcome("wrong" if answer.code else "right", answer.message or "valid")
 
 
+@later
 def _clock(folder: Path, *lines: float, steps: bool = True, imported: bool = False) -> Outcome:
     """Lines at these hours after the start; those without a number follow two seconds apart."""
 
@@ -379,6 +384,7 @@ def mutated(data: bytes, seed: int) -> bytes:
     return bytes(changed[: int(rng.integers(1, len(data)))] if seed % 8 == 7 else changed)
 
 
+@later
 def _mutants(folder: Path, seeds: Iterable[int]) -> Outcome:
     data = shipped_network().read_bytes()
     bad = []
@@ -422,6 +428,7 @@ def _copied_network(folder: Path) -> Outcome:
     return network_outcome(write_network(folder / "copy.onnx", shipped_network().read_bytes()))
 
 
+@later
 def _working_directory(folder: Path, names: Iterable[str], *start: str) -> Outcome:
     """Start the program in a folder of files with the names of modules."""
     for name in names:
@@ -492,110 +499,55 @@ def _options_given(folder: Path) -> Outcome:
     return Outcome("wrong" if others else "right", f"not given: {', '.join(others) or 'none'}")
 
 
-CASES = (
-    Case("normals_of_simulated", 3, "the record has the labels", _normals_record),
-    Case("surface_of_normals", 3, "the record has the labels", _surface_of_normals),
-    Case("report_head", 3, "labels and SIMULATED in the head", _report_head),
-    *(
-        Case(
-            f"export_{layout}",
-            3,
-            "labels and SIMULATED",
-            lambda folder, layout=layout: _export_says_simulated(folder, layout),
-        )
-        for layout in ("lp", "diligent", "exr", "alicevision")
+CASES = cases(
+    3,
+    (
+        ("normals_of_simulated", "the record has the labels", _normals_record),
+        ("surface_of_normals", "the record has the labels", _surface_of_normals),
+        ("report_head", "labels and SIMULATED in the head", _report_head),
+        *(
+            (f"export_{layout}", "labels and SIMULATED", _export_says_simulated(layout))
+            for layout in ("lp", "diligent", "exr", "alicevision")
+        ),
+        ("relightable_image", "labels and SIMULATED in info.json", _relightable),
+        ("printed_lights", "no word beyond the edge", _printed_lights),
+        ("options_given", "given options only", _options_given),
+        ("mutated_networks", "refused", _mutants(_STRUCK)),
+        ("python_m_sgp", "not run", _working_directory(["sgp"])),
+        ("no_echo", "damage", _without_echo("light", 2)),
+        ("clock_years_on", "a notice", _clock(0, 0.01, 40_000)),
     ),
-    Case("relightable_image", 3, "labels and SIMULATED in info.json", _relightable),
-    Case("printed_lights", 3, "no word beyond the edge", _printed_lights),
-    Case("options_given", 3, "given options only", _options_given),
-    Case("mutated_networks", 3, "refused", lambda folder: _mutants(folder, _STRUCK)),
-    Case("python_m_sgp", 3, "not run", lambda folder: _working_directory(folder, ["sgp"])),
-    Case("no_echo", 3, "damage", lambda folder: _without_echo(folder, "light", 2)),
-    Case("clock_years_on", 3, "a notice", lambda folder: _clock(folder, 0, 0.01, 40_000)),
-    # Further members.
-    Case("normals_of_bench", 3, "labels, not simulated", _bench_record, listed=False),
-    Case("moved_session", 3, "labels by the records", _chain_without_session, listed=False),
-    Case("report_of_recording", 3, "labels in the head", _report_of_recording, listed=False),
-    Case("hostile_labels", 3, "escaped", _hostile_labels, listed=False),
-    Case(
-        "normals_of_lp",
-        3,
-        "labels of recording.json",
-        lambda folder: _normals_of_export(folder, "lp"),
-        listed=False,
-    ),
-    Case(
-        "normals_of_exr",
-        3,
-        "labels of recording.json",
-        lambda folder: _normals_of_export(folder, "exr"),
-        listed=False,
-    ),
-    Case(
-        "imported_again",
-        3,
-        "simulated",
-        lambda folder: _imported_again(folder, {**_RIG, "driver": "simulated"}, _VIRTUAL),
-        listed=False,
-    ),
-    Case(
-        "virtual_board_imported",
-        3,
-        "simulated, though the camera is not virtual",
-        lambda folder: _imported_again(folder, {**_RIG, "board": "sgp-virtual-board"}, {}),
-        listed=False,
-    ),
-    Case("lights_of_another", 3, "no foreign object", _lights_of_another, listed=False),
-    Case("import_has_no_echo", 3, "valid", _imported_without_echo, listed=False),
-    Case(
-        "clock_back",
-        3,
-        "a notice",
-        lambda folder: _clock(folder, 0, 0.01, -3),
-        listed=False,
-    ),
-    Case(
-        "clock_of_1970",
-        3,
-        "a notice",
-        lambda folder: _clock(folder, 0, 0.01, -24 * 20_000, 0.02, 0.03),
-        listed=False,
-    ),
-    Case(
-        "pause_of_a_night",
-        3,
-        "no notice",
-        lambda folder: _clock(folder, 0, 0.01, 14, steps=False),
-        listed=False,
-    ),
-    Case(
-        "clock_corrected_by_seconds",
-        3,
-        "no notice",
-        lambda folder: _clock(folder, 0, 0.01, 0.0095, steps=False),
-        listed=False,
-    ),
-    Case("network_of_a_few_bytes", 3, "refused, bounded", _huge_network, listed=False),
-    Case("network_copied", 3, "used", _copied_network, listed=False),
-    Case(
-        "other_modules_there",
-        3,
-        "not run",
-        lambda folder: _working_directory(folder, ("rig", "numpy", "cv2", "acquisition", "json")),
-        listed=False,
-    ),
-    Case(
-        "typing_there",
-        3,
-        "not run",
-        lambda folder: _working_directory(folder, ("typing", "signal", "contextlib", "pathlib")),
-        listed=False,
-    ),
-    Case(
-        "python_P_m_sgp",
-        3,
-        "not run",
-        lambda folder: _working_directory(folder, ("sgp", "rig", "typing"), "-P"),
-        listed=False,
+    (
+        ("normals_of_bench", "labels, not simulated", _bench_record),
+        ("moved_session", "labels by the records", _chain_without_session),
+        ("report_of_recording", "labels in the head", _report_of_recording),
+        ("hostile_labels", "escaped", _hostile_labels),
+        ("normals_of_lp", "labels of recording.json", _normals_of_export("lp")),
+        ("normals_of_exr", "labels of recording.json", _normals_of_export("exr")),
+        ("imported_again", "simulated", _imported_again({**_RIG, "driver": "simulated"}, _VIRTUAL)),
+        (
+            "virtual_board_imported",
+            "simulated, though the camera is not virtual",
+            _imported_again({**_RIG, "board": "sgp-virtual-board"}, {}),
+        ),
+        ("lights_of_another", "no foreign object", _lights_of_another),
+        ("import_has_no_echo", "valid", _imported_without_echo),
+        ("clock_back", "a notice", _clock(0, 0.01, -3)),
+        ("clock_of_1970", "a notice", _clock(0, 0.01, -24 * 20_000, 0.02, 0.03)),
+        ("pause_of_a_night", "no notice", _clock(0, 0.01, 14, steps=False)),
+        ("clock_corrected_by_seconds", "no notice", _clock(0, 0.01, 0.0095, steps=False)),
+        ("network_of_a_few_bytes", "refused, bounded", _huge_network),
+        ("network_copied", "used", _copied_network),
+        (
+            "other_modules_there",
+            "not run",
+            _working_directory(("rig", "numpy", "cv2", "acquisition", "json")),
+        ),
+        (
+            "typing_there",
+            "not run",
+            _working_directory(("typing", "signal", "contextlib", "pathlib")),
+        ),
+        ("python_P_m_sgp", "not run", _working_directory(("sgp", "rig", "typing"), "-P")),
     ),
 )

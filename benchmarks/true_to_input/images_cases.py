@@ -19,7 +19,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 import tifffile
 from PIL import Image
-from true_to_input.case import Answer, Case, Kind, Outcome, judge, sgp
+from true_to_input.case import Answer, Kind, Outcome, Row, cases, judge, sgp
 from true_to_input.relief import MASK, H, W, directions, error_of, images, write_lp
 
 Array = Any
@@ -634,7 +634,7 @@ ORIENTED = ("orientation-tag",)
 _HALVES = but(0.5, 1, 6, 8)
 _RAW_HALF = {"seconds": two(1 / 60, 1 / 120, 1, 6, 8), "gains": _HALVES}
 
-_LISTED: tuple[tuple[str, str, Callable[[Path], Outcome]], ...] = (
+_LISTED: tuple[Row, ...] = (
     *(
         (f"auto{n}", "exposure times applied", partial(exposures_in_tags, count=n))
         for n in (4, 5, 6, 8, 12)
@@ -674,7 +674,7 @@ _LISTED: tuple[tuple[str, str, Callable[[Path], Outcome]], ...] = (
     ("jpeg12", "codec named", partial(codec, name="12-bit JPEG")),
 )  # fmt: skip
 
-_UNLISTED: tuple[tuple[str, str, Callable[[Path], Outcome]], ...] = (
+_UNLISTED: tuple[Row, ...] = (
     ("apex", "ShutterSpeedValue used", exposures_by_apex),
     ("exif_png16", "exposure times applied", partial(exposures_in_exif, suffix="png", times=automatic(), late=False)),
     ("exif_png16_late", "exposure times applied", partial(exposures_in_exif, suffix="png", times=automatic(), late=True)),
@@ -721,8 +721,4 @@ _UNLISTED: tuple[tuple[str, str, Callable[[Path], Outcome]], ...] = (
 )  # fmt: skip
 
 
-CASES = tuple(
-    Case(name, 1, right, run, listed)
-    for listed, table in ((True, _LISTED), (False, _UNLISTED))
-    for name, right, run in table
-)
+CASES = cases(1, _LISTED, _UNLISTED)

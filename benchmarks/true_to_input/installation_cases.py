@@ -8,14 +8,14 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
-from true_to_input.case import Case, Outcome
+from true_to_input.case import Outcome, cases, later
 
 _PACKAGES = ("acquisition", "calibration", "processing", "rig", "sgp", "simulator")
 _NOWHERE = "/proc/nonexistent"
@@ -138,6 +138,7 @@ def _says_once(folder: Path) -> Outcome:
     return second if first.kind == "applied and stated" and second.kind != "right" else first
 
 
+@later
 def _nowhere(folder: Path, words: Sequence[str] = _COMPARE) -> Outcome:
     place = _Installation(folder)
     outside = [Path(name) for name in ("/tmp", "/var/tmp", "/dev/shm") if Path(name).is_dir()]
@@ -179,6 +180,7 @@ def _full(folder: Path) -> Outcome:
     return _judged(ran, stated=("every run",))
 
 
+@later
 def _corrupted(folder: Path, kind: str) -> Outcome:
     place = _Installation(folder)
     first = place.run()
@@ -240,37 +242,26 @@ def _together(folder: Path) -> Outcome:
     return _judged(bad or place.run(), silent=("compil",))
 
 
-def _cases() -> Iterator[Case]:
-    def case(name: str, right: str, run: Callable[[Path], Outcome], *, listed: bool) -> Case:
-        return Case(name, 5, right, run, listed)
-
-    yield case("readonly_no_home", "runs, keeps kernels", _readonly_no_home, listed=True)
-    yield case("says_that_it_compiles", "one line, once", _says_once, listed=True)
-    yield case("doctor_names_the_folder", "named", _doctor, listed=True)
-    yield case("nothing_can_be_written", "runs, stated once", _nowhere, listed=True)
-    yield case(
-        "nothing_for_a_notebook",
-        "runs, one warning",
-        lambda folder: _nowhere(folder, _NOTEBOOK),
-        listed=False,
-    )
-    yield case("readonly_with_home", "kept in the user's cache", _user_cache, listed=False)
-    yield case("hostile_temporary_folder", "not used", _hostile, listed=False)
-    yield case("cache_disk_full", "runs, stated", _full, listed=False)
-    yield case(
-        "another_numba",
-        "numba's own cache",
-        _other_numba,
-        listed=False,
-    )
-    yield case("compiled_by_three", "all run, kernels are kept", _together, listed=False)
-    for kind in (".nbi cut", ".nbi empty", ".nbi noise", ".nbc cut", ".nbc noise", ".nbc flips"):
-        yield case(
-            f"cache{kind.replace(' ', '_')}",
-            "compiled again",
-            lambda folder, k=kind: _corrupted(folder, k),
-            listed=False,
-        )
-
-
-CASES = tuple(_cases())
+CASES = cases(
+    5,
+    (
+        ("readonly_no_home", "runs, keeps kernels", _readonly_no_home),
+        ("says_that_it_compiles", "one line, once", _says_once),
+        ("doctor_names_the_folder", "named", _doctor),
+        ("nothing_can_be_written", "runs, stated once", _nowhere()),
+    ),
+    (
+        ("nothing_for_a_notebook", "runs, one warning", _nowhere(_NOTEBOOK)),
+        ("readonly_with_home", "kept in the user's cache", _user_cache),
+        ("hostile_temporary_folder", "not used", _hostile),
+        ("cache_disk_full", "runs, stated", _full),
+        ("another_numba", "numba's own cache", _other_numba),
+        ("compiled_by_three", "all run, kernels are kept", _together),
+        *(
+            (f"cache{kind.replace(' ', '_')}", "compiled again", _corrupted(kind))
+            for kind in (
+                ".nbi cut", ".nbi empty", ".nbi noise", ".nbc cut", ".nbc noise", ".nbc flips"
+            )
+        ),
+    ),
+)  # fmt: skip

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
-from true_to_input.case import Case, Outcome, judge, sgp
+from true_to_input.case import Outcome, Run, cases, judge, later, sgp
 from true_to_input.relief import MASK, Array, directions, error_of, images
 
 _N = 8
@@ -31,11 +32,12 @@ def _numbers(lights: Array, digits: int = 6) -> list[str]:
     return [" ".join(f"{value:.{digits}f}" for value in light) for light in lights]
 
 
+@later
 def _folder(
     folder: Path,
-    files: Sequence[str],
+    files: Sequence[str] = _IN_ORDER,
     text: Callable[[Array], str] | None = None,
-    file: str = "lights.txt",
+    file: str = "lights.csv",
     lp: Callable[[Array], Sequence[str]] | None = None,
     gains: Array | None = None,
     **judged: Sequence[str],
@@ -51,7 +53,7 @@ def _folder(
         (source / "dome.lp").write_text("\n".join([str(len(rows)), *rows]) + "\n", "utf-8")
         words: list[object] = []
     else:
-        there = folder / file
+        there = folder / ("lights.txt" if text is None else file)
         there.write_text("\n".join(_numbers(lights)) if text is None else text(lights), "utf-8")
         words = ["--lights", there]
     answer, error = error_of(source, *words)
@@ -67,6 +69,7 @@ def _wrapped(count: int, first_after: int = 1, digits: int = 4, name: str = "IMG
     return [f"{name}{number:0{digits}d}.png" for number in numbers]
 
 
+@later
 def _imported(folder: Path, names: Sequence[str], message: Sequence[str] = ()) -> Outcome:
     """Import a folder and compare the LED of each image with its place in the series."""
     from acquisition import Session
@@ -81,6 +84,7 @@ def _imported(folder: Path, names: Sequence[str], message: Sequence[str] = ()) -
     return Outcome("wrong" if wrong else "right", ", ".join(wrong) or "each image has its LED")
 
 
+@later
 def _watched(folder: Path, names: Sequence[str]) -> Outcome:
     """Watch a folder in which the images lie already, with equal times as after copying."""
     import os
@@ -124,22 +128,33 @@ def _lp(
     return listed
 
 
-def _csv(separator: str, heading: str = "", *, comma: bool = False) -> Callable[[Array], str]:
-    """Return a function that writes names and vectors with a separator."""
-
-    def written(lights: Array) -> str:
-        rows = [
-            separator.join([name, *(f"{v:.6f}" for v in light)])
-            for name, light in zip(_IN_ORDER, lights, strict=True)
-        ]
-        rows = [row.replace(".", ",").replace(",png", ".png") if comma else row for row in rows]
-        return "\n".join([*([heading] if heading else []), *rows]) + "\n"
-
-    return written
+def _table(
+    row: Callable[[str, Array], str],
+    *heading: str,
+    order: Sequence[int] = range(_N),
+    end: str = "",
+) -> Callable[[Array], str]:
+    """Return a function that writes a row for each image, from its name and its light."""
+    return lambda lights: (
+        "\n".join([*heading, *(row(_IN_ORDER[i], lights[i]) for i in order)]) + end
+    )
 
 
-def _plain_csv(lights: Array) -> str:
-    return "\n".join(",".join(f"{v:.6f}" for v in light) for light in lights)
+def _row(separator: str, *values: str | float) -> str:
+    return separator.join(each if isinstance(each, str) else f"{each:.6f}" for each in values)
+
+
+def _named(separator: str, name: str, light: Array) -> str:
+    return _row(separator, name, *light)
+
+
+def _german(name: str, light: Array) -> str:
+    return _named(";", name, light).replace(".", ",").replace(",png", ".png")
+
+
+def _angles(_: str, light: Array) -> str:
+    x, y, z = light
+    return f"{np.degrees(np.arctan2(y, x)):.3f},{np.degrees(np.arcsin(z)):.3f},1"
 
 
 def _whole_csv(folder: Path) -> Outcome:
@@ -167,7 +182,7 @@ def _quoted(folder: Path) -> Outcome:
     return Outcome("wrong", "read")
 
 
-def _fifth(folder: Path, count: int, what: str) -> Outcome:
+def _fifth(count: int, what: str) -> Run:
     rng = np.random.default_rng(0)
     varied = 1 + 0.1 * rng.standard_normal(count)
     values = {
@@ -180,15 +195,13 @@ def _fifth(folder: Path, count: int, what: str) -> Outcome:
     gains = varied if what == "intensity" else None
     lp = _lp(names, extra=[f"{value:.3f}" for value in values])
     stated = ["light-column-assumed"]
-    return _folder(folder, names, lp=lp, gains=gains, names=["line", "img_00.png"], codes=stated)
+    return _folder(names, lp=lp, gains=gains, names=["line", "img_00.png"], codes=stated)
 
 
-def _positions(folder: Path, *, radius_only: bool = False) -> Outcome:
+def _positions(*, radius_only: bool = False) -> Run:
     """Rows whose vectors are 300 to 500 mm long: directions are right, lengths are stated."""
     lengths = np.full(_N, 450.0) if radius_only else np.linspace(300, 500, _N)
     return _folder(
-        folder,
-        _IN_ORDER,
         lp=lambda lights: [
             f"{name} {x:.2f} {y:.2f} {z:.2f}"
             for name, (x, y, z) in zip(_IN_ORDER, lights * lengths[:, None], strict=True)
@@ -197,8 +210,11 @@ def _positions(folder: Path, *, radius_only: bool = False) -> Outcome:
     )
 
 
+_ANGLES = "azimuth,elevation,radius"
 _SHUFFLED = (3, 0, 7, 5, 1, 6, 2, 4)
 _ACCENTED = [unicodedata.normalize("NFC", f"Büste_é{i}.png") for i in range(1, _N + 1)]
+_TWO_RUNS = [f"IMG_{i:04d}.png" for i in (9200, 9201, 9202, 9203, 401, 402, 403, 404)]
+_BOTH_RUNS = ("IMG_0401", "IMG_9200")
 _CLOCKS = [f"20240501_2359{s:02d}.png" for s in (50, 53, 56, 59)]
 _CLOCKS += [f"20240502_0000{s:02d}.png" for s in (2, 5, 8, 11)]
 
@@ -216,373 +232,187 @@ def _both(folder: Path) -> Outcome:
     return judge(answer, error, names=["a_0.png", "a_0.tif"])
 
 
-def _two_runs(folder: Path) -> Outcome:
-    names = [f"IMG_{i:04d}.png" for i in (9200, 9201, 9202, 9203, 401, 402, 403, 404)]
-    return _folder(folder, names, names=["IMG_0401", "IMG_9200"])
-
-
-def _other_numbers(folder: Path, numbers: Sequence[int], order: Sequence[int]) -> Outcome:
+def _other_numbers(numbers: Sequence[int], order: Sequence[int]) -> Run:
     """A list whose numbers contradict those of the files: named row and file."""
     names = [f"light_{number}.jpg" for number in numbers]
-    return _folder(folder, _IN_ORDER, lp=_lp(names, order), names=["light_", "IMG_"])
+    return _folder(lp=_lp(names, order), names=["light_", "IMG_"])
 
 
-CASES = (
-    *(
-        Case(
-            f"wrap{n}",
-            1,
-            "order 9999, 0001 kept",
-            lambda folder, n=n: _folder(folder, _wrapped(n)),
-        )
-        for n in (4, 5, 6, 8)
-    ),
-    Case("wrap_import", 1, "LED by order", lambda folder: _imported(folder, _wrapped(_N))),
-    Case(
-        "rows_contradict",
-        1,
-        "matched by number",
-        lambda folder: _folder(
-            folder, _IN_ORDER, lp=_lp([f"light_{i}.jpg" for i in range(1, _N + 1)], _SHUFFLED)
+CASES = cases(
+    1,
+    (
+        *((f"wrap{n}", "order 9999, 0001 kept", _folder(_wrapped(n))) for n in (4, 5, 6, 8)),
+        ("wrap_import", "LED by order", _imported(_wrapped(_N))),
+        (
+            "rows_contradict",
+            "matched by number",
+            _folder(lp=_lp([f"light_{i}.jpg" for i in range(1, _N + 1)], _SHUFFLED)),
         ),
-    ),
-    Case(
-        "names_decomposed",
-        1,
-        "names compared in one Unicode form",
-        lambda folder: _folder(
-            folder,
-            _ACCENTED,
-            lp=_lp([unicodedata.normalize("NFD", name) for name in _ACCENTED], _SHUFFLED),
+        (
+            "names_decomposed",
+            "names compared in one Unicode form",
+            _folder(
+                _ACCENTED,
+                lp=_lp([unicodedata.normalize("NFD", name) for name in _ACCENTED], _SHUFFLED),
+            ),
         ),
+        *(
+            (f"lp_fifth_{what}{n}", "used, or row named", _fifth(n, what))
+            for n, what in (
+                (12, "intensity"),
+                (36, "intensity"),
+                (36, "constant"),
+                (8, "intensity"),
+            )
+        ),
+        ("lp_lengths", "lengths stated as unused", _positions()),
+        ("csv_whole", "read", _whole_csv),
+        ("csv_quoted", "refused, the line as it is", _quoted),
+        ("csv_names", "read", _folder(text=_table(partial(_named, ","), end="\n"))),
+        ("csv_plain", "read (control)", _folder(text=_table(lambda _, light: _row(",", *light)))),
     ),
-    *(
-        Case(
-            f"lp_fifth_{what}{n}",
-            1,
+    (
+        ("wrap_to_0000", "order 9999, 0000 kept", _folder(_wrapped(_N, 0))),
+        ("wrap_of_5_digits", "order 99999, 00001 kept", _folder(_wrapped(_N, 1, 5, "frame"))),
+        ("wrap_sony", "order DSC09999, DSC00001 kept", _imported(_wrapped(_N, 1, 5, "DSC"))),
+        ("wrap_watch_0000", "order 9999, 0000 kept", _watched(_wrapped(_N, 0))),
+        ("wrap_watch_sony", "order DSC09999, DSC00001 kept", _watched(_wrapped(_N, 1, 5, "DSC"))),
+        ("wrap_exclude", "9999-1 leaves out two images", _excluded),
+        ("two_runs", "refused, both orders named", _folder(_TWO_RUNS, names=_BOTH_RUNS)),
+        (
+            "two_runs_import",
+            "refused, both orders named",
+            _imported(_TWO_RUNS, _BOTH_RUNS),
+        ),
+        (
+            "rings",
+            "natural order (control)",
+            _folder([f"v{i:03d}.png" for i in (1, 2, 3, 4, 101, 102, 103, 104)]),
+        ),
+        ("clocks_over_midnight", "in order of time", _folder(_CLOCKS)),
+        (
+            "padding",
+            "img_1 is img_01",
+            _folder(
+                [f"img_{i:02d}.png" for i in range(1, _N + 1)],
+                lp=_lp([f"img_{i}.jpg" for i in range(1, _N + 1)], _SHUFFLED),
+            ),
+        ),
+        (
+            "offset",
+            "0 to 7 are 1 to 8, in order",
+            _folder(lp=_lp([f"light_{i}.jpg" for i in range(_N)])),
+        ),
+        ("offset_shuffled", "refused, row and file named", _other_numbers(range(_N), _SHUFFLED)),
+        (
+            "row_without_file",
+            "refused, row and file named",
+            _other_numbers((1, 2, 3, 5, 6, 7, 8, 9), range(_N)),
+        ),
+        (
+            "rows_as_a_browser_sorts",
+            "matched by number",
+            _folder(
+                [f"IMG_{i:04d}.png" for i in range(1, 13)],
+                lp=_lp(
+                    [f"cap{i}.jpg" for i in range(1, 13)],
+                    sorted(range(12), key=lambda i: f"cap{i + 1}.jpg"),
+                ),
+            ),
+        ),
+        (
+            "windows_folders",
+            "matched by name",
+            _folder(
+                lp=_lp([rf"D:\Dome 2\{name[:-4].lower()}.TIF" for name in _IN_ORDER], _SHUFFLED),
+            ),
+        ),
+        ("suffix_of_two_files", "refused, both named", _both),
+        ("lp_fifth_radius", "used, or row named", _fifth(12, "radius")),
+        ("lp_fifth_distance", "refused, row named", _fifth(12, "distance")),
+        (
+            "lp_name_ends_in_number",
+            "read (control)",
+            _folder(
+                [f"img {i}.png" for i in range(1, _N + 1)],
+                lp=_lp([f"img {i}" for i in range(1, _N + 1)], _SHUFFLED),
+            ),
+        ),
+        (
+            "lp_fifth_without_suffix",
             "used, or row named",
-            lambda folder, n=n, what=what: _fifth(folder, n, what),
-        )
-        for n, what in ((12, "intensity"), (36, "intensity"), (36, "constant"), (8, "intensity"))
-    ),
-    Case("lp_lengths", 1, "lengths stated as unused", _positions),
-    Case("csv_whole", 1, "read", _whole_csv),
-    Case("csv_quoted", 1, "refused, the line as it is", _quoted),
-    Case(
-        "csv_names",
-        1,
-        "read",
-        lambda folder: _folder(folder, _IN_ORDER, text=_csv(","), file="lights.csv"),
-    ),
-    Case(
-        "csv_plain",
-        1,
-        "read (control)",
-        lambda folder: _folder(folder, _IN_ORDER, text=_plain_csv, file="lights.csv"),
-    ),
-    Case(
-        "wrap_to_0000",
-        1,
-        "order 9999, 0000 kept",
-        lambda folder: _folder(folder, _wrapped(_N, 0)),
-        listed=False,
-    ),
-    Case(
-        "wrap_of_5_digits",
-        1,
-        "order 99999, 00001 kept",
-        lambda folder: _folder(folder, _wrapped(_N, 1, 5, "frame")),
-        listed=False,
-    ),
-    Case(
-        "wrap_sony",
-        1,
-        "order DSC09999, DSC00001 kept",
-        lambda folder: _imported(folder, _wrapped(_N, 1, 5, "DSC")),
-        listed=False,
-    ),
-    Case(
-        "wrap_watch_0000",
-        1,
-        "order 9999, 0000 kept",
-        lambda folder: _watched(folder, _wrapped(_N, 0)),
-        listed=False,
-    ),
-    Case(
-        "wrap_watch_sony",
-        1,
-        "order DSC09999, DSC00001 kept",
-        lambda folder: _watched(folder, _wrapped(_N, 1, 5, "DSC")),
-        listed=False,
-    ),
-    Case("wrap_exclude", 1, "9999-1 leaves out two images", _excluded, listed=False),
-    Case("two_runs", 1, "refused, both orders named", _two_runs, listed=False),
-    Case(
-        "two_runs_import",
-        1,
-        "refused, both orders named",
-        lambda folder: _imported(
-            folder,
-            [f"IMG_{i:04d}.png" for i in (9200, 9201, 9202, 9203, 401, 402, 403, 404)],
-            ["IMG_0401", "IMG_9200"],
-        ),
-        listed=False,
-    ),
-    Case(
-        "rings",
-        1,
-        "natural order (control)",
-        lambda folder: _folder(folder, [f"v{i:03d}.png" for i in (1, 2, 3, 4, 101, 102, 103, 104)]),
-        listed=False,
-    ),
-    Case(
-        "clocks_over_midnight",
-        1,
-        "in order of time",
-        lambda folder: _folder(folder, _CLOCKS),
-        listed=False,
-    ),
-    Case(
-        "padding",
-        1,
-        "img_1 is img_01",
-        lambda folder: _folder(
-            folder,
-            [f"img_{i:02d}.png" for i in range(1, _N + 1)],
-            lp=_lp([f"img_{i}.jpg" for i in range(1, _N + 1)], _SHUFFLED),
-        ),
-        listed=False,
-    ),
-    Case(
-        "offset",
-        1,
-        "0 to 7 are 1 to 8, in order",
-        lambda folder: _folder(folder, _IN_ORDER, lp=_lp([f"light_{i}.jpg" for i in range(_N)])),
-        listed=False,
-    ),
-    Case(
-        "offset_shuffled",
-        1,
-        "refused, row and file named",
-        lambda folder: _other_numbers(folder, range(_N), _SHUFFLED),
-        listed=False,
-    ),
-    Case(
-        "row_without_file",
-        1,
-        "refused, row and file named",
-        lambda folder: _other_numbers(folder, (1, 2, 3, 5, 6, 7, 8, 9), range(_N)),
-        listed=False,
-    ),
-    Case(
-        "rows_as_a_browser_sorts",
-        1,
-        "matched by number",
-        lambda folder: _folder(
-            folder,
-            [f"IMG_{i:04d}.png" for i in range(1, 13)],
-            lp=_lp(
-                [f"cap{i}.jpg" for i in range(1, 13)],
-                sorted(range(12), key=lambda i: f"cap{i + 1}.jpg"),
+            _folder(
+                lp=_lp(
+                    [name[:-4] for name in _IN_ORDER], extra=[f"{1 + i / 20}" for i in range(_N)]
+                ),
+                gains=1 + np.arange(_N) / 20,
+                names=["line"],
             ),
         ),
-        listed=False,
-    ),
-    Case(
-        "windows_folders",
-        1,
-        "matched by name",
-        lambda folder: _folder(
-            folder,
-            _IN_ORDER,
-            lp=_lp([rf"D:\Dome 2\{name[:-4].lower()}.TIF" for name in _IN_ORDER], _SHUFFLED),
+        (
+            "lp_rgb",
+            "used, or row named",
+            _folder(lp=_lp(_IN_ORDER, extra=["1.0 1.0 1.0"] * _N), names=["line 2"]),
         ),
-        listed=False,
-    ),
-    Case("suffix_of_two_files", 1, "refused, both named", _both, listed=False),
-    Case(
-        "lp_fifth_radius",
-        1,
-        "used, or row named",
-        lambda folder: _fifth(folder, 12, "radius"),
-        listed=False,
-    ),
-    Case(
-        "lp_fifth_distance",
-        1,
-        "refused, row named",
-        lambda folder: _fifth(folder, 12, "distance"),
-        listed=False,
-    ),
-    Case(
-        "lp_name_ends_in_number",
-        1,
-        "read (control)",
-        lambda folder: _folder(
-            folder,
-            [f"img {i}.png" for i in range(1, _N + 1)],
-            lp=_lp([f"img {i}" for i in range(1, _N + 1)], _SHUFFLED),
+        ("lp_radius", "lengths stated as unused", _positions(radius_only=True)),
+        ("csv_semicolons", "read", _folder(text=_table(_german, "file;x;y;z", end="\n"))),
+        (
+            "csv_tabs",
+            "read",
+            _folder(text=_table(partial(_named, "\t"), end="\n"), file="lights.tsv"),
         ),
-        listed=False,
-    ),
-    Case(
-        "lp_fifth_without_suffix",
-        1,
-        "used, or row named",
-        lambda folder: _folder(
-            folder,
-            _IN_ORDER,
-            lp=_lp([name[:-4] for name in _IN_ORDER], extra=[f"{1 + i / 20}" for i in range(_N)]),
-            gains=1 + np.arange(_N) / 20,
-            names=["line"],
+        (
+            "csv_columns",
+            "columns by their names",
+            _folder(text=_table(lambda _, light: _row(",", *light[::-1]), "z,y,x")),
         ),
-        listed=False,
-    ),
-    Case(
-        "lp_rgb",
-        1,
-        "used, or row named",
-        lambda folder: _folder(
-            folder, _IN_ORDER, lp=_lp(_IN_ORDER, extra=["1.0 1.0 1.0"] * _N), names=["line 2"]
+        (
+            "csv_angles",
+            "refused, line named",
+            _folder(text=_table(_angles, _ANGLES), names=["line 1", _ANGLES]),
         ),
-        listed=False,
-    ),
-    Case(
-        "lp_radius",
-        1,
-        "lengths stated as unused",
-        lambda folder: _positions(folder, radius_only=True),
-        listed=False,
-    ),
-    Case(
-        "csv_semicolons",
-        1,
-        "read",
-        lambda folder: _folder(
-            folder, _IN_ORDER, text=_csv(";", "file;x;y;z", comma=True), file="lights.csv"
-        ),
-        listed=False,
-    ),
-    Case(
-        "csv_tabs",
-        1,
-        "read",
-        lambda folder: _folder(folder, _IN_ORDER, text=_csv("\t"), file="lights.tsv"),
-        listed=False,
-    ),
-    Case(
-        "csv_columns",
-        1,
-        "columns by their names",
-        lambda folder: _folder(
-            folder,
-            _IN_ORDER,
-            text=lambda lights: (
-                "z,y,x\n" + "\n".join(f"{z:.6f},{y:.6f},{x:.6f}" for x, y, z in lights)
-            ),
-            file="lights.csv",
-        ),
-        listed=False,
-    ),
-    Case(
-        "csv_angles",
-        1,
-        "refused, line named",
-        lambda folder: _folder(
-            folder,
-            _IN_ORDER,
-            text=lambda lights: (
-                "azimuth,elevation,radius\n"
-                + "\n".join(
-                    f"{np.degrees(np.arctan2(y, x)):.3f},{np.degrees(np.arcsin(z)):.3f},1"
-                    for x, y, z in lights
+        (
+            "csv_index",
+            "first column is a number of an image",
+            _folder(
+                text=_table(
+                    lambda name, light: _row(",", f"{int(name[4:8])}", *light), order=_SHUFFLED
                 )
             ),
-            file="lights.csv",
-            names=["line 1", "azimuth,elevation,radius"],
         ),
-        listed=False,
-    ),
-    Case(
-        "csv_index",
-        1,
-        "first column is a number of an image",
-        lambda folder: _folder(
-            folder,
-            _IN_ORDER,
-            text=lambda lights: "\n".join(
-                f"{i + 1},{','.join(f'{v:.6f}' for v in lights[i])}" for i in _SHUFFLED
-            ),
-            file="lights.csv",
+        *(
+            (
+                name,
+                "matched by the column of names",
+                _folder(text=_table(partial(_named, ";"), heading, order=_SHUFFLED, end="\n;;;")),
+            )
+            for name, heading in (
+                ("csv_own_name", "Bild;X;Y;Z"),
+                ("csv_image_path", "Image Path;Light X;Light Y;Light Z"),
+            )
         ),
-        listed=False,
-    ),
-    *(
-        Case(
-            name,
-            1,
-            "matched by the column of names",
-            lambda folder, heading=heading: _folder(
-                folder,
-                _IN_ORDER,
-                text=lambda lights: "\n".join(
-                    [
-                        heading,
-                        *(
-                            f"{_IN_ORDER[i]};{';'.join(_numbers(lights[i : i + 1])[0].split())}"
-                            for i in _SHUFFLED
-                        ),
-                        ";;;",
-                    ]
+        (
+            "csv_own_strength",
+            "column named as not used",
+            _folder(
+                text=_table(
+                    lambda name, light: _row(",", name, *light, "1.05"), "name,x,y,z,power"
                 ),
-                file="lights.csv",
+                codes=["light-column-assumed"],
             ),
-            listed=False,
-        )
-        for name, heading in (
-            ("csv_own_name", "Bild;X;Y;Z"),
-            ("csv_image_path", "Image Path;Light X;Light Y;Light Z"),
-        )
-    ),
-    Case(
-        "csv_own_strength",
-        1,
-        "column named as not used",
-        lambda folder: _folder(
-            folder,
-            _IN_ORDER,
-            text=lambda lights: "\n".join(
-                [
-                    "name,x,y,z,power",
-                    *(
-                        f"{n},{x:.6f},{y:.6f},{z:.6f},1.05"
-                        for n, (x, y, z) in zip(_IN_ORDER, lights, strict=True)
-                    ),
-                ]
+        ),
+        (
+            "names_with_exposures",
+            "ordered by the number that differs",
+            _folder([f"obj12_L{i:02d}_t{(60, 125, 30)[i % 3]}.png" for i in range(1, _N + 1)]),
+        ),
+        (
+            "names_of_two_days",
+            "refused, both series named",
+            _folder(
+                [f"IMG-2024050{1 + i // 4}-WA{(i + 4) % 8:04d}.png" for i in range(_N)],
+                names=["img-20240501-wa#", "img-20240502-wa#"],
             ),
-            file="lights.csv",
-            codes=["light-column-assumed"],
         ),
-        listed=False,
-    ),
-    Case(
-        "names_with_exposures",
-        1,
-        "ordered by the number that differs",
-        lambda folder: _folder(
-            folder, [f"obj12_L{i:02d}_t{(60, 125, 30)[i % 3]}.png" for i in range(1, _N + 1)]
-        ),
-        listed=False,
-    ),
-    Case(
-        "names_of_two_days",
-        1,
-        "refused, both series named",
-        lambda folder: _folder(
-            folder,
-            [f"IMG-2024050{1 + i // 4}-WA{(i + 4) % 8:04d}.png" for i in range(_N)],
-            names=["img-20240501-wa#", "img-20240502-wa#"],
-        ),
-        listed=False,
     ),
 )

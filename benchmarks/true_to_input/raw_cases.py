@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import numpy.typing as npt
-from true_to_input.case import Case, Outcome, judge
+from true_to_input.case import Case, Outcome, Run, judge, later
 from true_to_input.dng_writer import area, black, delta, white, write_dng
 from true_to_input.relief import INSIDE, MASK, H, W, directions, error_of, images, write_lp
 
@@ -83,6 +83,7 @@ def _read_dng(
     return Outcome("right" if right else "wrong", text)
 
 
+@later
 def _refused_dng(
     folder: Path, data: Image, names: Sequence[str], *, code: int | None = None, **options: Any
 ) -> Outcome:
@@ -185,6 +186,10 @@ def _imported(source: Path, limit: float = 0.3) -> Outcome:
     return _judged(session, limit=limit)
 
 
+def _dngs(judged: Callable[[Path], Outcome], **series: Any) -> Run:
+    return lambda folder: judged(_dng_series(folder, **series))
+
+
 def _integers(dtype: type[np.unsignedinteger[Any]], full: int, clip: Any) -> Any:
     def write(path: Path, light: Image) -> None:
         data = np.clip(np.round(light * full), 0, clip).astype(dtype)
@@ -204,6 +209,10 @@ def _floats(clip: float, dtype: Any = np.float32) -> Callable[[Path, Any], None]
 
 def _u16(folder: Path, frames: Any, clip: Any, full: int = 65535) -> Path:
     return _series(folder, frames, _integers(np.uint16, full, clip), ".png")
+
+
+def _pngs(frames: Any, clip: Any, full: int = 65535) -> Run:
+    return lambda folder: _stated(_u16(folder, frames, clip, full))
 
 
 def _u8(folder: Path, frames: Any, clip: Any) -> Path:
@@ -257,6 +266,7 @@ def _session(folder: Path) -> Outcome:
     return _stated(session)
 
 
+@later
 def _alarm(folder: Path, frames: Any, clip: Any = 65535, *, byte: bool = False) -> Outcome:
     """No white level must be found where nothing is clipped."""
     source = read_source((_u8 if byte else _u16)(folder, frames, clip))
@@ -335,8 +345,12 @@ _T22 = np.array([[256, 306], [356, 406]])
 _T66 = np.arange(36).reshape(6, 6) * 10 + 100
 
 
-def _case(name: str, right: str, run: Callable[[Path], Outcome], *, listed: bool = True) -> Case:
+def _case(name: str, right: str, run: Run, *, listed: bool = True) -> Case:
     return Case(name, 1, right, run, listed)
+
+
+def _further(name: str, right: str, run: Run) -> Case:
+    return _case(name, right, run, listed=False)
 
 
 def _dng(
@@ -371,41 +385,29 @@ CASES = (
         _case(
             f"dng_{np.dtype(kind).name}",
             "refused: floating-point samples",
-            lambda folder, kind=kind: _refused_dng(
-                folder, (_plain() / 4095).astype(kind), ["loating-point"], extra=[white(1)]
-            ),
+            _refused_dng((_plain() / 4095).astype(kind), ["loating-point"], extra=[white(1)]),
         )
         for kind in (np.float32, np.float16)
     ),
     _case(
-        "dng_deflate",
-        "refused: Deflate",
-        lambda folder: _refused_dng(folder, _plain(), ["Deflate"], compression="zlib"),
+        "dng_deflate", "refused: Deflate", _refused_dng(_plain(), ["Deflate"], compression="zlib")
     ),
-    _case(
-        "dng_jpeg_xl",
-        "refused: JPEG XL",
-        lambda folder: _refused_dng(folder, _plain(), ["JPEG XL"], code=52546),
-        listed=False,
-    ),
-    _case(
+    _further("dng_jpeg_xl", "refused: JPEG XL", _refused_dng(_plain(), ["JPEG XL"], code=52546)),
+    _further(
         "dng_float_deflate_subifd",
         "refused: floating-point samples",
-        lambda folder: _refused_dng(
-            folder,
+        _refused_dng(
             (_plain() / 4095).astype(np.float32),
             ["loating-point"],
             compression="zlib",
             thumbnail=True,
             extra=[white(1)],
         ),
-        listed=False,
     ),
     _case(
         "dng_linear_raw",
         "refused: all colours in each pixel",
-        lambda folder: _refused_dng(
-            folder,
+        _refused_dng(
             np.dstack([_plain()] * 3),
             ["demosaiced"],
             pattern=None,
@@ -413,137 +415,79 @@ CASES = (
             extra=[white(4095)],
         ),
     ),
-    _case(
-        "mono_normals",
-        "read as grey",
-        lambda folder: _judged(_dng_series(folder, pattern=None)),
-    ),
-    _case(
-        "mono_import",
-        "read as grey",
-        lambda folder: _imported(_dng_series(folder, pattern=None)),
-    ),
-    _case(
+    _case("mono_normals", "read as grey", _dngs(_judged, pattern=None)),
+    _case("mono_import", "read as grey", _dngs(_imported, pattern=None)),
+    _further(
         "mono_clipped",
         "white level found",
-        lambda folder: _stated(
-            _dng_series(folder, pattern=None, scale=2.2, full=16383, clip=15311)
-        ),
-        listed=False,
+        _dngs(_stated, pattern=None, scale=2.2, full=16383, clip=15311),
     ),
-    _case(
-        "black44_normals",
-        "levels applied",
-        lambda folder: _judged(_dng_series(folder, levels=_T44 * 2)),
-        listed=False,
-    ),
-    _case(
-        "black22_normals",
-        "levels applied",
-        lambda folder: _judged(_dng_series(folder, levels=[[256, 300], [310, 400]])),
-        listed=False,
-    ),
-    _case(
-        "black22_import",
-        "levels applied",
-        lambda folder: _imported(_dng_series(folder, levels=[[256, 300], [310, 400]])),
-        listed=False,
-    ),
-    _case(
-        "ramp_import",
-        "levels applied",
-        lambda folder: _imported(_dng_series(folder, pattern=None, levels=0, rows=_RAMP)),
-        listed=False,
-    ),
-    _case(
-        "raw_clip_15311",
-        "white level found",
-        lambda folder: _stated(_dng_series(folder, scale=1.7, full=16383, clip=15311)),
-    ),
+    _further("black44_normals", "levels applied", _dngs(_judged, levels=_T44 * 2)),
+    _further("black22_normals", "levels applied", _dngs(_judged, levels=[[256, 300], [310, 400]])),
+    _further("black22_import", "levels applied", _dngs(_imported, levels=[[256, 300], [310, 400]])),
+    _further("ramp_import", "levels applied", _dngs(_imported, pattern=None, levels=0, rows=_RAMP)),
+    _case("raw_clip_15311", "white level found", _dngs(_stated, scale=1.7, full=16383, clip=15311)),
     _case(
         "raw_clip_red",
         "white level of red found",
-        lambda folder: _stated(
-            _dng_series(folder, scale=1.3, full=16383, clip=[[6000, 16383], [16383, 16383]])
-        ),
+        _dngs(_stated, scale=1.3, full=16383, clip=[[6000, 16383], [16383, 16383]]),
     ),
-    _case(
+    _further(
         "raw_clip_greens_differ",
         "white level of each green found",
-        lambda folder: _stated(
-            _dng_series(folder, scale=1.7, full=16383, clip=[[15000, 15311], [14900, 15000]])
-        ),
-        listed=False,
+        _dngs(_stated, scale=1.7, full=16383, clip=[[15000, 15311], [14900, 15000]]),
     ),
-    _case(
+    _further(
         "raw_white_of_colours",
         "stated level of each colour used",
-        lambda folder: _judged(
-            _dng_series(
-                folder,
-                scale=1.3,
-                full=16383,
-                clip=[[6000, 16383], [16383, 9000]],
-                whites=(6000, 16383, 9000),
-            )
+        _dngs(
+            _judged,
+            scale=1.3,
+            full=16383,
+            clip=[[6000, 16383], [16383, 9000]],
+            whites=(6000, 16383, 9000),
         ),
-        listed=False,
     ),
-    _case(
-        "raw_clip_import",
-        "white level found",
-        lambda folder: _imported(_dng_series(folder, scale=1.7, full=16383, clip=15311)),
-        listed=False,
+    _further(
+        "raw_clip_import", "white level found", _dngs(_imported, scale=1.7, full=16383, clip=15311)
     ),
     _case(
         "float_clip_035",
         "white level found",
         lambda folder: _stated(_series(folder, _unclipped(0.8), _floats(0.35), ".tif")),
     ),
-    _case(
+    _further(
         "float16_clip",
         "white level found",
         lambda folder: _stated(_series(folder, _unclipped(2.2), _floats(0.81, np.float16), ".tif")),
-        listed=False,
     ),
-    _case(
-        "u16_clip_3500",
-        "white level found",
-        lambda folder: _stated(_u16(folder, _unclipped(2.2), 3500, full=3500)),
-    ),
-    _case(
-        "u16_low_bits",
-        "control: 12 bits, as today",
-        lambda folder: _stated(_u16(folder, _unclipped(2.2), 4095, full=4095)),
-        listed=False,
-    ),
+    _case("u16_clip_3500", "white level found", _pngs(_unclipped(2.2), 3500, full=3500)),
+    _further("u16_low_bits", "control: 12 bits, as today", _pngs(_unclipped(2.2), 4095, full=4095)),
     _case(
         "u8_clip_250",
         "white level found",
         lambda folder: _stated(_u8(folder, _unclipped(2.2), 250), "--gamma", "linear", limit=0.5),
     ),
-    _case(
+    _further(
         "u8_srgb_clip_250",
         "white level found",
         lambda folder: _stated(
             _u8(folder, _srgb(_unclipped(2.2)), 250), "--gamma", "srgb", limit=0.5
         ),
-        listed=False,
     ),
-    _case(
+    _further(
         "jpg_clip_237",
         "white level found",
         lambda folder: _stated(
             _series(folder, np.minimum(_unclipped(1.6), 0.85), _jpeg, ".jpg"), limit=0.4
         ),
-        listed=False,
     ),
     _case(
         "rgb_clip_red",
         "white level of red found",
-        lambda folder: _stated(_u16(folder, _coloured(0.95), np.array([30000, 65535, 65535]))),
+        _pngs(_coloured(0.95), np.array([30000, 65535, 65535])),
     ),
-    _case(
+    _further(
         "high_bits_clip",
         "white level found",
         lambda folder: _stated(
@@ -556,61 +500,32 @@ CASES = (
                 ".png",
             )
         ),
-        listed=False,
     ),
-    _case("one_image_clipped", "white level found", _one_overexposed, listed=False),
-    _case("session_clip_3800", "white level found", _session, listed=False),
-    _case(
+    _further("one_image_clipped", "white level found", _one_overexposed),
+    _further("session_clip_3800", "white level found", _session),
+    _further(
         "blown_background",
         "white level found",
-        lambda folder: _stated(
-            _u16(folder, np.where(INSIDE, _unclipped(2.2), 2.0), 50000, full=50000)
-        ),
-        listed=False,
+        _pngs(np.where(INSIDE, _unclipped(2.2), 2.0), 50000, full=50000),
     ),
-    _case("clean", "control: no notice", _no_alarm, listed=False),
-    _case(
-        "clean_noiseless",
-        "control: no notice",
-        lambda folder: _alarm(folder, _unclipped(0.9, noise=0)),
-        listed=False,
-    ),
-    _case(
+    _further("clean", "control: no notice", _no_alarm),
+    _further("clean_noiseless", "control: no notice", _alarm(_unclipped(0.9, noise=0))),
+    _further(
         "clean_noiseless_8_bits",
         "control: no notice",
-        lambda folder: _alarm(folder, _unclipped(0.9, noise=0), 255, byte=True),
-        listed=False,
+        _alarm(_unclipped(0.9, noise=0), 255, byte=True),
     ),
-    _case(
-        "card_noisy",
-        "control: no notice",
-        lambda folder: _alarm(folder, _card(noise=0.002, elevations="equal")),
-        listed=False,
-    ),
-    _case(
-        "card_noiseless",
-        "control: no notice",
-        lambda folder: _alarm(folder, _card(noise=0, elevations="equal")),
-        listed=False,
-    ),
-    _case(
+    _further("card_noisy", "control: no notice", _alarm(_card(noise=0.002, elevations="equal"))),
+    _further("card_noiseless", "control: no notice", _alarm(_card(noise=0, elevations="equal"))),
+    _further(
         "card_8_bits",
         "control: no notice",
-        lambda folder: _alarm(folder, _card(noise=0.001, elevations="different"), 255, byte=True),
-        listed=False,
+        _alarm(_card(noise=0.001, elevations="different"), 255, byte=True),
     ),
-    _case(
-        "clip_below_hot_pixels",
-        "white level found",
-        lambda folder: _stated(_u16(folder, _hot(), _clip_with_hot(), full=30000)),
-        listed=False,
+    _further(
+        "clip_below_hot_pixels", "white level found", _pngs(_hot(), _clip_with_hot(), full=30000)
     ),
-    _case(
-        "low_relief_8_bits",
-        "control: no notice",
-        lambda folder: _alarm(folder, _low_relief(), 255, byte=True),
-        listed=False,
-    ),
-    _case("tablet_noiseless", "control: no notice", lambda f: _alarm(f, _tablet()), listed=False),
-    _case("frequent_maximum", "control: no notice", lambda f: _alarm(f, _frequent()), listed=False),
+    _further("low_relief_8_bits", "control: no notice", _alarm(_low_relief(), 255, byte=True)),
+    _further("tablet_noiseless", "control: no notice", _alarm(_tablet())),
+    _further("frequent_maximum", "control: no notice", _alarm(_frequent())),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import hashlib
+import importlib
 import json
 import os
 import shutil
@@ -12,18 +13,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import cv2
 import numpy as np
-from true_to_input.case import Answer, Case, Outcome, sgp
+from true_to_input.case import Answer, Outcome, cases, later, sgp
 from true_to_input.relief import MASK, directions, images
 
 Change = Callable[[Path], object]
+RECONSTRUCT = "processing.reconstruct"
 ROOT = Path(__file__).parents[2]
 
 
@@ -125,13 +126,23 @@ def _copied(path: Path) -> None:
 
 
 def _raced(
-    answer: Answer, out: Path, target: Path, used: str, *, harmless: bool = False
+    function: str,
+    change: Change,
+    target: Path,
+    words: Sequence[object],
+    record: Path,
+    *,
+    harmless: bool = False,
 ) -> Outcome:
     """Judge a command during which a file was changed, by the hash of what it had used."""
+    module, _, name = function.rpartition(".")
+    used = _sha256(target)
+    with _after(importlib.import_module(module), name, lambda: change(target)):
+        answer = sgp(*words)
     if answer.code:
         named = answer.code == 4 and target.name in answer.message and not harmless
         return Outcome("refused by name" if named else "vague", answer.message)
-    recorded = json.loads(out.read_text())
+    recorded = json.loads(record.read_text())
     inputs = recorded.get("inputs") or recorded["provenance"]["inputs"]
     found = next((digest for name, digest in inputs.items() if Path(name) == target), "none")
     if found == used:
@@ -139,18 +150,15 @@ def _raced(
     return Outcome("wrong", "exit 0, and the record has the hash of another file")
 
 
+@later
 def _normals_raced(
     folder: Path, change: Change, target: str, *words: object, harmless: bool = False
 ) -> Outcome:
-    import processing
-
     source, out = _recording(folder), folder / "out"
-    path = folder / target
-    used = _sha256(path)
     command = ("normals", source, "--lights", folder / "lights.txt", *words, "--out", out)
-    with _after(processing, "reconstruct", lambda: change(path)):
-        answer = sgp(*command)
-    return _raced(answer, out / "normals.json", path, used, harmless=harmless)
+    return _raced(
+        RECONSTRUCT, change, folder / target, command, out / "normals.json", harmless=harmless
+    )
 
 
 def _camera_raced(folder: Path) -> Outcome:
@@ -159,78 +167,75 @@ def _camera_raced(folder: Path) -> Outcome:
     matrix = np.array([[512.0, 0, 59.5], [0, 512.0, 47.5], [0, 0, 1]])
     path = folder / "camera.json"
     acquisition.write_camera(path, acquisition.CameraModel(matrix, 120, 96))
-    return _normals_raced(folder, _edited, "camera.json", "--camera", folder / "camera.json")
+    return _normals_raced(_edited, "camera.json", "--camera", path)(folder)
 
 
 def _session_raced(folder: Path) -> Outcome:
-    import processing
-
     session, out = folder / "session", folder / "out"
     made = sgp("simulate", "coin", "--out", session, "--size", "96x78", "--led-count", "8")
     if made.code:
         return Outcome("vague", made.message)
     frame = sorted((session / "frames").iterdir())[3]
-    used = _sha256(frame)
     lights = session / "derived" / "truth" / "lights.json"
-    with _after(processing, "reconstruct", lambda: _rewritten(frame)):
-        answer = sgp("normals", session, "--lights", lights, "--out", out)
-    return _raced(answer, out / "normals.json", frame, used)
+    words = ("normals", session, "--lights", lights, "--out", out)
+    return _raced(RECONSTRUCT, _rewritten, frame, words, out / "normals.json")
 
 
 def _folder_raced(folder: Path) -> Outcome:
     """The recording is named by a link, which then leads to another recording."""
-    import processing
-
     source, out = folder / "current", folder / "out"
     source.symlink_to(_recording(folder, "monday"))
     other = folder / "tuesday"
     shutil.copytree(folder / "monday", other)
     for path in other.glob("*.tif"):
         _rewritten(path)
-    target = source / "001.tif"
-    used = _sha256(target)
 
-    def change() -> None:
+    def change(_: Path) -> None:
         source.unlink()
         source.symlink_to(other)
 
-    with _after(processing, "reconstruct", change):
-        answer = sgp("normals", source, "--lights", folder / "lights.txt", "--out", out)
-    return _raced(answer, out / "normals.json", target, used)
+    words = ("normals", source, "--lights", folder / "lights.txt", "--out", out)
+    return _raced(RECONSTRUCT, change, source / "001.tif", words, out / "normals.json")
+
+
+def _normals_of(folder: Path) -> Path:
+    """Make the normals of a recording."""
+    source, normals = _recording(folder), folder / "normals"
+    sgp("normals", source, "--lights", folder / "lights.txt", "--out", normals)
+    return normals
 
 
 def _detail_raced(folder: Path) -> Outcome:
-    import processing
+    normals = _normals_of(folder)
 
-    source, normals = _recording(folder), folder / "normals"
-    sgp("normals", source, "--lights", folder / "lights.txt", "--out", normals)
-    target = normals / "normals.exr"
-    used = _sha256(target)
-
-    def change() -> None:
-        content = bytearray(target.read_bytes())
+    def change(path: Path) -> None:
+        content = bytearray(path.read_bytes())
         content[-2000:-1000] = bytes(1000)
-        target.write_bytes(content)
+        path.write_bytes(content)
 
-    with _after(processing, "separate", change):
-        answer = sgp("detail", "separate", normals, "--out", folder / "out")
-    return _raced(answer, folder / "out" / "detail.json", target, used)
+    words = ("detail", "separate", normals, "--out", folder / "out")
+    record = folder / "out" / "detail.json"
+    return _raced("processing.separate", change, normals / "normals.exr", words, record)
 
 
+@later
 def _of_maps_raced(folder: Path, word: str, change: Change) -> Outcome:
     """A backup program touches the normals while a later command uses them."""
-    import processing
+    normals, out = _normals_of(folder), folder / "out"
+    function, command, record = {
+        "separate": ("processing.separate", ("detail", "separate"), "detail.json"),
+        "surface": ("processing.integrate", ("surface",), "surface.json"),
+    }[word]
+    words = (*command, normals, "--out", out)
+    return _raced(function, change, normals / "normals.exr", words, out / record, harmless=True)
 
-    source, normals = _recording(folder), folder / "normals"
-    sgp("normals", source, "--lights", folder / "lights.txt", "--out", normals)
-    target = normals / "normals.exr"
-    used, out = _sha256(target), folder / "out"
-    function = {"separate": "separate", "surface": "integrate"}[word]
-    words = ("detail", word) if word == "separate" else (word,)
-    with _after(processing, function, lambda: change(target)):
-        answer = sgp(*words, normals, "--out", out)
-    record = out / ("detail.json" if word == "separate" else "surface.json")
-    return _raced(answer, record, target, used, harmless=True)
+
+def _chmod(path: Path) -> None:
+    path.chmod(0o600)
+
+
+def _of_macos(path: Path) -> None:
+    path.write_bytes(b"\0\5\x16\7\0\2")
 
 
 def _linked_twice(path: Path) -> None:
@@ -240,14 +245,9 @@ def _linked_twice(path: Path) -> None:
 
 def _run_raced(folder: Path) -> Outcome:
     """The file changes after the normals, while detail and surface are computed."""
-    import processing
-
     source, out = _recording(folder), folder / "out"
-    target = source / "006.tif"
-    used = _sha256(target)
-    with _after(processing, "separate", lambda: _replaced(target)):
-        answer = sgp("run", source, "--lights", folder / "lights.txt", "--out", out)
-    return _raced(answer, out / "summary.json", target, used)
+    words = ("run", source, "--lights", folder / "lights.txt", "--out", out)
+    return _raced("processing.separate", _replaced, source / "006.tif", words, out / "summary.json")
 
 
 # Batches. Tasks run in this process, so that a file can be changed at a known time.
@@ -298,6 +298,7 @@ def _batch_raced(folder: Path) -> Outcome:
     return _computed_again(_batch(folder, source), "006.tif")
 
 
+@later
 def _batch_changed_between(folder: Path, change: Change, target: str) -> Outcome:
     source = _recording(folder)
     _batch(folder, source)
@@ -305,6 +306,7 @@ def _batch_changed_between(folder: Path, change: Change, target: str) -> Outcome
     return _computed_again(_batch(folder, source), Path(target).name)
 
 
+@later
 def _batch_same(folder: Path, change: Change) -> Outcome:
     """Nothing is computed again."""
     source = _recording(folder)
@@ -316,6 +318,7 @@ def _batch_same(folder: Path, change: Change) -> Outcome:
     return Outcome("wrong" if again else "right", answer.err.strip().splitlines()[0])
 
 
+@later
 def _long_name(folder: Path, name: str) -> Outcome:
     good = _recording(folder)
     long = folder / name
@@ -331,6 +334,7 @@ def _long_name(folder: Path, name: str) -> Outcome:
     return Outcome("refused by name" if named else "wrong", text[-150:])
 
 
+@later
 def _formula(folder: Path, name: str) -> Outcome:
     source = _recording(folder, name)
     answer = _batch(folder, source)
@@ -345,6 +349,7 @@ def _formula(folder: Path, name: str) -> Outcome:
     return Outcome("wrong" if unsafe else "right", repr(row["name"]))
 
 
+@later
 def _spreadsheet(folder: Path, name: str, separator: str) -> Outcome:
     """A spreadsheet of another country, or with its default settings, begins cells here, too."""
     _batch(folder, _recording(folder, name))
@@ -401,6 +406,7 @@ def _late_worker(folder: Path) -> Outcome:
     return Outcome("wrong", "the finished result was rewritten with other images")
 
 
+@later
 def _lost_scheduler(folder: Path, how: str) -> Outcome:
     """A real scheduler, which dies while a worker computes."""
     sources = [_recording(folder / f"part{one}") for one in range(3)]
@@ -488,18 +494,19 @@ def _result(folder: Path) -> Path:
     return out
 
 
+@later
 def _verified(
-    folder: Path, change: Callable[[Path], object], name: str = "", of: str = "out"
+    folder: Path, change: Change, target: str = ".", of: str = "out", *, harmless: bool = False
 ) -> Outcome:
-    out = _result(folder)
-    change(out)
+    path = _result(folder) / target
+    change(path)
     answer = sgp("verify", folder / of)
     said = [text for _, text in answer.notices]
     where = [each["where"] for each in answer.values.get("notices", [])]
-    if not name:
+    if harmless:
         good = answer.code == 0 and not said
         return Outcome("right" if good else "wrong", "; ".join([*said, answer.message]))
-    named = answer.code == 4 and any(name in one for one in (*said, *where))
+    named = answer.code == 4 and any(path.name in one for one in (*said, *where))
     text = "; ".join(f"{one}: {other}" for one, other in zip(where, said, strict=True))
     return Outcome("refused by name" if named else "vague", text or answer.message)
 
@@ -543,14 +550,14 @@ def _verified_lights(folder: Path) -> Outcome:
     return Outcome("refused by name" if named else "vague", text or answer.message)
 
 
-def _changed_record(out: Path) -> None:
+def _changed_record(path: Path) -> None:
     """One digit of a figure."""
-    path = out / "detail" / "detail.json"
     record = json.loads(path.read_text())
     record["metrics"]["separability_deg"] += 1
     path.write_text(json.dumps(record, indent=2, ensure_ascii=False) + "\n")
 
 
+@later
 def _linked_archive(folder: Path, change: Change) -> Outcome:
     """An archive that contains a link to the result, and one to itself."""
     out, archive = _result(folder), folder / "archive"
@@ -564,6 +571,7 @@ def _linked_archive(folder: Path, change: Change) -> Outcome:
     return Outcome("refused by name" if named else "vague", text or answer.message)
 
 
+@later
 def _own_file(folder: Path, name: str, *words: str) -> Outcome:
     """An own file that is cut short, used by a later command."""
     out = _result(folder)
@@ -580,262 +588,139 @@ def _own_file(folder: Path, name: str, *words: str) -> Outcome:
 
 def _spheres_raced(folder: Path) -> Outcome:
     """An image of spheres is replaced while their lights are computed."""
-    import calibration
-
-    session = folder / "session"
+    session, lights = folder / "session", folder / "lights.json"
     made = sgp("simulate", "spheres", "--out", session, "--size", "480x384", "--led-count", "8")
     if made.code:
         return Outcome("vague", made.message)
     frame = sorted((session / "frames").iterdir())[2]
-    used = _sha256(frame)
-    with _after(calibration, "calibrate_spheres", lambda: _rewritten(frame)):
-        answer = sgp("calibrate", "spheres", session, "--out", folder / "lights.json")
-    return _raced(answer, folder / "lights.json", frame, used)
+    words = ("calibrate", "spheres", session, "--out", lights)
+    return _raced("calibration.calibrate_spheres", _rewritten, frame, words, lights)
 
 
 _HASH = "the hash of what was used, or the file named"
 _AGAIN = "computed again, and why"
-CASES = (
-    Case("normals_replaced", 3, _HASH, lambda f: _normals_raced(f, _replaced, "src/006.tif")),
-    Case("batch_replaced", 3, "named, and computed again", _batch_raced),
-    Case(
-        "batch_truncated_result",
-        3,
-        _AGAIN,
-        lambda f: _batch_changed_between(f, _truncated, "results/src/normals/normals.exr"),
+CASES = cases(
+    3,
+    (
+        ("normals_replaced", _HASH, _normals_raced(_replaced, "src/006.tif")),
+        ("batch_replaced", "named, and computed again", _batch_raced),
+        (
+            "batch_truncated_result",
+            _AGAIN,
+            _batch_changed_between(_truncated, "results/src/normals/normals.exr"),
+        ),
+        ("verify_changed_output", "the file is named", _verified(_rewritten, "normals/albedo.png")),
+        (
+            "verify_truncated_output",
+            "the file is named",
+            _verified(_truncated, "surface/height.exr"),
+        ),
+        ("verify_clean", "no fault", _verified(Path.exists, harmless=True)),
+        (
+            "own_normals_cut",
+            "the command to run again is named",
+            _own_file("normals/normals.exr", "surface", "OUT/normals"),
+        ),
+        ("batch_long_name", "that recording fails alone", _long_name("n" * 252)),
+        ("batch_scheduler_killed", "exit 3, one line, tables", _lost_scheduler("killed")),
+        ("batch_formula", "escaped", _formula('=HYPERLINK("x","y")')),
+        ("batch_docs_of_workers", "--host and --dashboard-address", _docs_of_workers),
+        ("batch_late_worker", "the finished result stays", _late_worker),
     ),
-    Case(
-        "verify_changed_output",
-        3,
-        "the file is named",
-        lambda f: _verified(f, lambda out: _rewritten(out / "normals/albedo.png"), "albedo.png"),
-    ),
-    Case(
-        "verify_truncated_output",
-        3,
-        "the file is named",
-        lambda f: _verified(f, lambda out: _truncated(out / "surface/height.exr"), "height.exr"),
-    ),
-    Case("verify_clean", 3, "no fault", lambda f: _verified(f, lambda out: None)),
-    Case(
-        "own_normals_cut",
-        3,
-        "the command to run again is named",
-        lambda f: _own_file(f, "normals/normals.exr", "surface", "OUT/normals"),
-    ),
-    Case("batch_long_name", 3, "that recording fails alone", lambda f: _long_name(f, "n" * 252)),
-    Case(
-        "batch_scheduler_killed",
-        3,
-        "exit 3, one line, tables",
-        lambda f: _lost_scheduler(f, "killed"),
-    ),
-    Case("batch_formula", 3, "escaped", lambda f: _formula(f, '=HYPERLINK("x","y")')),
-    Case("batch_docs_of_workers", 3, "--host and --dashboard-address", _docs_of_workers),
-    Case("batch_late_worker", 3, "the finished result stays", _late_worker),
-    *(
-        replace(case, listed=False)
-        for case in (
-            Case(
-                "normals_rewritten_same_time",
-                3,
-                _HASH,
-                lambda f: _normals_raced(f, _rewritten, "src/006.tif"),
+    (
+        ("normals_rewritten_same_time", _HASH, _normals_raced(_rewritten, "src/006.tif")),
+        ("normals_appended", _HASH, _normals_raced(_appended, "src/002.tif")),
+        ("normals_truncated", _HASH, _normals_raced(_truncated, "src/002.tif")),
+        ("normals_deleted", _HASH, _normals_raced(Path.unlink, "src/008.tif")),
+        ("normals_linked", _HASH, _normals_raced(_linked, "src/001.tif")),
+        ("normals_mask_replaced", _HASH, _normals_raced(_replaced, "src/mask.png")),
+        ("normals_lights_edited", _HASH, _normals_raced(_edited, "lights.txt")),
+        ("normals_camera_edited", _HASH, _camera_raced),
+        ("normals_frame_rewritten", _HASH, _session_raced),
+        ("normals_folder_link_turned", _HASH, _folder_raced),
+        ("detail_normals_rewritten", _HASH, _detail_raced),
+        ("run_replaced_after_normals", _HASH, _run_raced),
+        ("spheres_frame_rewritten", _HASH, _spheres_raced),
+        (
+            "normals_only_touched",
+            "no refusal",
+            _normals_raced(os.utime, "src/006.tif", harmless=True),
+        ),
+        (
+            "normals_only_copied",
+            "no refusal",
+            _normals_raced(_copied, "src/006.tif", harmless=True),
+        ),
+        ("normals_only_chmod", "no refusal", _normals_raced(_chmod, "src/006.tif", harmless=True)),
+        ("separate_only_linked", "no refusal", _of_maps_raced("separate", _linked_twice)),
+        ("surface_only_chmod", "no refusal", _of_maps_raced("surface", _chmod)),
+        ("batch_rewritten_same_time", _AGAIN, _batch_changed_between(_rewritten, "src/006.tif")),
+        ("batch_replaced_same_time", _AGAIN, _batch_changed_between(_replaced, "src/006.tif")),
+        (
+            "batch_empty_result",
+            _AGAIN,
+            _batch_changed_between(lambda p: p.write_bytes(b""), "results/src/surface/surface.ply"),
+        ),
+        ("batch_only_chmod", "up to date", _batch_same(_chmod)),
+        (
+            "batch_long_unicode_name",
+            "that recording fails alone",
+            _long_name("\N{GREEK SMALL LETTER OMEGA}" * 125),
+        ),
+        ("batch_formula_at", "escaped", _formula("@SUM(1+1)")),
+        ("batch_formula_minus", "escaped", _formula("-2+3")),
+        ("batch_formula_return", "escaped", _formula("x\r=1+1")),
+        ("batch_formula_tab", "escaped", _formula("\t=1+1")),
+        ("batch_scheduler_ended", "exit 3, one line, tables", _lost_scheduler("ended")),
+        ("verify_missing_output", "the file is named", _verified(Path.unlink, "detail/shape.exr")),
+        ("verify_input_replaced", "the image is named", _verified(_replaced, "../src/004.tif")),
+        ("verify_record_cut", "the record is named", _verified(_truncated, "normals/normals.json")),
+        (
+            "verify_folder_of_results",
+            "the file is named",
+            _verified(_appended, "normals/normals.exr", "."),
+        ),
+        (
+            "verify_record_edited",
+            "the record is named",
+            _verified(_changed_record, "detail/detail.json", "out/detail"),
+        ),
+        (
+            "verify_record_of_stage_gone",
+            "the record is named",
+            _verified(Path.unlink, "surface/surface.json"),
+        ),
+        ("verify_links_in_archive", "the file is named", _linked_archive(_truncated)),
+        (
+            "verify_files_of_macos",
+            "no fault",
+            _verified(_of_macos, "._summary.json", harmless=True),
+        ),
+        ("batch_csv_semicolon", "no formula", _spreadsheet("x;=1+1", ";")),
+        ("batch_csv_tab", "no formula", _spreadsheet("x\t=1+1", "\t")),
+        ("verify_compacted", "no fault", _verified_compacted),
+        ("verify_inputs_gone", "stated, exit 0", _verified_without_inputs),
+        ("verify_lights", "the image is named", _verified_lights),
+        (
+            "own_record_cut",
+            "the command to run again is named",
+            _own_file("normals/normals.json", "export", "OUT"),
+        ),
+        (
+            "own_mask_cut",
+            "the command to run again is named",
+            _own_file("normals/mask.png", "surface", "OUT/normals"),
+        ),
+        (
+            "own_sigma_cut",
+            "the command to run again is named",
+            _own_file(
+                "normals/normal_sigma_deg.exr",
+                "surface",
+                "OUT/normals",
+                "--sigma",
+                "OUT/normals/normal_sigma_deg.exr",
             ),
-            Case(
-                "normals_appended", 3, _HASH, lambda f: _normals_raced(f, _appended, "src/002.tif")
-            ),
-            Case(
-                "normals_truncated",
-                3,
-                _HASH,
-                lambda f: _normals_raced(f, _truncated, "src/002.tif"),
-            ),
-            Case(
-                "normals_deleted",
-                3,
-                _HASH,
-                lambda f: _normals_raced(f, Path.unlink, "src/008.tif"),
-            ),
-            Case("normals_linked", 3, _HASH, lambda f: _normals_raced(f, _linked, "src/001.tif")),
-            Case(
-                "normals_mask_replaced",
-                3,
-                _HASH,
-                lambda f: _normals_raced(f, _replaced, "src/mask.png"),
-            ),
-            Case(
-                "normals_lights_edited",
-                3,
-                _HASH,
-                lambda f: _normals_raced(f, _edited, "lights.txt"),
-            ),
-            Case("normals_camera_edited", 3, _HASH, _camera_raced),
-            Case("normals_frame_rewritten", 3, _HASH, _session_raced),
-            Case("normals_folder_link_turned", 3, _HASH, _folder_raced),
-            Case("detail_normals_rewritten", 3, _HASH, _detail_raced),
-            Case("run_replaced_after_normals", 3, _HASH, _run_raced),
-            Case("spheres_frame_rewritten", 3, _HASH, _spheres_raced),
-            Case(
-                "normals_only_touched",
-                3,
-                "no refusal",
-                lambda f: _normals_raced(f, os.utime, "src/006.tif", harmless=True),
-            ),
-            Case(
-                "normals_only_copied",
-                3,
-                "no refusal",
-                lambda f: _normals_raced(f, _copied, "src/006.tif", harmless=True),
-            ),
-            Case(
-                "normals_only_chmod",
-                3,
-                "no refusal",
-                lambda f: _normals_raced(f, lambda p: p.chmod(0o600), "src/006.tif", harmless=True),
-            ),
-            Case(
-                "separate_only_linked",
-                3,
-                "no refusal",
-                lambda f: _of_maps_raced(f, "separate", _linked_twice),
-            ),
-            Case(
-                "surface_only_chmod",
-                3,
-                "no refusal",
-                lambda f: _of_maps_raced(f, "surface", lambda p: p.chmod(0o600)),
-            ),
-            Case(
-                "batch_rewritten_same_time",
-                3,
-                _AGAIN,
-                lambda f: _batch_changed_between(f, _rewritten, "src/006.tif"),
-            ),
-            Case(
-                "batch_replaced_same_time",
-                3,
-                _AGAIN,
-                lambda f: _batch_changed_between(f, _replaced, "src/006.tif"),
-            ),
-            Case(
-                "batch_empty_result",
-                3,
-                _AGAIN,
-                lambda f: _batch_changed_between(
-                    f, lambda p: p.write_bytes(b""), "results/src/surface/surface.ply"
-                ),
-            ),
-            Case(
-                "batch_only_chmod",
-                3,
-                "up to date",
-                lambda f: _batch_same(f, lambda p: p.chmod(0o600)),
-            ),
-            Case(
-                "batch_long_unicode_name",
-                3,
-                "that recording fails alone",
-                lambda f: _long_name(f, "\N{GREEK SMALL LETTER OMEGA}" * 125),
-            ),
-            Case("batch_formula_at", 3, "escaped", lambda f: _formula(f, "@SUM(1+1)")),
-            Case("batch_formula_minus", 3, "escaped", lambda f: _formula(f, "-2+3")),
-            Case("batch_formula_return", 3, "escaped", lambda f: _formula(f, "x\r=1+1")),
-            Case("batch_formula_tab", 3, "escaped", lambda f: _formula(f, "\t=1+1")),
-            Case(
-                "batch_scheduler_ended",
-                3,
-                "exit 3, one line, tables",
-                lambda f: _lost_scheduler(f, "ended"),
-            ),
-            Case(
-                "verify_missing_output",
-                3,
-                "the file is named",
-                lambda f: _verified(
-                    f, lambda out: (out / "detail/shape.exr").unlink(), "shape.exr"
-                ),
-            ),
-            Case(
-                "verify_input_replaced",
-                3,
-                "the image is named",
-                lambda f: _verified(f, lambda out: _replaced(f / "src/004.tif"), "004.tif"),
-            ),
-            Case(
-                "verify_record_cut",
-                3,
-                "the record is named",
-                lambda f: _verified(
-                    f, lambda out: _truncated(out / "normals/normals.json"), "normals.json"
-                ),
-            ),
-            Case(
-                "verify_folder_of_results",
-                3,
-                "the file is named",
-                lambda f: _verified(
-                    f, lambda out: _appended(out / "normals/normals.exr"), "normals.exr", "."
-                ),
-            ),
-            Case(
-                "verify_record_edited",
-                3,
-                "the record is named",
-                lambda f: _verified(f, _changed_record, "detail.json", "out/detail"),
-            ),
-            Case(
-                "verify_record_of_stage_gone",
-                3,
-                "the record is named",
-                lambda f: _verified(
-                    f, lambda out: (out / "surface/surface.json").unlink(), "surface.json"
-                ),
-            ),
-            Case(
-                "verify_links_in_archive",
-                3,
-                "the file is named",
-                lambda f: _linked_archive(f, _truncated),
-            ),
-            Case(
-                "verify_files_of_macos",
-                3,
-                "no fault",
-                lambda f: _verified(
-                    f, lambda out: (out / "._summary.json").write_bytes(b"\0\5\x16\7\0\2")
-                ),
-            ),
-            Case("batch_csv_semicolon", 3, "no formula", lambda f: _spreadsheet(f, "x;=1+1", ";")),
-            Case("batch_csv_tab", 3, "no formula", lambda f: _spreadsheet(f, "x\t=1+1", "\t")),
-            Case("verify_compacted", 3, "no fault", _verified_compacted),
-            Case("verify_inputs_gone", 3, "stated, exit 0", _verified_without_inputs),
-            Case("verify_lights", 3, "the image is named", _verified_lights),
-            Case(
-                "own_record_cut",
-                3,
-                "the command to run again is named",
-                lambda f: _own_file(f, "normals/normals.json", "export", "OUT"),
-            ),
-            Case(
-                "own_mask_cut",
-                3,
-                "the command to run again is named",
-                lambda f: _own_file(f, "normals/mask.png", "surface", "OUT/normals"),
-            ),
-            Case(
-                "own_sigma_cut",
-                3,
-                "the command to run again is named",
-                lambda f: _own_file(
-                    f,
-                    "normals/normal_sigma_deg.exr",
-                    "surface",
-                    "OUT/normals",
-                    "--sigma",
-                    "OUT/normals/normal_sigma_deg.exr",
-                ),
-            ),
-        )
+        ),
     ),
 )

@@ -87,7 +87,7 @@ def test_optional_arguments_have_names(page):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        pytest.param(["nonsense"], r"sgp has no command nonsense: .* bench \(see `sgp --help`\)"),
+        pytest.param(["nonsense"], r"sgp has no command nonsense: .* detail \(see `sgp --help`\)"),
         pytest.param(["nromals"], r"nromals, did you mean normals\? \(see `sgp --help`\)"),
         pytest.param(
             ["rig", "x"], r"sgp rig has no command x: .*selftest \(see `sgp rig --help`\)"

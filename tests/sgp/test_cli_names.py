@@ -122,7 +122,6 @@ def test_outputs_are_refused_before_the_work(sgp, recording, session, place):
         ("simulate", "list", "--sheet", out.with_suffix(".png")),
         ("rig", "snap", "--rig", "simulated", "--out", out.with_suffix(".tif")),
         ("demo", "--out", out),
-        ("bench", "paper", "--out", out),
     ):
         assert "the name is not UTF-8: choose another name" in sgp(*words).error_line(2)
 

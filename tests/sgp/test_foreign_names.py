@@ -95,8 +95,6 @@ def script(name: str) -> str:
             id="simulate, through the GenTL producer",
         ),
         pytest.param(["sgp", "demo"], id="demo", marks=pytest.mark.slow),
-        pytest.param(["sgp", "bench", "paper", "--out", "t", "--quick"], id="bench",
-                     marks=pytest.mark.slow),
     ],
 )  # fmt: skip
 def test_no_command_executes_files_in_the_working_directory(decoys, words):

@@ -16,7 +16,6 @@ from sgp._overview import Panel, write_overview
 from sgp._pipeline import process
 from sgp._stages import Stopwatch, open_source
 from sgp.app import build, run
-from sgp.commands import bench
 
 
 def dome(size: int = 48) -> processing.NormalMap:
@@ -153,18 +152,6 @@ def test_a_transfer_shows_the_measurement_of_its_errors(tmp_path, monkeypatch) -
     words = ["detail", "transfer", place, place, "--out", str(tmp_path / "out")]
     stages = stages_of(monkeypatch, lambda: run(build(words), words))
     assert stages["measuring errors"] == (7, 7)
-
-
-def test_steps_of_the_papers_tables_state_the_time_left(monkeypatch) -> None:
-    lines: list[str] = []
-    clock = iter([100.0, 106.0, 110.0])
-    monkeypatch.setattr(bench, "note", lines.append)
-    monkeypatch.setattr(bench.time, "monotonic", lambda: next(clock))
-    steps = bench._Steps()
-    steps("a", 0, 40)
-    steps("b", 10, 40)
-    steps("c", 0, 2)
-    assert lines == ["a", "b; about 18 s left for this table", "c"]
 
 
 def test_one_bar_is_shown_at_a_time(monkeypatch) -> None:

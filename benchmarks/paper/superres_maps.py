@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 import processing
 import simulator
-from sgp._paper.exemplars import materials, structured
-from sgp._paper.sources import Sources, relief
+from benchmarks.paper.exemplars import materials, structured
+from benchmarks.paper.sources import Sources, relief
 
 Array = npt.NDArray[np.float64]
 

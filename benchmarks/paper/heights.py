@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import processing
+from benchmarks.paper import figures as paper
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.profile import profile_panels
-from sgp._paper import figures as paper
-from sgp._paper.sources import Sources, bowl
-from sgp._paper.tables import Number, Table
 
 # The substitutes for the paper's two sources, and the file names of their curves.
 _STAND_INS = {"scales (simulated)": "scales", "cloth (simulated)": "cloth"}
@@ -19,11 +19,7 @@ def height_profiles(
     sources: Sources, textures: dict[str, processing.NormalMap], advance: Progress
 ) -> tuple[Table, dict[str, processing.HeightProfile], list[Panel]]:
     """Transfer two details to one target and compare the heights; also returns curves by name."""
-    where, target = (
-        ("bowl (simulated)", bowl(_BOWL_POINTS))
-        if sources.data is None
-        else ("cat", sources.given("diligent/cat"))
-    )
+    where, target = sources.target(_BOWL_POINTS)
     ground = processing.integrate(target)
     profiles: dict[str, processing.HeightProfile] = {}
     panels: list[Panel] = []

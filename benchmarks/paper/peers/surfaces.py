@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import processing
-from sgp._peers.mesh import Float, GridMesh, Mask
+from benchmarks.paper.peers.mesh import Float, GridMesh, Mask
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,12 @@ These are separability, idempotence and transferability.
 from __future__ import annotations
 
 import processing
+from benchmarks.paper import figures as paper
+from benchmarks.paper.sources import DILIGENT, Sources
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.maps import detail_panel, map_panel, normals_panel
-from sgp._paper import figures as paper
-from sgp._paper.sources import DILIGENT, Sources
-from sgp._paper.tables import Number, Table
 
 _SOURCES = (
     "None of the paper's five models is available: other surfaces are used, so the paper's "

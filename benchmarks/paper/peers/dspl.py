@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sgp._peers.mesh import Float, GridMesh, Mask
+from benchmarks.paper.peers.mesh import Float, GridMesh, Mask
 
 
 class Displacement:

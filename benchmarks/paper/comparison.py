@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import processing
 import rig
+from benchmarks.paper.tables import Table
 from sgp._overview import Panel
-from sgp._paper.tables import Table
 
 
 class Picture(NamedTuple):
@@ -42,3 +42,8 @@ class Comparison:
     profiles: dict[str, processing.HeightProfile] = field(default_factory=dict)
     left_out: list[rig.Notice] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
+
+    def add(self, name: str, title: str, columns: int, table: Table, panels: list[Panel]) -> None:
+        """Add a table and a picture with a name and a title."""
+        self.tables.append(table)
+        self.pictures[name] = Picture(title, panels, columns)

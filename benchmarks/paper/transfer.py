@@ -8,14 +8,14 @@ from statistics import fmean, median
 import numpy as np
 
 import processing
+from benchmarks.paper import figures as paper
+from benchmarks.paper.judge import judge
+from benchmarks.paper.measure import IN_NORMALS, METHODS, measure
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.tables import Number, Table, flattened
 from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.maps import normals_panel
-from sgp._paper import figures as paper
-from sgp._paper.judge import judge
-from sgp._paper.measure import IN_NORMALS, METHODS, measure
-from sgp._paper.sources import Sources
-from sgp._paper.tables import Number, Table, flattened
 
 # Cells by quantity and method.
 Rows = dict[str, dict[str, list[Number]]]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import rig
+from benchmarks.paper import figures as paper
+from benchmarks.paper.comparison import Comparison, Picture
+from benchmarks.paper.heights import height_profiles
+from benchmarks.paper.local import local_transfers
+from benchmarks.paper.properties import chain, exchange, of_textures
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.transfer import by_resolution, onto_diligent
 from rig import Progress
-from sgp._paper import figures as paper
-from sgp._paper.comparison import Comparison, Picture
-from sgp._paper.heights import height_profiles
-from sgp._paper.local import local_transfers
-from sgp._paper.properties import chain, exchange, of_textures
-from sgp._paper.sources import Sources
-from sgp._paper.transfer import by_resolution, onto_diligent
 
 _QUICK_POINTS = 50_000
 
@@ -24,7 +24,7 @@ _PREFACE = (
 )
 
 
-def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
+def run_all(*, quick: bool, runs: int | None, advance: Progress) -> Comparison:
     """Compute all tables that the available data allow.
 
     Parameters
@@ -32,10 +32,11 @@ def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
     quick
         Skip the largest numbers of points.
     runs
-        Number of runs per measurement.
+        Number of runs per measurement; default: 10 as in the paper, 1 with `quick`.
     advance
         Called before each step: what it does, and how much of this table is done.
     """
+    runs = runs or (1 if quick else 10)
     sources = Sources.found()
     comparison = Comparison(_PREFACE)
     textures = sources.textures()
@@ -46,18 +47,15 @@ def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
     )
     if sources.data is not None:
         comparison.tables.append(chain(sources, advance))
-    exchanged, panels = exchange(textures, advance)
-    comparison.tables.append(exchanged)
-    comparison.pictures["cross_exchange"] = Picture("Details exchanged (order 8)", panels, 4)
+    exchanged = exchange(textures, advance)
+    comparison.add("cross_exchange", "Details exchanged (order 8)", 4, *exchanged)
     points = [count for count in paper.POINTS if not quick or count <= _QUICK_POINTS]
     tables, panels = by_resolution(sources, points, runs, advance)
     comparison.tables += tables
     comparison.pictures["resolution"] = Picture("One transfer by four methods", panels, 4)
     table, comparison.profiles, panels = height_profiles(sources, textures, advance)
-    comparison.tables.append(table)
-    comparison.pictures["height_profile"] = Picture(
-        "Heights, sorted by the target's (order 8)", panels, 2
-    )
+    title = "Heights, sorted by the target's (order 8)"
+    comparison.add("height_profile", title, 2, table, panels)
     if sources.data is None:
         text = (
             "SGP_DATA is not set: owl, plant, bunny, DiLiGenT targets, chain and local transfers "
@@ -70,9 +68,8 @@ def run_all(*, quick: bool, runs: int, advance: Progress) -> Comparison:
         comparison.pictures["diligent"] = Picture(
             "Cracks on the DiLiGenT targets (order 1)", panels, 5
         )
-        table, panels = local_transfers(sources, advance)
-        comparison.tables.append(table)
-        comparison.pictures["local"] = Picture("Faces transferred to other surfaces", panels, 3)
+        local = local_transfers(sources, advance)
+        comparison.add("local", "Faces transferred to other surfaces", 3, *local)
     if quick:
         text = (
             f"--quick: more than {_QUICK_POINTS} points are left out, and with them the headline "

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from benchmarks.paper.peers import bilaplacian
+from benchmarks.paper.peers.bilaplacian import Bilaplacian
+from benchmarks.paper.peers.dspl import Displacement
+from benchmarks.paper.peers.lapl import LaplacianEditing, superlu
+from benchmarks.paper.peers.mesh import GridMesh
+from benchmarks.paper.sources import bowl
 from processing import ShapeFilter, height_mesh, integrate
-from sgp._paper.sources import bowl
-from sgp._peers import bilaplacian
-from sgp._peers.bilaplacian import Bilaplacian
-from sgp._peers.displacement import Displacement
-from sgp._peers.laplacian import LaplacianEditing, superlu
-from sgp._peers.mesh import GridMesh
 
 DIRECT = partial(LaplacianEditing, factorise=superlu)
 PEERS = [

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 import processing
 import simulator
-from sgp._paper.sources import Sources, relief
+from benchmarks.paper.sources import Sources, relief
 
 SIDE_PX = 256
 _PIXEL_MM = 0.3

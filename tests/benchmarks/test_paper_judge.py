@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.paper.judge import AS_SURFACES, FLOOR, PLAIN, SAME_SURFACES, judge
+from benchmarks.paper.measure import IN_NORMALS
+from benchmarks.paper.peers.surfaces import Surfaces
 from processing import NormalMap, angle_deg
-from sgp._paper.judge import AS_SURFACES, FLOOR, PLAIN, SAME_SURFACES, judge
-from sgp._paper.measure import IN_NORMALS
-from sgp._peers.surfaces import Surfaces
 
 SIDE = 48
 

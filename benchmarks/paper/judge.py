@@ -22,8 +22,8 @@ from typing import Literal
 import numpy as np
 
 import processing
-from sgp._peers.mesh import Mask
-from sgp._peers.surfaces import Surfaces
+from benchmarks.paper.peers.mesh import Mask
+from benchmarks.paper.peers.surfaces import Surfaces
 
 FLOOR = "round trip without transfer"
 PLAIN = ("shape error, deg", "shape SSIM", "detail error, deg", "detail SSIM")

@@ -6,15 +6,15 @@ import numpy as np
 import numpy.typing as npt
 
 import processing
+from benchmarks.paper import figures as paper
+from benchmarks.paper.faces import FACE_W, FACES
+from benchmarks.paper.judge import judge
+from benchmarks.paper.measure import measure
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.maps import normals_panel
-from sgp._paper import figures as paper
-from sgp._paper.faces import FACE_W, FACES
-from sgp._paper.judge import judge
-from sgp._paper.measure import measure
-from sgp._paper.sources import Sources
-from sgp._paper.tables import Number, Table
 
 
 def local_transfers(sources: Sources, advance: Progress) -> tuple[Table, list[Panel]]:

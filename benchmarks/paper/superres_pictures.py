@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import processing
+from benchmarks.paper.comparison import Comparison, Picture
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.superres_maps import head
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_panel, shaded_panel
-from sgp._paper.comparison import Comparison, Picture
-from sgp._paper.sources import Sources
-from sgp._paper.superres_maps import head
-from sgp._paper.tables import Number, Table
 
 # Middles of the parts that are shown, in columns and rows, and their side.
 _PARTS = {"relief 160": (500, 500), "owl": (280, 125)}

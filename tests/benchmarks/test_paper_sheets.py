@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import processing
+from benchmarks.paper import exemplars, sheets
+from benchmarks.paper.__main__ import main
+from benchmarks.paper.sources import Sources
 from rig import no_progress
 from sgp import read_record
-from sgp._paper import exemplars, sheets
-from sgp._paper.comparison import Comparison
-from sgp._paper.sources import Sources
 
 
 @pytest.fixture
@@ -49,12 +49,10 @@ def test_tiles_repeat_and_sheets_do_not(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("small")
-def test_all_tables_are_written(sgp, tmp_path):
-    answer = sgp("bench", "synthesis", "--out", tmp_path / "sheets", "--quick", "--json")
-    assert answer.code == 0, answer.err
-    report = json.loads(answer.out)
-    assert any("SGP_DATA is not set" in line for line in report["warnings"])
-    assert read_record(tmp_path / "sheets" / "bench.json").metrics == {"tables": 5, "quick": True}
+def test_all_tables_are_written(tmp_path, capsys):
+    assert main(["--table", "synthesis", "--out", str(tmp_path / "sheets"), "--quick"]) == 0
+    assert "note: SGP_DATA is not set" in capsys.readouterr().err
+    assert read_record(tmp_path / "sheets" / "bench.json").metrics == {"tables": 5}
     tables = json.loads((tmp_path / "sheets" / "tables.json").read_text(encoding="utf-8"))
     text = (tmp_path / "sheets" / "tables.md").read_text(encoding="utf-8")
     assert set(tables) == {"sheets", "structured", "efros_leung", "cost", "onto_target"}
@@ -83,17 +81,3 @@ def test_materials_differ_by_seed_and_without_data_nothing_was_captured():
     first, second = exemplars.materials(1), exemplars.materials(2)
     assert all(not np.array_equal(first[name].normals, second[name].normals) for name in first)
     assert list(exemplars.captured(Sources(None), complete=True)) == []
-
-
-def test_quick_and_seed_are_used(sgp, tmp_path, monkeypatch):
-    asked = []
-
-    def run(*, quick, seed, advance):
-        asked.append((quick, seed))
-        return Comparison("# Sheets")
-
-    monkeypatch.setattr(sheets, "run_sheets", run)
-    for number, words in enumerate(([], ["--quick", "--seed", 3])):
-        answer = sgp("bench", "synthesis", "--out", tmp_path / str(number), *words)
-        assert answer.code == 0, answer.err
-    assert asked == [(False, 7), (True, 3)]

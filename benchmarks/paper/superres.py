@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from functools import partial
 from pathlib import Path
 
@@ -10,15 +9,15 @@ import numpy as np
 
 import processing
 import rig
+from benchmarks.paper import superres_tables as tables
+from benchmarks.paper.comparison import Comparison
+from benchmarks.paper.measure import cost
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.superres_judge import DOMAINS, Networks, judge
+from benchmarks.paper.superres_maps import judged_maps
+from benchmarks.paper.superres_pictures import add_head, add_parts
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp._paper import superres_tables as tables
-from sgp._paper.comparison import Comparison
-from sgp._paper.measure import peaks
-from sgp._paper.sources import Sources
-from sgp._paper.superres_judge import DOMAINS, Networks, judge
-from sgp._paper.superres_maps import judged_maps
-from sgp._paper.superres_pictures import add_head, add_parts
-from sgp._paper.tables import Number, Table
 from sgp._superres.judgement import Judgement, judged, measure
 from sgp._superres.presets import REPORTED
 
@@ -122,11 +121,7 @@ def _cost(model: processing.SuperResolutionModel, advance: Progress) -> Table:
     rows: dict[str, list[Number]] = {}
     for label, ensemble in (("8 turned copies", True), ("--no-self-ensemble", False)):
         work = partial(processing.super_resolve, rough, 4, model=model, self_ensemble=ensemble)
-        cpu, wall = time.process_time(), time.perf_counter()
-        work()
-        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-        measured = peaks(work, 1)
-        rows[label] = [cpu, wall, measured[0] / 1e6 if measured else None]
+        rows[label] = cost(work)
     return Table(
         "cost",
         "Cost of 1 million pixels",

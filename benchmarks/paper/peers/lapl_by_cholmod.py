@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
-from sgp._paper.measure import run_methods
-from sgp._peers.laplacian import LaplacianEditing
+from benchmarks.paper.measure import run_methods
+from benchmarks.paper.peers.lapl import LaplacianEditing
 
 Double = npt.NDArray[np.float64]
 METHOD = "LAPL, CHOLMOD"

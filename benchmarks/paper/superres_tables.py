@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 import processing
-from sgp._paper import figures as paper
-from sgp._paper.superres_judge import DOMAINS, Domain, Judgement, Networks
-from sgp._paper.tables import Number, Table
+from benchmarks.paper import figures as paper
+from benchmarks.paper.superres_judge import DOMAINS, Domain, Judgement, Networks
+from benchmarks.paper.tables import Number, Table
 from sgp._superres import judgement
 
 # For each map: its class, its name, and its errors.

@@ -57,6 +57,12 @@ class Sources:
             {} if self.data is None else {name: self.given(f"diligent/{name}") for name in DILIGENT}
         )
 
+    def target(self, points: int) -> tuple[str, processing.NormalMap]:
+        """Return the cat of DiLiGenT with its name, or a bowl with about this number of points."""
+        if self.data is None:
+            return "bowl (simulated)", bowl(points)
+        return "cat", self.given("diligent/cat")
+
     def resolution_pair(
         self, points: int
     ) -> tuple[str, processing.NormalMap, processing.NormalMap]:

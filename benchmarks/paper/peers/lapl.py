@@ -17,8 +17,8 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse import linalg
 
-from sgp._peers.bilaplacian import Bilaplacian
-from sgp._peers.mesh import Float, GridMesh, Mask
+from benchmarks.paper.peers.bilaplacian import Bilaplacian
+from benchmarks.paper.peers.mesh import Float, GridMesh, Mask
 
 Double = npt.NDArray[np.float64]
 # Takes a symmetric positive matrix; returns its solver for ``(n, 3)`` right-hand sides.

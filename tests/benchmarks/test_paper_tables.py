@@ -10,15 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.paper import __main__ as command
+from benchmarks.paper import figures as paper
+from benchmarks.paper import run as _paper_run
+from benchmarks.paper.comparison import Comparison
+from benchmarks.paper.faces import FACES
+from benchmarks.paper.measure import METHODS, measure
+from benchmarks.paper.sources import Sources, bowl
+from benchmarks.paper.tables import Table, markdown
 from processing import NormalMap, ShapeFilter, angle_deg, combine, separate
+from rig import no_progress
 from sgp import read_record
-from sgp._paper import figures as paper
-from sgp._paper import run as _paper_run
-from sgp._paper.comparison import Comparison
-from sgp._paper.faces import FACES
-from sgp._paper.measure import METHODS, measure
-from sgp._paper.sources import Sources, bowl
-from sgp._paper.tables import Table, markdown
 from tests.quick_sample import quick
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
@@ -112,24 +114,93 @@ def small(monkeypatch):
     )
 
 
-def test_the_record_has_the_numbers_of_tables_and_runs(sgp, tmp_path, monkeypatch):
-    monkeypatch.setattr(_paper_run, "run_all", lambda **_: Comparison("# Tables"))
-    assert sgp("bench", "paper", "--out", tmp_path, "--quick").code == 0
+@pytest.fixture
+def asked(monkeypatch) -> list[dict[str, object]]:
+    """Return the options of every call; nothing is computed."""
+    calls = []
+
+    def note_options(*, advance, **given):
+        calls.append(given)
+        return Comparison("# Tables")
+
+    for name, (_, options) in command.TABLES.items():
+        monkeypatch.setitem(command.TABLES, name, (note_options, options))
+    return calls
+
+
+def test_the_record_has_the_parameters_and_the_number_of_tables(asked, tmp_path):
+    assert command.main(["--out", str(tmp_path), "--quick"]) == 0
     found = read_record(tmp_path / "bench.json")
-    assert found.command == "sgp bench paper"
-    assert found.metrics == {"tables": 0, "runs": 1, "quick": True}
+    assert found.command == "python -m benchmarks.paper --table transfer"
+    assert found.parameters == {"quick": True, "runs": None}
+    assert found.metrics == {"tables": 0}
+
+
+def test_options_reach_their_tables(asked, tmp_path):
+    for index, words in enumerate(
+        ("", "--quick --runs 4", "--table synthesis", "--table synthesis --quick --seed 3",
+         f"--table superres --models {tmp_path / '0'}")
+    ):  # fmt: skip
+        assert command.main(["--out", str(tmp_path / str(index)), *words.split()]) == 0
+    assert asked == [
+        {"quick": False, "runs": None},
+        {"quick": True, "runs": 4},
+        {"quick": False, "seed": 7},
+        {"quick": True, "seed": 3},
+        {"quick": False, "seed": 7, "models": tmp_path / "0"},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--runs 0", "invalid number value: '0'"),
+        ("--table synthesis --seed -1", "invalid number value: '-1'"),
+        ("--table nonsense", "invalid choice: 'nonsense'"),
+        ("--table superres --runs 2", "--runs is not an option of --table superres"),
+        ("--models .", "--models is not an option of --table transfer"),
+    ],
+)
+def test_bad_options_are_refused(asked, tmp_path, capsys, words, message):
+    with pytest.raises(SystemExit) as ended:
+        command.main(["--out", str(tmp_path / "out"), *words.split()])
+    assert ended.value.code == 2
+    assert message in capsys.readouterr().err
+    assert asked == []
+
+
+def test_folders_that_cannot_be_used_are_refused_before_the_work(asked, tmp_path, capsys):
+    (tmp_path / "a").write_text("kept")
+    assert command.main(["--out", str(tmp_path)]) == 2
+    assert "already contains files" in capsys.readouterr().err
+    words = f"--table superres --models {tmp_path / 'none'} --out {tmp_path / 'b'}".split()
+    assert command.main(words) == 2
+    assert "no such folder" in capsys.readouterr().err
+    assert asked == []
+    assert command.main(["--out", str(tmp_path), "--force"]) == 0
+    assert (tmp_path / "a").read_text() == "kept"
+
+
+def test_steps_state_the_time_left(monkeypatch):
+    lines, clock = [], iter([100.0, 106.0, 110.0])
+    monkeypatch.setattr(command, "note", lines.append)
+    monkeypatch.setattr(command.time, "monotonic", lambda: next(clock))
+    steps = command._Steps()
+    steps("a", 0, 40)
+    steps("b", 10, 40)
+    steps("c", 0, 2)
+    assert lines == ["a", "b; about 18 s left for this table", "c"]
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("small")
-def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeypatch):
+def test_without_data_the_tables_are_simulated_and_say_so(tmp_path, monkeypatch, capsys):
     monkeypatch.delenv("SGP_DATA", raising=False)
-    answer = sgp("bench", "paper", "--out", tmp_path / "tables", "--quick", "--json")
-    assert answer.code == 0, answer.err
-    report = json.loads(answer.out)
-    assert any("SGP_DATA is not set" in line for line in report["warnings"])
-    assert any("--quick" in line for line in report["warnings"])
-    assert "cloth (simulated)" in answer.err
+    assert command.main(["--out", str(tmp_path / "tables"), "--quick"]) == 0
+    said = capsys.readouterr().err
+    assert "note: SGP_DATA is not set" in said
+    assert "note: --quick" in said
+    assert "cloth (simulated)" in said
     made = json.loads((tmp_path / "tables" / "tables.json").read_text(encoding="utf-8"))
     text = (tmp_path / "tables" / "tables.md").read_text(encoding="utf-8")
     assert set(made) == {
@@ -155,9 +226,8 @@ def test_without_data_the_tables_are_simulated_and_say_so(sgp, tmp_path, monkeyp
 @pytest.mark.timeout(900)
 @pytest.mark.usefixtures("small")
 @pytest.mark.slow
-def test_with_data_every_table_is_there(sgp, tmp_path):
-    answer = sgp("bench", "paper", "--out", tmp_path / "tables", "--quick")
-    assert answer.code == 0, answer.err
+def test_with_data_every_table_is_there(tmp_path):
+    assert command.main(["--out", str(tmp_path / "tables"), "--quick"]) == 0
     made = json.loads((tmp_path / "tables" / "tables.json").read_text(encoding="utf-8"))
     check(made, (tmp_path / "tables" / "tables.md").read_text(encoding="utf-8"))
     for key in ("diligent", "diligent_owl"):
@@ -194,18 +264,18 @@ def test_with_data_every_table_is_there(sgp, tmp_path):
     assert max(local["step across the seam over the interior's, normals"]) <= 1.2
 
 
-def test_another_number_of_runs_is_used(monkeypatch, sgp, tmp_path):
-    asked = []
+@pytest.mark.parametrize(
+    ("quick", "runs", "used"), [(False, None, 10), (True, None, 1), (True, 4, 4)]
+)
+def test_the_number_of_runs_depends_on_quick(monkeypatch, quick, runs, used):
+    def note_runs(sources, points, runs, advance):
+        raise ArithmeticError(runs)
 
-    def note_runs(*, quick, runs, advance):
-        asked.append((quick, runs))
-        return Comparison("# Tables")
-
-    monkeypatch.setattr(_paper_run, "run_all", note_runs)
-    for index, words in enumerate(([], ["--quick"], ["--runs", 3], ["--quick", "--runs", 4])):
-        answer = sgp("bench", "paper", "--out", tmp_path / str(index), *words)
-        assert answer.code == 0, answer.err
-    assert asked == [(False, 10), (True, 1), (False, 3), (True, 4)]
+    monkeypatch.delenv("SGP_DATA", raising=False)
+    monkeypatch.setattr(Sources, "textures", lambda self: {"a": bowl(300), "b": bowl(300)})
+    monkeypatch.setattr(_paper_run, "by_resolution", note_runs)
+    with pytest.raises(ArithmeticError, match=str(used)):
+        _paper_run.run_all(quick=quick, runs=runs, advance=no_progress)
 
 
 @pytest.mark.parametrize("method", quick([*METHODS, "LAPL, direct solver"], every=6))

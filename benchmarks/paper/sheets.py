@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import time
 from collections.abc import Sequence
 from functools import partial
 
@@ -12,18 +11,18 @@ import numpy as np
 
 import processing
 import rig
+from benchmarks.paper import figures as paper
+from benchmarks.paper.comparison import Comparison
+from benchmarks.paper.exemplars import captured, materials, structured
+from benchmarks.paper.measure import cost
+from benchmarks.paper.pixel_by_pixel import pixel_by_pixel
+from benchmarks.paper.sources import Sources
+from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_panel
 from sgp._panels.profile import profile_panels
-from sgp._paper import figures as paper
-from sgp._paper.comparison import Comparison, Picture
-from sgp._paper.exemplars import captured, materials, structured
-from sgp._paper.measure import peaks
-from sgp._paper.pixel_by_pixel import pixel_by_pixel
-from sgp._paper.sources import Sources, bowl
-from sgp._paper.tables import Number, Table
 
 PATCH_PX = 48
 _SIDE_PX, _QUICK_SIDE_PX = 2048, 1024
@@ -68,21 +67,16 @@ def run_sheets(*, quick: bool, seed: int, advance: Progress, side: int | None = 
     side = side or (_QUICK_SIDE_PX if quick else _SIDE_PX)
     simulated = materials(seed)
     given = dict(captured(sources, complete=not quick))
-    table, panels = _quality("sheets", simulated | given, side, advance)
-    comparison.tables.append(table)
-    comparison.pictures["sheets"] = Picture("Materials, and sheets made from them", panels, 4)
-    table, panels = _quality("structured", structured(), side, advance)
-    comparison.tables.append(table)
-    comparison.pictures["structured"] = Picture("Ordered structures", panels, 4)
-    table, panels = pixel_by_pixel(simulated | structured(), advance)
-    comparison.tables.append(table)
-    comparison.pictures["efros_leung"] = Picture("Efros-Leung and quilting", panels, 3)
+    materials_made = _quality("sheets", simulated | given, side, advance)
+    comparison.add("sheets", "Materials, and sheets made from them", 4, *materials_made)
+    structures_made = _quality("structured", structured(), side, advance)
+    comparison.add("structured", "Ordered structures", 4, *structures_made)
+    small = pixel_by_pixel(simulated | structured(), advance)
+    comparison.add("efros_leung", "Efros-Leung and quilting", 3, *small)
     comparison.tables.append(_cost(simulated, [_SAME_MPX] if quick else _SIZES_MPX, advance))
     table, comparison.profiles, panels = _onto_target(sources, simulated, advance)
-    comparison.tables.append(table)
-    comparison.pictures["height_profile"] = Picture(
-        "Heights, sorted by the target's (order 8)", panels, 4
-    )
+    title = "Heights, sorted by the target's (order 8)"
+    comparison.add("height_profile", title, 4, table, panels)
     if sources.data is None:
         text = "SGP_DATA is not set: reliefs, owl, plant and cat are left out; all is simulated"
         comparison.left_out.append(rig.Notice("bench-without-data", text))
@@ -148,11 +142,7 @@ def _cost(
         advance(f"cost of {size:g} million pixels", done, len(sizes_mpx))
         side = round(math.sqrt(size * 1e6))
         work = partial(processing.synthesize, exemplar, (side, side), patch=PATCH_PX)
-        cpu, wall = time.process_time(), time.perf_counter()
-        work()
-        cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-        measured = peaks(work, 1)
-        rows[f"{size:g} million pixels"] = [cpu, wall, measured[0] / 1e6 if measured else None]
+        rows[f"{size:g} million pixels"] = cost(work)
     return Table(
         "cost",
         "Cost of sheets",
@@ -170,11 +160,7 @@ def _onto_target(
     sources: Sources, exemplars: dict[str, processing.NormalMap], advance: Progress
 ) -> tuple[Table, dict[str, processing.HeightProfile], list[Panel]]:
     """Put synthesised details on a target, and compare details and heights."""
-    where, target = (
-        ("bowl (simulated)", bowl(_BOWL_POINTS))
-        if sources.data is None
-        else ("cat", sources.given("diligent/cat"))
-    )
+    where, target = sources.target(_BOWL_POINTS)
     shape, ground = processing.separate(target).shape, processing.integrate(target)
     rows: dict[str, list[Number]] = {}
     profiles: dict[str, processing.HeightProfile] = {}

@@ -5,8 +5,8 @@ The process is separate because freed memory that a process keeps hides the memo
 
 from __future__ import annotations
 
-import ctypes
 import json
+import math
 import os
 import subprocess
 import sys
@@ -23,10 +23,11 @@ import numpy.typing as npt
 
 import processing
 import rig
-from sgp._peers.displacement import Displacement
-from sgp._peers.laplacian import LaplacianEditing, superlu
-from sgp._peers.mesh import Float, GridMesh
-from sgp._peers.surfaces import Surfaces
+from benchmarks.harness import peak_begins, resident_bytes
+from benchmarks.paper.peers.dspl import Displacement
+from benchmarks.paper.peers.lapl import LaplacianEditing, superlu
+from benchmarks.paper.peers.mesh import Float, GridMesh
+from benchmarks.paper.peers.surfaces import Surfaces
 
 Method = Literal["DSPL", "LAPL", "LAPL, direct solver", "normals", "normals, order 8"]
 # The methods that the tables compare. The direct solver gives the same result as LAPL.
@@ -190,24 +191,6 @@ class _Bench:
         return self._surfaces.read(result, self._target).normals
 
 
-def _resident_bytes(entry: str) -> int:
-    status = Path("/proc/self/status").read_text(encoding="ascii")
-    line = next(line for line in status.splitlines() if line.startswith(entry))
-    return int(line.split()[1]) * 1024
-
-
-def _peak_begins() -> int | None:
-    """Reset the system's peak of resident memory; return the resident memory now, or None."""
-    try:
-        # Return freed memory to the system; otherwise it would hide the memory of this run.
-        ctypes.CDLL(None).malloc_trim(0)
-        resident = _resident_bytes("VmRSS")
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-    except (OSError, AttributeError):
-        return None
-    return resident
-
-
 def timed(work: Callable[[], Any], runs: int) -> list[float]:
     cpu_s = []
     for _ in range(runs):
@@ -221,11 +204,19 @@ def peaks(work: Callable[[], Any], runs: int) -> list[int]:
     """Measure memory in separate runs, since requesting pages from the system costs time."""
     peaks = []
     for _ in range(runs):
-        before = _peak_begins()
+        before = peak_begins()
         work()
-        if before is not None:
-            peaks.append(_resident_bytes("VmHWM") - before)
-    return peaks
+        peaks.append(resident_bytes("VmHWM") - before)
+    return [int(peak) for peak in peaks if not math.isnan(peak)]
+
+
+def cost(work: Callable[[], Any]) -> list[float | None]:
+    """Return CPU time and elapsed time of one run in s, and the peak of memory of another in MB."""
+    cpu, wall = time.process_time(), time.perf_counter()
+    work()
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    measured = peaks(work, 1)
+    return [cpu, wall, measured[0] / 1e6 if measured else None]
 
 
 def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS) -> None:
