@@ -33,7 +33,7 @@ from ._metering.metered import Metered as Metered
 from ._metering.metered import MeteredLight as MeteredLight
 from ._metering.metered_estimate import estimate_metered as estimate_metered
 from ._metering.metering import meter as meter
-from ._pixels.image_rows import ImageRows as ImageRows
+from ._pixels.images import ImageRows as ImageRows
 from ._pixels.images import read_image as read_image
 from ._pixels.images import read_image_with_alpha as read_image_with_alpha
 from ._pixels.images import write_exr as write_exr
@@ -42,7 +42,6 @@ from ._pixels.images import write_tiff as write_tiff
 from ._pixels.mask_files import read_mask as read_mask
 from ._pixels.mask_files import read_mask_shares as read_mask_shares
 from ._pixels.mask_files import write_mask as write_mask
-from ._pixels.normals_mat import write_normals_mat as write_normals_mat
 from ._pixels.raw import RawFrame as RawFrame
 from ._pixels.raw import read_raw as read_raw
 from ._plan.estimate import PlanEstimate as PlanEstimate
@@ -77,7 +76,6 @@ from ._session.writer import SessionWriter as SessionWriter
 from ._software import SOFTWARE as SOFTWARE
 from ._software import software_version as software_version
 from ._source.exclude import exclude as exclude
-from ._source.flat import apply_flat as apply_flat
 from ._source.identity import Identity as Identity
 from ._source.identity import read_identity as read_identity
 from ._source.linear import Linearizer as Linearizer
@@ -86,17 +84,18 @@ from ._source.linear import same_exposure as same_exposure
 from ._source.reader import read_source as read_source
 from ._source.reduce import crop as crop
 from ._source.reduce import downscale as downscale
-from ._source.reduction import Reduction as Reduction
 from ._source.row_reader import RowReader as RowReader
 from ._source.series_facts import with_time_errors as with_time_errors
 from ._source.source import Frame as Frame
+from ._source.source import Reduction as Reduction
 from ._source.source import Source as Source
+from ._source.source_setup import apply_flat as apply_flat
 from ._source.source_setup import lens_notices as lens_notices
+from ._source.source_setup import sensor_notices as sensor_notices
 from ._source.source_setup import setup_differences as setup_differences
 from ._source.source_setup import setup_notices as setup_notices
 from ._source.source_setup import source_setup as source_setup
-from ._source.with_sensor import sensor_notices as sensor_notices
-from ._source.with_sensor import with_sensor as with_sensor
+from ._source.source_setup import with_sensor as with_sensor
 from ._staging import staged as staged
 from ._storage import check_publishing as check_publishing
 from ._storage import is_part_file as is_part_file
@@ -114,6 +113,7 @@ from ._value_files.flat_json import read_flat as read_flat
 from ._value_files.flat_json import write_flat as write_flat
 from ._value_files.lights import read_lights as read_lights
 from ._value_files.lights import write_lights as write_lights
+from ._value_files.mat5 import write_normals_mat as write_normals_mat
 from ._value_files.near_lights import LightAxes as LightAxes
 from ._value_files.near_lights import NearLights as NearLights
 from ._value_files.near_lights import is_near_lights as is_near_lights

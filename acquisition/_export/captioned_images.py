@@ -12,8 +12,7 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._export.caption import Caption
 from acquisition._pixels.encoded_image import encoded_image, store_image
-from acquisition._pixels.png_chunks import SRGB_CHUNKS, chunk
-from acquisition._pixels.png_file import png_pieces, store_png
+from acquisition._pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 
 

@@ -30,8 +30,7 @@ from acquisition._session.session import Session
 from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
-from acquisition._source.series_facts import orientation_notices
-from acquisition._source.transfer_notice import transfer_notices
+from acquisition._source.series_facts import orientation_notices, transfer_notices
 from acquisition._suffixes import is_raw
 from acquisition._values.lights import Lights
 from acquisition._values.running_numbers import running_number

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._pixels.exif_block import exif_tags
+from acquisition._pixels.exif_block import exif_tags, number_of, xmp_tags
 from acquisition._pixels.opened_image import opened_image, spec_attribute
 from acquisition._pixels.raw import read_raw_header
 from acquisition._pixels.shot_facts import (
@@ -21,7 +21,6 @@ from acquisition._pixels.shot_facts import (
     shot_facts,
 )
 from acquisition._pixels.stated_curve import StatedCurve, stated_curve
-from acquisition._pixels.xmp_packet import number_of, xmp_tags
 from acquisition._suffixes import is_raw
 from acquisition._values.transfer_curve import LINEAR
 from rig import MAX_PIXELS

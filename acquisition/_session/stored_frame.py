@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._pixels.plain_tiff import plain_tiff_header
+from acquisition._pixels.plain_rows import plain_tiff_header
 from acquisition._storage import disk, published, write_whole
 
 # Size of the pieces, small enough to be hashed while still in the cache.

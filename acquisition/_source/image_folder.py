@@ -15,15 +15,14 @@ import numpy as np
 from acquisition._errors import DataError, missing_path
 from acquisition._pixels.image_facts import ImageFacts, image_facts
 from acquisition._pixels.mask_files import read_mask_of
-from acquisition._pixels.raw import read_raw
+from acquisition._pixels.raw import RawLevels, read_levelled, read_raw
 from acquisition._source.alpha_mask import with_alpha_mask
-from acquisition._source.raw_levels import RawLevels, read_levelled
-from acquisition._source.raw_pairs import raw_preferred_notice
 from acquisition._source.references import Reference, reference_notices, split_references
 from acquisition._source.series_facts import (
     exposure_times,
     orientation_notices,
     part_notices,
+    raw_preferred_notice,
     reference_times,
 )
 from acquisition._source.source import Frame, Source

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._source.reduction import Reduction
-from acquisition._source.source import Source
+from acquisition._source.source import Reduction, Source
 from rig import check_type
 
 Float = npt.NDArray[np.float32]

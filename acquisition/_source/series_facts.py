@@ -17,6 +17,7 @@ from acquisition._source.linear import same_exposure
 from acquisition._source.source import Frame
 from acquisition._values.light_errors import LightErrors
 from acquisition._values.lights import Lights
+from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, pluralize
 
 # Exposure times in thirds of a stop, as ISO 2721 marks them; cameras expose for powers of 2^(1/3).
@@ -25,6 +26,7 @@ _MARKINGS: Final = (
     1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400, 8000, 0.3, 0.4, 0.5, 0.6, 0.8, 1, 1.3,
     1.6, 2, 2.5, 3, 3.2, 4, 5, 6,
 )  # fmt: skip
+_WHITE_8_BIT = 255
 
 
 @dataclass(frozen=True)
@@ -191,3 +193,30 @@ def _rounding(exposure_us: float) -> float:
 def _seconds(time_us: float) -> str:
     seconds = time_us / 1e6
     return f"1/{1 / seconds:.3g} s" if seconds < 0.3 else f"{seconds:.3g} s"
+
+
+def raw_preferred_notice(count: int | None, where: str) -> Notice:
+    """Return the notice that camera RAW is used and the other images are not.
+
+    ``count`` is their number, None if more may follow.
+    """
+    text = "the camera stores RAW and other images of the same exposures: the RAW files are used"
+    if count is not None:
+        others = pluralize(count, "other image is", "other images are")
+        text += f", the {others} not"
+    return Notice("raw-preferred", text, where, "info")
+
+
+def transfer_notices(
+    curve: TransferCurve, origin: str, white_level: float, where: str
+) -> tuple[Notice, ...]:
+    """Return a notice about a curve that was chosen, or nothing if there was hardly a choice.
+
+    Samples of more than 8 bits are linear unless metadata say otherwise: that needs no notice. A
+    colour profile is always mentioned, also one that cannot be used, and so is an unknown transfer.
+    """
+    mentioned = "profile" in origin or "unknown" in origin
+    if curve == LINEAR and white_level > _WHITE_8_BIT and not mentioned:
+        return ()
+    text = f"the samples are read as {curve.name} ({origin})"
+    return (Notice("transfer-curve", text, where, "info"),)

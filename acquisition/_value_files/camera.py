@@ -16,7 +16,7 @@ from acquisition._storage import write_durably
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._value_files.alicevision import camera_of_scene
 from acquisition._value_files.colmap import camera_line, colmap_text, finite_numbers
-from acquisition._value_files.mat_variables import read_variables
+from acquisition._value_files.mat5 import read_variables
 from acquisition._value_files.opencv_camera import (
     camera_of_json,
     camera_of_storage,
