@@ -24,10 +24,9 @@ from harness import Cost, alone, command_line, measured
 
 from acquisition import read_source
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 from calibration import linear_stack, open_stack
 
 WIDTH, HEIGHT = 5472, 3648

@@ -28,10 +28,9 @@ from light_accuracy import record
 
 from acquisition import Lights, read_source
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 from calibration import calibrate_spheres
 from processing import integrate, reconstruct
 from simulator import ChromeSphere, Scene, render, scene_named

@@ -30,10 +30,9 @@ from whole_commands import cost as command_cost
 
 from acquisition import Lights, read_source, write_lights, write_mask
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 from calibration import linear_stack
 from processing import Method, normal_uncertainty, photometric_stereo
 from processing._stereo.method import METHODS

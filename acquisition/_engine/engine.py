@@ -16,13 +16,11 @@ from acquisition._engine.same_rig import check_same
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.calibrations import Calibrations
-from acquisition._session.damage import Damage
 from acquisition._session.event_details import check_event
 from acquisition._session.journal import LEFT_OUT
-from acquisition._session.labels import Labels
-from acquisition._session.manifest import FORMAT_VERSION, Manifest
+from acquisition._session.manifest import FORMAT_VERSION, Calibrations, Labels, Manifest
 from acquisition._session.session import Session
+from acquisition._session.session_frame import Damage
 from acquisition._session.writer import SessionWriter
 from rig import Rig
 

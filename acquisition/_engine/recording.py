@@ -20,12 +20,11 @@ from acquisition._errors import DataError
 from acquisition._pixels.frame_quality import FrameQuality, above_dark
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.frame_proofs import CHECKING
 from acquisition._session.journal import Echo, FrameLine
 from acquisition._session.layout import WRITERS
 from acquisition._session.light_proof import BOARD, RIG, wrong_light
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 from rig import FrameLostError, FrameTimeoutError, Rig, RigError, Shot
 
 # Frames that may wait for the disk, in addition to those in the camera's buffers.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.calibrations import Calibrations
+from acquisition._session.manifest import Calibrations
 from acquisition._values.lights import Lights, led_id
 from rig import CameraError, CameraInfo, Rig
 

@@ -21,11 +21,9 @@ from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_
 from acquisition._pixels.image_facts import ImageFacts
 from acquisition._pixels.shot_facts import ShotFacts
 from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine
-from acquisition._session.labels import Labels
 from acquisition._session.layout import is_session
-from acquisition._session.manifest import Manifest
+from acquisition._session.manifest import Calibrations, Labels, Manifest
 from acquisition._session.session import Session
 from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.value_records import TransferRecord

@@ -1,19 +1,22 @@
-"""Calibrated values in ``session.toml``: sensor, transfer curve and camera model."""
+"""Calibrated values as they are stored in ``session.toml`` and in files of their own."""
 
 from __future__ import annotations
 
+import json
 from dataclasses import fields
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.noise_model import NoiseModel
+from acquisition._values.setup import Calibrated, Setup, UsedSphere
 from acquisition._values.transfer_curve import TransferCurve
 
 Size = Annotated[int, Field(ge=1, lt=2**31)]
 Vector = tuple[float, float, float]
+_Positive = Annotated[float, Field(gt=0)]
 
 
 class Table(BaseModel):
@@ -107,3 +110,82 @@ class CameraModelRecord(Table):
             self.lens or "",
             self.focus_mm,
         )
+
+
+class _Camera(Table):
+    vendor: str = ""
+    model: str = ""
+    serial: str = ""
+
+
+class _Sphere(Table):
+    centre_px: tuple[float, float]
+    radius_px: _Positive
+    centre_mm: tuple[float, float, float] | None = None
+    radius_mm: _Positive | None = None
+    recording: str = ""
+
+
+class CalibratedRecord(Table):
+    """Fields of `Calibrated` and its `Setup`; what is not known is absent."""
+
+    time_utc: AwareDatetime | None = None
+    rig: str = ""
+    camera: _Camera | None = None
+    intrinsics: CameraModelRecord | None = None
+    spheres: tuple[_Sphere, ...] = ()
+
+    @classmethod
+    def of(cls, calibrated: Calibrated) -> CalibratedRecord:
+        """Return the record of a value."""
+        setup = calibrated.setup
+        names = {
+            "vendor": setup.camera_vendor,
+            "model": setup.camera_model,
+            "serial": setup.camera_serial,
+        }
+        known = {name: text for name, text in names.items() if text}
+        return cls(
+            time_utc=calibrated.time_utc,
+            rig=setup.rig,
+            camera=_Camera(**known) if known else None,
+            intrinsics=None if setup.intrinsics is None else CameraModelRecord.of(setup.intrinsics),
+            spheres=tuple(
+                _Sphere(
+                    centre_px=sphere.centre_px,
+                    radius_px=sphere.radius_px,
+                    centre_mm=sphere.centre_mm,
+                    radius_mm=sphere.radius_mm,
+                    recording=sphere.recording,
+                )
+                for sphere in calibrated.spheres
+            ),
+        )
+
+    def value(self) -> Calibrated:
+        """Return the value; raise DataError if it is invalid."""
+        camera = self.camera or _Camera()
+        return Calibrated(
+            self.time_utc,
+            Setup(
+                self.rig,
+                camera.vendor,
+                camera.model,
+                camera.serial,
+                None if self.intrinsics is None else self.intrinsics.value(),
+            ),
+            tuple(
+                UsedSphere(
+                    sphere.centre_px,
+                    sphere.radius_px,
+                    sphere.centre_mm,
+                    sphere.radius_mm,
+                    sphere.recording,
+                )
+                for sphere in self.spheres
+            ),
+        )
+
+    def json_text(self) -> str:
+        """Return the record as JSON in one line, without what is not known."""
+        return json.dumps(self.model_dump(mode="json", exclude_none=True, exclude_defaults=True))

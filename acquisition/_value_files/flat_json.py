@@ -14,8 +14,7 @@ from pydantic import ConfigDict, Field
 from acquisition._errors import DataError
 from acquisition._json import parse_json
 from acquisition._pixels.images import read_image, write_exr
-from acquisition._session.calibrated_record import CalibratedRecord
-from acquisition._session.value_records import Table
+from acquisition._session.value_records import CalibratedRecord, Table
 from acquisition._storage import make_folder, write_durably
 from acquisition._text_files import read_text
 from acquisition._values.flat import Flat, FloatImage

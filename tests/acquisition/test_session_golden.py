@@ -25,7 +25,6 @@ import pytest
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.journal import Echo
 from acquisition._session.lights_record import LightsRecord
 from acquisition._session.manifest import (
@@ -38,7 +37,7 @@ from acquisition._session.manifest import (
 )
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 from acquisition._value_files.lights_json import lights_json
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.light_errors import LightErrors

@@ -18,7 +18,7 @@ from acquisition._errors import DataError, StorageError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session import frame_proofs as _frame_proofs
 from acquisition._session.compact import compact_session
-from acquisition._session.damaged import damaged_frames
+from acquisition._session.frame_proofs import damaged_frames
 from acquisition._session.journal import Echo
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
