@@ -111,6 +111,7 @@ from ._value_files.camera import write_camera as write_camera
 from ._value_files.flat_json import flat_files as flat_files
 from ._value_files.flat_json import read_flat as read_flat
 from ._value_files.flat_json import write_flat as write_flat
+from ._value_files.lights import lights_of_rig as lights_of_rig
 from ._value_files.lights import read_lights as read_lights
 from ._value_files.lights import write_lights as write_lights
 from ._value_files.mat5 import write_normals_mat as write_normals_mat
@@ -118,7 +119,6 @@ from ._value_files.near_lights import LightAxes as LightAxes
 from ._value_files.near_lights import NearLights as NearLights
 from ._value_files.near_lights import is_near_lights as is_near_lights
 from ._value_files.near_lights import read_near_lights as read_near_lights
-from ._value_files.rig_lights import lights_of_rig as lights_of_rig
 from ._value_files.sensor_json import read_sensor as read_sensor
 from ._value_files.sensor_json import write_sensor as write_sensor
 from ._value_files.transfer import read_transfer as read_transfer

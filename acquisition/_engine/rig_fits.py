@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from acquisition._errors import DataError
+from acquisition._errors import DataError, named
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.manifest import Calibrations
 from acquisition._values.lights import Lights, led_id
@@ -55,10 +55,8 @@ def check_calibrations(rig: Rig, plan: CapturePlan, calibrations: Calibrations) 
 def _check_lights(lights: Lights, plan: CapturePlan) -> None:
     """Refuse lights that lack an LED of the plan or cannot be matched with the LEDs by name."""
     wanted = [led_id(led) for led in plan.leds]
-    try:
+    with named("the lights do not fit the plan"):
         _, by_name = lights.match(wanted)
-    except DataError as error:
-        raise DataError(f"the lights do not fit the plan: {error}") from error
     if not by_name:
         raise DataError(
             f"the lights are named {lights.ids[0]} and so on, the LEDs of the plan {wanted[0]} and "

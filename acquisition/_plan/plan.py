@@ -22,7 +22,7 @@ from pydantic import (
 from acquisition._errors import DataError
 from acquisition._plan.led_numbers import MOST_LEDS, led_numbers
 from acquisition._plan.planned_shot import PlannedShot, Role
-from acquisition._toml import read_toml, validated
+from acquisition._text_files import read_toml, validated
 from rig import pluralize
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import isqrt
@@ -12,7 +10,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import AwareDatetime, Field, JsonValue, model_validator
 
-from acquisition._errors import DataError
+from acquisition._errors import DataError, named
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.lights_record import LightColumns, LightsRecord
 from acquisition._session.value_records import (
@@ -24,7 +22,7 @@ from acquisition._session.value_records import (
     Vector,
 )
 from acquisition._software import SOFTWARE, software_version
-from acquisition._toml import parse_toml, validated
+from acquisition._text_files import parse_toml, validated
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
@@ -339,23 +337,14 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
             _refuse_added(values, path, tables)
     if version < 4 and "lights" in values:
         columns = validated(_OldLights, {"lights": values["lights"]}, path).lights
-        with _named(path):
+        with named(path):
             values["lights"] = LightsRecord.of(columns.value())
     manifest = validated(Manifest, values, path)
-    with _named(path):
+    with named(path):
         for record in (manifest.camera_model, manifest.sensor, manifest.lights):
             if record is not None:
                 record.value()
     return manifest
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Begin the message of an error with the path."""
-    try:
-        yield
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from error
 
 
 def _listed(versions: tuple[int, ...]) -> str:

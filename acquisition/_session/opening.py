@@ -25,7 +25,7 @@ from acquisition._storage import (
     sync_folder,
     write_durably,
 )
-from acquisition._toml import to_toml
+from acquisition._text_files import to_toml
 from rig import Progress, no_progress
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
 from acquisition._values.camera_model import CameraModel
@@ -89,33 +88,31 @@ class CameraModelRecord(Table):
     @classmethod
     def of(cls, camera: CameraModel) -> CameraModelRecord:
         """Return the record of a camera model."""
-        return cls(
-            K=camera.K.tolist(),
-            distortion=camera.distortion.tolist(),
-            width=camera.width,
-            height=camera.height,
-            working_distance_mm=camera.working_distance_mm,
-            lens=camera.lens or None,
-            focus_mm=camera.focus_mm,
-        )
+        values = {name: getattr(camera, name) for name in CameraModelRecord.model_fields}
+        arrays = {"K": camera.K.tolist(), "distortion": camera.distortion.tolist()}
+        return cls.model_validate({**values, **arrays, "lens": camera.lens or None})
 
     def value(self) -> CameraModel:
         """Return the camera model; raise DataError if the values are invalid."""
-        return CameraModel(
-            np.array(self.K),
-            self.width,
-            self.height,
-            self.working_distance_mm,
-            np.array(self.distortion),
-            self.lens or "",
-            self.focus_mm,
-        )
+        names = set(CameraModelRecord.model_fields)
+        return CameraModel(**self.model_dump(include=names, exclude_none=True))
 
 
-class _Camera(Table):
+class CameraNames(Table):
+    """The names of the camera in a `Setup`; empty texts are not known."""
+
     vendor: str = ""
     model: str = ""
     serial: str = ""
+
+    @classmethod
+    def of(cls, setup: Setup) -> CameraNames:
+        """Return the names of a value."""
+        return cls(vendor=setup.camera_vendor, model=setup.camera_model, serial=setup.camera_serial)
+
+    def value(self, rig: str = "", intrinsics: CameraModel | None = None) -> Setup:
+        """Return the value with the name of a rig and the lens."""
+        return Setup(rig, self.vendor, self.model, self.serial, intrinsics)
 
 
 class _Sphere(Table):
@@ -131,59 +128,29 @@ class CalibratedRecord(Table):
 
     time_utc: AwareDatetime | None = None
     rig: str = ""
-    camera: _Camera | None = None
+    camera: CameraNames | None = None
     intrinsics: CameraModelRecord | None = None
     spheres: tuple[_Sphere, ...] = ()
 
     @classmethod
     def of(cls, calibrated: Calibrated) -> CalibratedRecord:
         """Return the record of a value."""
-        setup = calibrated.setup
-        names = {
-            "vendor": setup.camera_vendor,
-            "model": setup.camera_model,
-            "serial": setup.camera_serial,
-        }
-        known = {name: text for name, text in names.items() if text}
+        setup, names = calibrated.setup, CameraNames.of(calibrated.setup)
         return cls(
             time_utc=calibrated.time_utc,
             rig=setup.rig,
-            camera=_Camera(**known) if known else None,
+            camera=None if names == CameraNames() else names,
             intrinsics=None if setup.intrinsics is None else CameraModelRecord.of(setup.intrinsics),
-            spheres=tuple(
-                _Sphere(
-                    centre_px=sphere.centre_px,
-                    radius_px=sphere.radius_px,
-                    centre_mm=sphere.centre_mm,
-                    radius_mm=sphere.radius_mm,
-                    recording=sphere.recording,
-                )
-                for sphere in calibrated.spheres
-            ),
+            spheres=tuple(_Sphere(**asdict(sphere)) for sphere in calibrated.spheres),
         )
 
     def value(self) -> Calibrated:
         """Return the value; raise DataError if it is invalid."""
-        camera = self.camera or _Camera()
+        intrinsics = None if self.intrinsics is None else self.intrinsics.value()
         return Calibrated(
             self.time_utc,
-            Setup(
-                self.rig,
-                camera.vendor,
-                camera.model,
-                camera.serial,
-                None if self.intrinsics is None else self.intrinsics.value(),
-            ),
-            tuple(
-                UsedSphere(
-                    sphere.centre_px,
-                    sphere.radius_px,
-                    sphere.centre_mm,
-                    sphere.radius_mm,
-                    sphere.recording,
-                )
-                for sphere in self.spheres
-            ),
+            (self.camera or CameraNames()).value(self.rig, intrinsics),
+            tuple(UsedSphere(**sphere.model_dump()) for sphere in self.spheres),
         )
 
     def json_text(self) -> str:

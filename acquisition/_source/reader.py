@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from acquisition._errors import DataError, missing_path
+from acquisition._errors import DataError, missing_path, named
 from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._session.layout import MANIFEST, is_session
 from acquisition._source.clipped import with_clipped
@@ -179,10 +179,8 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
     if unlit:
         source = _without(source, unlit)
     ids = source.light_ids
-    try:
+    with named(source.path):
         indices, by_name = _match(lights, everything, ids)
-    except DataError as error:
-        raise DataError(f"{source.path}: {error}") from error
     warnings = (*source.warnings, *lights.warnings)
     if not by_name:
         by = "order" if indices == sorted(indices) else "the numbers in their names"

@@ -9,13 +9,12 @@ from typing import Annotated, Final, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 from acquisition._errors import DataError
-from acquisition._json import parse_json
 from acquisition._plan.planned_shot import Role
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.value_records import TransferRecord
 from acquisition._source.source import Source
 from acquisition._storage import write_durably
-from acquisition._text_files import read_text
+from acquisition._text_files import parse_json, read_text
 from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
 from acquisition._values.setup import Setup
