@@ -11,7 +11,7 @@ from ._engine.camera_settings import camera_notices as camera_notices
 from ._engine.engine import check_resume as check_resume
 from ._engine.engine import record as record
 from ._engine.engine import resume as resume
-from ._engine.hooks import RecordingHooks as RecordingHooks
+from ._engine.recording import RecordingHooks as RecordingHooks
 from ._engine.rehearsal import rehearse as rehearse
 from ._errors import DataError as DataError
 from ._errors import MissingPathError as MissingPathError
@@ -31,7 +31,7 @@ from ._mesh_files.read import read_mesh_file as read_mesh_file
 from ._metering.light_level import MeteringGoal as MeteringGoal
 from ._metering.metered import Metered as Metered
 from ._metering.metered import MeteredLight as MeteredLight
-from ._metering.metered_estimate import estimate_metered as estimate_metered
+from ._metering.metering import estimate_metered as estimate_metered
 from ._metering.metering import meter as meter
 from ._pixels.images import ImageRows as ImageRows
 from ._pixels.images import read_image as read_image
@@ -44,10 +44,10 @@ from ._pixels.mask_files import read_mask_shares as read_mask_shares
 from ._pixels.mask_files import write_mask as write_mask
 from ._pixels.raw import RawFrame as RawFrame
 from ._pixels.raw import read_raw as read_raw
-from ._plan.estimate import PlanEstimate as PlanEstimate
-from ._plan.estimate import estimate_plan as estimate_plan
-from ._plan.led_numbers import led_numbers as led_numbers
 from ._plan.plan import CapturePlan as CapturePlan
+from ._plan.plan import PlanEstimate as PlanEstimate
+from ._plan.plan import estimate_plan as estimate_plan
+from ._plan.plan import led_numbers as led_numbers
 from ._plan.plan import read_plan as read_plan
 from ._plan.planned_shot import PlannedShot as PlannedShot
 from ._preflight.check import Check as Check

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._export.caption import Caption
-from acquisition._export.captioned_images import write_captioned_exr, write_captioned_png
+from acquisition._export.captioned_images import Caption, write_captioned_exr, write_captioned_png
 from acquisition._export.notes import (
     CAMERA_FILE,
     LIGHTS_FILE,

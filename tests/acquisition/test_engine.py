@@ -15,7 +15,7 @@ import pytest
 
 from acquisition._engine import carry_out as _carry_out
 from acquisition._engine.engine import record
-from acquisition._engine.hooks import RecordingHooks
+from acquisition._engine.recording import RecordingHooks
 from acquisition._engine.rehearsal import rehearse
 from acquisition._errors import StorageError
 from acquisition._pixels.images import read_image

@@ -16,8 +16,7 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import loadmat
 
-from acquisition._export.caption import Caption
-from acquisition._export.captioned_images import write_captioned_png
+from acquisition._export.captioned_images import Caption, write_captioned_png
 from acquisition._export.export import Layout, prepare_export
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image

@@ -12,8 +12,7 @@ import pytest
 
 from acquisition import _part_files, _storage
 from acquisition._errors import DataError, StorageError
-from acquisition._export.caption import Caption
-from acquisition._export.captioned_images import write_captioned_exr, write_captioned_png
+from acquisition._export.captioned_images import Caption, write_captioned_exr, write_captioned_png
 from acquisition._export.tables import write_diligent_tables
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image, write_png

@@ -24,11 +24,11 @@ _WHOLE_CALIBRATION = (_LIGHTS, _PARTS, "calibration/test_spheres_simulated.py")
 _DETAIL = "processing/_detail"
 
 TARGETS: dict[str, tuple[str, ...]] = {
-    "acquisition/_engine/references.py": (
+    "acquisition/_engine/rejection.py": (
         "acquisition/test_references.py",
+        "acquisition/test_rejection.py",
         "acquisition/test_short_brackets.py",
     ),
-    "acquisition/_engine/rejection.py": ("acquisition/test_rejection.py",),
     "acquisition/_engine/agenda.py": (
         "acquisition/test_agenda.py",
         "acquisition/test_judging_order.py",
