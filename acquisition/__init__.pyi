@@ -1,9 +1,9 @@
-from ._bands.band_file import BandFile as BandFile
 from ._bands.band_store import BandStore as BandStore
 from ._bands.band_store import OtherMapsError as OtherMapsError
 from ._bands.band_store import check_unfinished as check_unfinished
 from ._bands.band_store import is_unfinished as is_unfinished
 from ._bands.band_store import remove_unfinished as remove_unfinished
+from ._bands.map_rows import BandFile as BandFile
 from ._bands.map_rows import ComputedRows as ComputedRows
 from ._bands.map_rows import MapRows as MapRows
 from ._bands.map_rows import rows_in_bands as rows_in_bands
@@ -29,8 +29,8 @@ from ._import.watch_shots import lights_in_order as lights_in_order
 from ._mesh_files.mesh_file import MeshFile as MeshFile
 from ._mesh_files.read import read_mesh_file as read_mesh_file
 from ._metering.light_level import MeteringGoal as MeteringGoal
-from ._metering.metered import Metered as Metered
-from ._metering.metered import MeteredLight as MeteredLight
+from ._metering.metering import Metered as Metered
+from ._metering.metering import MeteredLight as MeteredLight
 from ._metering.metering import estimate_metered as estimate_metered
 from ._metering.metering import meter as meter
 from ._pixels.images import ImageRows as ImageRows
@@ -76,12 +76,12 @@ from ._session.writer import SessionWriter as SessionWriter
 from ._software import SOFTWARE as SOFTWARE
 from ._software import software_version as software_version
 from ._source.exclude import exclude as exclude
-from ._source.identity import Identity as Identity
-from ._source.identity import read_identity as read_identity
 from ._source.linear import Linearizer as Linearizer
 from ._source.linear import row_bands as row_bands
 from ._source.linear import same_exposure as same_exposure
 from ._source.reader import read_source as read_source
+from ._source.recording_json import Identity as Identity
+from ._source.recording_json import read_identity as read_identity
 from ._source.reduce import crop as crop
 from ._source.reduce import downscale as downscale
 from ._source.row_reader import RowReader as RowReader

@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from acquisition._bands.band_file import BandFile
+from acquisition._bands.map_rows import BandFile
 from acquisition._errors import DataError, StorageError
 from acquisition._storage import (
     append_durably,

@@ -24,8 +24,8 @@ from acquisition._source.reader import read_source
 from acquisition._source.recording_json import RecordingNotes, read_recording_notes
 from acquisition._source.source import Frame, Source
 from acquisition._storage import disk, make_folder
-from acquisition._suffixes import is_raw
 from acquisition._values.camera_model import CameraModel
+from acquisition._values.image_names import is_raw
 from acquisition._values.lights import Lights, led_id, led_of
 from acquisition._values.running_numbers import order_doubt
 from acquisition._values.transfer_curve import TransferCurve

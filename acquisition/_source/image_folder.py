@@ -17,18 +17,18 @@ from acquisition._pixels.image_facts import ImageFacts, image_facts
 from acquisition._pixels.images import read_image_with_alpha
 from acquisition._pixels.mask_files import above_half, read_mask_of
 from acquisition._pixels.raw import RawLevels, read_levelled, read_raw
-from acquisition._source.references import Reference, reference_notices, split_references
 from acquisition._source.series_facts import (
     exposure_times,
     orientation_notices,
     part_notices,
     raw_preferred_notice,
+    reference_notices,
     reference_times,
+    split_references,
 )
-from acquisition._source.source import Frame, Source
-from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
+from acquisition._source.source import Frame, Reference, Source
 from acquisition._value_files.lights import read_lights
-from acquisition._values.image_names import SAME_NAME
+from acquisition._values.image_names import IMAGE_SUFFIXES, SAME_NAME, is_raw
 from acquisition._values.running_numbers import Numbered, numbers_in, numbers_of, start_of
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize

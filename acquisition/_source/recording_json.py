@@ -1,16 +1,20 @@
-"""recording.json: metadata of exported images, so that they can be read without any loss."""
+"""recording.json: metadata of exported images, so that they can be read without any loss.
+
+The labels that it has, or a session, say what a recording is of.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
-from acquisition._errors import DataError
+from acquisition._errors import DataError, convert_read_errors, missing_path
 from acquisition._plan.planned_shot import Role
-from acquisition._session.manifest import CameraRecord
+from acquisition._session.layout import MANIFEST
+from acquisition._session.manifest import CameraRecord, Manifest, parse_manifest
 from acquisition._session.value_records import TransferRecord
 from acquisition._source.source import Source
 from acquisition._storage import write_durably
@@ -19,7 +23,7 @@ from acquisition._value_files.camera import read_camera
 from acquisition._value_files.lights import read_lights
 from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import LINEAR
-from rig import Notice, pluralize
+from rig import MAX_TOML_BYTES, Notice, pluralize, read_bounded
 
 RECORD_FILE: Final = "recording.json"
 
@@ -197,3 +201,79 @@ def _with_facts(source: Source, notes: RecordingNotes) -> Source:
         return source
     curve = LINEAR if notes.transfer is None else notes.transfer.value()
     return replace(source, transfer=curve, transfer_origin=RECORD_FILE)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Object, circumstances and rights of a recording, for people; empty if not known.
+
+    Parameters
+    ----------
+    object, operator, place, notes, rights
+        As `Labels`.
+    started_utc
+        Start of the recording in ISO 8601 format.
+    simulated
+        Whether the rig or the camera was simulated.
+    """
+
+    object: str = ""
+    operator: str = ""
+    place: str = ""
+    notes: str = ""
+    rights: str = ""
+    started_utc: str = ""
+    simulated: bool = False
+
+
+def read_identity(path: str | Path) -> Identity | None:
+    """Return the identity that a file of a recording states.
+
+    Parameters
+    ----------
+    path
+        ``session.toml`` of a session or ``recording.json`` of an export.
+
+    Returns
+    -------
+    Identity or None
+        None for a file of another name.
+
+    Raises
+    ------
+    MissingPathError
+        If there is no such file.
+    DataError
+        If it is invalid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Labels, import_frames, read_identity, read_source, write_png
+    >>> write_png("card.png", np.full((4, 5), 700, np.uint16))
+    >>> session = import_frames(read_source("card.png"), "session", Labels(object_name="card"))
+    >>> read_identity("session/session.toml").object
+    'card'
+    """
+    path = Path(path)
+    if path.name == MANIFEST:
+        with convert_read_errors(path):
+            stated: Manifest | RecordingNotes = parse_manifest(
+                read_bounded(path, MAX_TOML_BYTES), path
+            )
+    elif path.name == RECORD_FILE:
+        notes = read_recording_notes(path.parent)
+        if notes is None:
+            raise missing_path(path, "file")
+        stated = notes
+    else:
+        return None
+    return Identity(
+        stated.object,
+        stated.operator,
+        stated.place,
+        stated.notes,
+        stated.rights,
+        stated.started_utc.isoformat(timespec="seconds"),
+        stated.simulated,
+    )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -14,7 +15,7 @@ import numpy as np
 from acquisition._errors import DataError
 from acquisition._pixels.image_facts import ImageFacts
 from acquisition._source.linear import same_exposure
-from acquisition._source.source import Frame
+from acquisition._source.source import Frame, Reference
 from acquisition._values.light_errors import LightErrors
 from acquisition._values.lights import Lights
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
@@ -27,6 +28,8 @@ _MARKINGS: Final = (
     1.6, 2, 2.5, 3, 3.2, 4, 5, 6,
 )  # fmt: skip
 _WHITE_8_BIT = 255
+# At the beginning of a name, or as its last word (``sample_raw_ambient``).
+_NAME: Final = re.compile(r"(?:^|.*[-_. ](?=[a-z]+[-_. ]?\d*$))(dark|ambient)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -220,3 +223,40 @@ def transfer_notices(
         return ()
     text = f"the samples are read as {curve.name} ({origin})"
     return (Notice("transfer-curve", text, where, "info"),)
+
+
+def split_references(
+    images: Sequence[Path], listed: int = 0
+) -> tuple[list[Path], dict[Path, Reference]]:
+    """Return the images that are no dark or ambient frames, and those that are, with their roles.
+
+    Names that begin with ``dark`` or ``ambient``, or whose last word does, are such frames. If more
+    than half of the images have such names, they belong to an object, and none is.
+    ``listed`` is the number of other images that a list of lights names.
+    """
+    found: dict[Path, Reference] = {}
+    for path in images:
+        match = _NAME.match(path.stem)
+        if match is not None:
+            found[path] = "dark" if match[1].casefold() == "dark" else "ambient"
+    if listed + len(images) - len(found) < max(1, len(found)):
+        return list(images), {}
+    return [path for path in images if path not in found], found
+
+
+def reference_notices(
+    folder: Path, references: Mapping[Path, Reference], assumed: bool
+) -> tuple[Notice, ...]:
+    """Return the notice that names the roles of reference frames; none without any.
+
+    ``assumed`` is whether one has the exposure time of the images because it states none.
+    """
+    if not references:
+        return ()
+    roles: tuple[Reference, ...] = ("dark", "ambient")
+    counts = [(role, sum(other == role for other in references.values())) for role in roles]
+    found = " and ".join(pluralize(count, f"{role} frame") for role, count in counts if count)
+    text = f"{found}, by name ({next(iter(references)).name})"
+    if assumed:
+        text += ", with the exposure time of the images"
+    return (Notice("reference-frames-found", text, str(folder), "info"),)

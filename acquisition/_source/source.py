@@ -25,6 +25,7 @@ from rig import MAX_PIXELS, Notice, pluralize, short_repr
 
 Sample = TypeVar("Sample", bound=np.generic)
 SourceKind = Literal["session", "diligent", "lp", "images"]
+Reference = Literal["ambient", "dark"]
 MaskOrigin = Literal["given", "folder", "recording", "alpha"]
 
 
