@@ -162,6 +162,11 @@ class Recording:
         self._queue = queue
         self._hooks = hooks
         self._references = references
+        self._rejection = partial(
+            rejection,
+            range_dn=references.range_dn,
+            max_clipped_fraction=plan.max_clipped_fraction,
+        )
         # Exposure times so short that a frame without visible light was kept.
         self._unseen_us: set[float] = set()
         self._todo = Agenda(writer.missing)
@@ -358,7 +363,7 @@ class Recording:
         if planned.led is None:
             # Measured now, because later frames are compared with it.
             quality = self._writer.measure(planned, shot.frame.pixels)
-            counts = self._rejection(planned, quality) is None
+            counts = self._rejection(planned, quality, dark=None) is None
             if counts:
                 self._references.note(planned, quality)
         dark, light = self._references.dark(planned), self._references.light(planned)
@@ -404,7 +409,7 @@ class Recording:
     ) -> Stored:
         frame, range_dn = shot.frame, self._references.range_dn
         quality = quality or self._writer.measure(planned, frame.pixels)
-        rejected = self._rejection(planned, quality, dark, light)
+        rejected = self._rejection(planned, quality, dark=dark, seen=light)
         line = self._writer.write_frame(
             planned,
             frame.pixels,
@@ -422,22 +427,6 @@ class Recording:
             before_line=turn,
         )
         return Stored(planned, line, rejected)
-
-    def _rejection(
-        self,
-        planned: PlannedShot,
-        quality: FrameQuality,
-        dark: FrameQuality | None = None,
-        light: SeenLight | None = None,
-    ) -> RigError | DataError | None:
-        return rejection(
-            planned,
-            quality,
-            dark=dark,
-            seen=light,
-            range_dn=self._references.range_dn,
-            max_clipped_fraction=self._plan.max_clipped_fraction,
-        )
 
     def _write_event(self, name: str, details: Mapping[str, Any], turn: Turn) -> None:
         turn()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -22,68 +21,42 @@ from acquisition._values.transfer_curve import LINEAR, TransferCurve
 
 @dataclass(frozen=True)
 class Caption:
-    """Texts for human readers; empty if not known.
+    """Texts about an image for human readers, from ``session.toml``.
 
     Parameters
     ----------
-    title
-        Name of the object.
-    creator
-        Name of the operator.
-    place, notes, rights
-        The session's entries of the same names.
-    taken
-        Time at which the recording began.
-    simulated
-        Whether rig or camera were simulated, which the description then says.
-    software
-        Name and version of the program that recorded the session.
+    manifest
+        Names of object, operator and place, notes, rights, software, and when the recording began.
+        The description says if rig or camera were simulated.
     exposure_us
         Exposure time of this image, microseconds; None if not known.
     """
 
-    title: str
-    creator: str
-    place: str
-    notes: str
-    rights: str
-    taken: datetime
-    software: str
+    manifest: Manifest
     exposure_us: float | None = None
-    simulated: bool = False
-
-    @classmethod
-    def of(cls, manifest: Manifest, exposure_us: float | None = None) -> Caption:
-        """Build a caption from the texts of a session."""
-        return cls(
-            title=manifest.object,
-            creator=manifest.operator,
-            place=manifest.place,
-            notes=manifest.notes,
-            rights=manifest.rights,
-            taken=manifest.started_utc,
-            software=f"{manifest.software.name} {manifest.software.version}",
-            exposure_us=exposure_us,
-            simulated=manifest.simulated,
-        )
 
     @property
     def description(self) -> str:
         """The notes, after a mark if the recording is simulated."""
-        marks = ("SIMULATED",) if self.simulated else ()
-        return ": ".join(filter(None, (*marks, self.notes)))
+        marks = ("SIMULATED",) if self.manifest.simulated else ()
+        return ": ".join(filter(None, (*marks, self.manifest.notes)))
+
+    @property
+    def software(self) -> str:
+        """Name and version of the program that recorded the session."""
+        return f"{self.manifest.software.name} {self.manifest.software.version}"
 
     def texts(self) -> dict[str, str]:
         """Return the non-empty fields by keyword; the keywords are PNG's where PNG defines one."""
         exposure = "" if self.exposure_us is None else f"{self.exposure_us:.10g} us"
         fields = {
-            "Title": self.title,
-            "Author": self.creator,
+            "Title": self.manifest.object,
+            "Author": self.manifest.operator,
             "Description": self.description,
-            "Copyright": self.rights,
-            "Creation Time": self.taken.isoformat(),
+            "Copyright": self.manifest.rights,
+            "Creation Time": self.manifest.started_utc.isoformat(),
             "Software": self.software,
-            "Location": self.place,
+            "Location": self.manifest.place,
             "Exposure": exposure,
         }
         return {keyword: text for keyword, text in fields.items() if text}
@@ -93,12 +66,12 @@ class Caption:
         nanoseconds = None if self.exposure_us is None else round(self.exposure_us * 1000)
         exposure = "" if nanoseconds is None else f"{nanoseconds}/1000000000"
         lines = [
-            _listed("dc:title", "Alt", self.title),
-            _listed("dc:creator", "Seq", self.creator),
+            _listed("dc:title", "Alt", self.manifest.object),
+            _listed("dc:creator", "Seq", self.manifest.operator),
             _listed("dc:description", "Alt", self.description),
-            _listed("dc:rights", "Alt", self.rights),
-            _plain("Iptc4xmpCore:Location", self.place),
-            _plain("xmp:CreateDate", self.taken.isoformat()),
+            _listed("dc:rights", "Alt", self.manifest.rights),
+            _plain("Iptc4xmpCore:Location", self.manifest.place),
+            _plain("xmp:CreateDate", self.manifest.started_utc.isoformat()),
             _plain("xmp:CreatorTool", self.software),
             _plain("exif:ExposureTime", exposure),
         ]
@@ -197,13 +170,13 @@ def write_captioned_exr(
     if transfer == LINEAR:
         spec.attribute("oiio:ColorSpace", "linear")
     standard = {
-        "DocumentName": caption.title,
-        "Artist": caption.creator,
+        "DocumentName": caption.manifest.object,
+        "Artist": caption.manifest.operator,
         "ImageDescription": caption.description,
-        "Copyright": caption.rights,
-        "DateTime": f"{caption.taken:%Y:%m:%d %H:%M:%S}",
+        "Copyright": caption.manifest.rights,
+        "DateTime": f"{caption.manifest.started_utc:%Y:%m:%d %H:%M:%S}",
         "Software": caption.software,
-        "Location": caption.place,
+        "Location": caption.manifest.place,
         "XMP": caption.xmp(),
     }
     for name, value in {**standard, **attributes}.items():
@@ -224,11 +197,8 @@ def _curve_chunks(transfer: TransferCurve) -> list[bytes]:
             return []
         case "srgb":
             return list(SRGB_CHUNKS)
-    return [chunk(b"gAMA", _gamma(transfer.exponent or 1.0))]
-
-
-def _gamma(exponent: float) -> bytes:
-    return struct.pack(">I", round(100_000 / exponent))
+    gamma = round(100_000 / (transfer.exponent or 1.0))
+    return [chunk(b"gAMA", struct.pack(">I", gamma))]
 
 
 def _international(keyword: str, text: str) -> bytes:

@@ -124,7 +124,7 @@ class Export:
 
     def _write_image(self, path: Path, frame: Frame, index: int) -> None:
         noted = self.notes.frames[index]
-        caption = Caption.of(self.session.manifest, noted.exposure_us)
+        caption = Caption(self.session.manifest, noted.exposure_us)
         if self.layout == "exr":
             attributes = exr_attributes(self.notes, noted, self._lights, frame.light_id)
             write_captioned_exr(

@@ -18,7 +18,7 @@ from typing import BinaryIO, Final
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._bands.map_rows import MapRows
+from acquisition._bands.map_rows import MapRows, rows_in_bands
 from acquisition._errors import DataError, StorageError
 from acquisition._storage import disk, library_path, open_binary, published, write_whole
 
@@ -102,9 +102,7 @@ def png_pieces(
     # Runs of equal bytes after a difference to the left: measured maps become as small as by the
     # search for repeated strings, in half of its time.
     encoder = zlib.compressobj(1, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
-    step = max(1, _BAND_BYTES // (width * channels * size))
-    for top in range(0, height, step):
-        rows = slice(top, min(top + step, height))
+    for rows in rows_in_bands(height, width * channels * size, _BAND_BYTES):
         band = pixels[rows].reshape(-1, width, channels - (alpha is not None))
         if alpha is not None:
             band = np.dstack([band, alpha[rows]])

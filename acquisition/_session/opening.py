@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition._errors import DataError, MissingPathError, StorageError
@@ -53,37 +52,12 @@ def lock_session(folder: Path) -> int:
     return lock_folder(folder)
 
 
-@dataclass(frozen=True, eq=False)
-class TakenUp:
-    """A reopened session, ready for new frames.
-
-    Parameters
-    ----------
-    session
-        The session after reopening.
-    journal
-        The open journal.
-    lock
-        Descriptor that holds the lock until it is closed.
-    proofs
-        Checks of its frames.
-    events
-        Events of the frames that were set aside now.
-    """
-
-    session: Session
-    journal: JournalFile
-    lock: int
-    proofs: FrameProofs
-    events: tuple[EventLine, ...]
-
-
 def take_up(
     folder: Path,
     *,
     set_aside_damaged: bool = False,
     on_progress: Progress = no_progress,
-) -> TakenUp:
+) -> tuple[Session, JournalFile, int, FrameProofs, tuple[EventLine, ...]]:
     """Lock an incomplete session for this process alone and prepare it for new frames.
 
     Parameters
@@ -95,6 +69,19 @@ def take_up(
         frame is reopened, too.
     on_progress
         Receives the stage ``checking recorded frames``, one step per frame.
+
+    Returns
+    -------
+    session
+        The session after reopening.
+    journal
+        The open journal.
+    lock
+        Descriptor that holds the lock until it is closed.
+    proofs
+        Checks of its frames.
+    events
+        Events of the frames that were set aside now.
 
     Raises
     ------
@@ -125,7 +112,7 @@ def take_up(
     except BaseException:
         os.close(lock)
         raise
-    return TakenUp(session, journal, lock, proofs, events)
+    return session, journal, lock, proofs, events
 
 
 def _reopened(examination: Examination, session: Session) -> JournalFile:

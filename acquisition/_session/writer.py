@@ -156,17 +156,10 @@ class SessionWriter:
         StorageError
             If another process records into it, or the disk refuses.
         """
-        taken = take_up(Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress)
-        session = taken.session
-        return cls(
-            session.folder,
-            session.manifest,
-            taken.journal,
-            taken.lock,
-            session,
-            taken.proofs,
-            taken.events,
+        session, journal, lock, proofs, events = take_up(
+            Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress
         )
+        return cls(session.folder, session.manifest, journal, lock, session, proofs, events)
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:

@@ -33,9 +33,6 @@ _SELECT = (
     ("DeviceTemperatureSelector", ("Sensor", "SensorBoard", "Mainboard")),
 )
 _MICROSECONDS = {"": 1.0, "us": 1.0, "µs": 1.0, "μs": 1.0, "ms": 1e3, "s": 1e6, "ns": 1e-3}
-# Symbols of the shutter modes, in lower case without underscores.
-_ROLLING = ("rolling",)
-_GLOBAL = ("global",)
 TRIGGER_NODES = (("TriggerMode",), ("TriggerSource",))
 COMMAND = "TriggerSoftware"
 # The selector's symbol for "one frame per trigger", the first that a camera offers.
@@ -169,9 +166,9 @@ class Settings:
             return "global"
         mode = nodes.text(SHUTTER)
         plain = mode.lower().replace("_", "")
-        if plain in _ROLLING:
+        if plain == "rolling":
             return "rolling"
-        if plain in _GLOBAL:
+        if plain == "global":
             return "global"
         raise CameraError(
             f"camera {nodes.camera}, {nodes.name(SHUTTER)}: in the mode {mode} rows are exposed "
