@@ -66,3 +66,12 @@ def convert_read_errors(path: Path) -> Iterator[None]:
         raise
     except FileNotFoundError as error:
         raise missing_path(path, "file") from error
+
+
+@contextmanager
+def named(where: object) -> Iterator[None]:
+    """Begin the message of a DataError with the file or the part that it is about."""
+    try:
+        yield
+    except DataError as error:
+        raise DataError(f"{where}: {error}") from error

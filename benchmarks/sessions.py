@@ -10,10 +10,9 @@ from typing import Any
 import numpy.typing as npt
 
 from acquisition import CapturePlan, PlannedShot
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 
 
 def write_session(

@@ -15,12 +15,10 @@ import struct
 import tokenize
 import tomllib
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
-
-from rig._file_status import note_read
+from typing import Any, Final, NamedTuple, Self
 
 # A plan of 60,000 LEDs has 0.4 MB, a session.toml with 4096 lights has 1 MB.
 MAX_TOML_BYTES: Final = 2 << 20
@@ -73,6 +71,92 @@ _PROVOKED: Final[tuple[type[Exception], ...]] = (
 )
 _LONGEST_REASON: Final = 120
 _BINARY: Final = getattr(os, "O_BINARY", 0)
+
+
+class FileStatus(NamedTuple):
+    """What differs if a file was replaced or changed, even if its time was set back.
+
+    The number of its inode is not part of it: exFAT and several network file systems give a file
+    another one after a while.
+
+    Parameters
+    ----------
+    size
+        Bytes.
+    mtime_ns, ctime_ns
+        Times of the last change of the content and of the file itself, in ns; programs can set the
+        first one only.
+    """
+
+    size: int
+    mtime_ns: int
+    ctime_ns: int
+
+    @classmethod
+    def of(cls, status: os.stat_result) -> Self:
+        """Return the part of a status that a reading does not change."""
+        return cls(status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+
+
+_read: dict[Path, FileStatus] | None = None
+
+
+@contextmanager
+def files_read() -> Iterator[Mapping[Path, FileStatus]]:
+    """Collect the files that are read in the block, by all threads of this process.
+
+    Yields
+    ------
+    Mapping[Path, FileStatus]
+        The status of each file when it was first opened, by its absolute path.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import files_read, read_bounded
+    >>> _ = Path("notes.txt").write_text("owl")
+    >>> with files_read() as found:
+    ...     _ = read_bounded(Path("notes.txt"))
+    >>> [(path.name, status.size) for path, status in found.items()]
+    [('notes.txt', 3)]
+    """
+    global _read  # readers have no other way to reach the command that they work for
+    before, _read = _read, {}
+    try:
+        yield _read
+    finally:
+        _read = before
+
+
+def note_read(path: Path, descriptor: int) -> os.stat_result:
+    """Return the status of an open file, which is kept if it is the first one inside `files_read`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import note_read
+    >>> _ = Path("notes.txt").write_text("owl")
+    >>> with Path("notes.txt").open("rb") as file:
+    ...     note_read(Path("notes.txt"), file.fileno()).st_size
+    3
+    """
+    status = os.fstat(descriptor)
+    if _read is not None:
+        _read.setdefault(Path(os.path.abspath(path)), FileStatus.of(status))
+    return status
+
+
+def status_when_read(path: Path) -> FileStatus | None:
+    """Return the status that a file had when it was first opened; None if it was not noted.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from rig import status_when_read
+    >>> status_when_read(Path("notes.txt")) is None
+    True
+    """
+    return None if _read is None else _read.get(Path(os.path.abspath(path)))
 
 
 class SgpError(Exception):

@@ -1,10 +1,10 @@
-"""A notice: what a function reports to people besides its result."""
+"""What functions report to people besides their result: notices, counts and progress."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final, Literal, Protocol, get_args
 
 Severity = Literal["info", "warning", "error"]
 
@@ -51,3 +51,50 @@ class Notice:
 
     def __str__(self) -> str:
         return f"{self.where}: {self.text}" if self.where else self.text
+
+
+def pluralize(count: int, singular: str, plural: str | None = None) -> str:
+    """Return a count and its noun in the right number: ``1 frame``, ``3 frames``.
+
+    Parameters
+    ----------
+    count
+        The number.
+    singular
+        The words for 1, which may include the verb: ``frame is``.
+    plural
+        The words for other numbers. Default: ``singular`` with an s.
+
+    Examples
+    --------
+    >>> from rig import pluralize
+    >>> pluralize(1, "frame"), pluralize(3, "frame is", "frames are")
+    ('1 frame', '3 frames are')
+    """
+    return f"{count} {singular if count == 1 else plural or f'{singular}s'}"
+
+
+class Progress(Protocol):
+    """Callback that receives the progress of a long operation. An error it raises ends it."""
+
+    def __call__(self, stage: str, done: int, total: int, /) -> None:
+        """Report that ``done`` of ``total`` steps of a stage are finished.
+
+        Parameters
+        ----------
+        stage
+            Name of the stage for the user, for instance ``reading``.
+        done, total
+            Numbers of steps of this stage. ``total`` may grow while the stage runs.
+        """
+        ...
+
+
+def no_progress(stage: str, done: int, total: int, /) -> None:
+    """Report nothing; the default of functions that take a `Progress`.
+
+    Examples
+    --------
+    >>> from rig import no_progress
+    >>> no_progress("reading", 3, 12)
+    """

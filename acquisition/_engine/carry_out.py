@@ -9,10 +9,16 @@ from typing import Any, Final
 
 import numpy as np
 
-from acquisition._engine.hooks import RecordingHooks
-from acquisition._engine.recording import ROOM, THREADS, Recording, StoppedError, Stored
-from acquisition._engine.references import References
-from acquisition._engine.stop_request import StopRequest
+from acquisition._engine.recording import (
+    ROOM,
+    THREADS,
+    Recording,
+    RecordingHooks,
+    StoppedError,
+    StopRequest,
+    Stored,
+)
+from acquisition._engine.rejection import References
 from acquisition._engine.write_queue import WriteQueue
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.quality import measure_quality

@@ -8,21 +8,23 @@ from typing import Any
 
 from acquisition._engine.camera_settings import settings_events
 from acquisition._engine.carry_out import STALL_S, carry_out
-from acquisition._engine.hooks import RecordingHooks
-from acquisition._engine.references import References
-from acquisition._engine.rig_fits import check_calibrations, check_exposures
-from acquisition._engine.rig_records import camera_record, rig_record
-from acquisition._engine.same_rig import check_same
+from acquisition._engine.recording import RecordingHooks
+from acquisition._engine.rejection import References
+from acquisition._engine.rig_records import (
+    camera_record,
+    check_calibrations,
+    check_exposures,
+    check_same,
+    rig_record,
+)
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.calibrations import Calibrations
-from acquisition._session.damage import Damage
 from acquisition._session.event_details import check_event
 from acquisition._session.journal import LEFT_OUT
-from acquisition._session.labels import Labels
-from acquisition._session.manifest import FORMAT_VERSION, Manifest
+from acquisition._session.manifest import FORMAT_VERSION, Calibrations, Labels, Manifest
 from acquisition._session.session import Session
+from acquisition._session.session_frame import Damage
 from acquisition._session.writer import SessionWriter
 from rig import Rig
 

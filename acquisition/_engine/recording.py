@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
 from collections import Counter
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
-from typing import Any, Final, cast
+from types import FrameType, TracebackType
+from typing import Any, Final, Self, cast
 
 from acquisition._engine.agenda import Agenda
-from acquisition._engine.hooks import RecordingHooks
-from acquisition._engine.references import References, quality_of
-from acquisition._engine.rejection import SeenLight, rejection
-from acquisition._engine.stop_request import StopRequest
+from acquisition._engine.rejection import References, SeenLight, quality_of, rejection
 from acquisition._engine.write_queue import Turn, WriteQueue
 from acquisition._errors import DataError
 from acquisition._pixels.frame_quality import FrameQuality, above_dark
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.frame_proofs import CHECKING
 from acquisition._session.journal import Echo, FrameLine
 from acquisition._session.layout import WRITERS
 from acquisition._session.light_proof import BOARD, RIG, wrong_light
-from acquisition._session.writer import SessionWriter
-from rig import FrameLostError, FrameTimeoutError, Rig, RigError, Shot
+from acquisition._session.writer import CameraReport, SessionWriter
+from rig import FrameLostError, FrameTimeoutError, Progress, Rig, RigError, Shot, no_progress
 
+OnFrame = Callable[[FrameLine], None]
+OnEvent = Callable[[str, Mapping[str, Any]], None]
 # Frames that may wait for the disk, in addition to those in the camera's buffers.
 ROOM: Final = 5
 # Two: while one waits for the disk to flush, the other computes.
@@ -37,6 +38,81 @@ THREADS: Final = WRITERS
 LOST_RETAKES: Final = 3
 # Interval between looks at the checks and at Ctrl-C.
 _LOOK_S: Final = 0.2
+
+
+@dataclass(frozen=True)
+class RecordingHooks:
+    """Callbacks of a recording.
+
+    All except ``on_stop`` are called on the thread that takes the shots, between two shots.
+
+    Parameters
+    ----------
+    on_frame
+        Called with its line when a frame that counts is safe on disk.
+    on_progress
+        Receives the stage ``recording``, one step per frame that counts, and after the last shot
+        the stage ``checking recorded frames`` while earlier frames are read back.
+    on_event
+        Called for each event that is written to the journal, with its name and details.
+    on_stop
+        Called inside the signal handler when Ctrl-C is pressed once.
+    on_damage
+        Called when a frame that was recorded earlier turns out to be damaged, with a description in
+        one line. The missing shots are still taken; then the recording ends with this error.
+    before_flats
+        Called once before the first flat. When it returns, the white card must be under the camera,
+        unless Ctrl-C was pressed meanwhile.
+    """
+
+    on_frame: OnFrame | None = None
+    on_progress: Progress = no_progress
+    on_event: OnEvent | None = None
+    on_stop: Callable[[], None] | None = None
+    on_damage: Callable[[str], None] | None = None
+    before_flats: Callable[[], None] | None = None
+
+
+class StopRequest:
+    """Handles SIGINT inside its ``with`` block, on the main thread, unless SIGINT is ignored.
+
+    Parameters
+    ----------
+    on_stop
+        Called at the first Ctrl-C inside the signal handler, so it must be brief and safe there.
+    """
+
+    def __init__(self, on_stop: Callable[[], None] | None = None) -> None:
+        self.asked = False
+        self._on_stop = on_stop
+        self._before: Any = None
+
+    def __enter__(self) -> Self:
+        if threading.current_thread() is threading.main_thread():
+            before = signal.getsignal(signal.SIGINT)
+            if callable(before):
+                self._before = before
+                signal.signal(signal.SIGINT, self._handle)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+            self._before = None
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self.asked:
+            self._before(number, frame)
+            # The previous handler may return; the recording ends in any case.
+            raise KeyboardInterrupt
+        self.asked = True
+        if self._on_stop is not None:
+            self._on_stop()
 
 
 class StoppedError(KeyboardInterrupt):
@@ -86,6 +162,11 @@ class Recording:
         self._queue = queue
         self._hooks = hooks
         self._references = references
+        self._rejection = partial(
+            rejection,
+            range_dn=references.range_dn,
+            max_clipped_fraction=plan.max_clipped_fraction,
+        )
         # Exposure times so short that a frame without visible light was kept.
         self._unseen_us: set[float] = set()
         self._todo = Agenda(writer.missing)
@@ -282,7 +363,7 @@ class Recording:
         if planned.led is None:
             # Measured now, because later frames are compared with it.
             quality = self._writer.measure(planned, shot.frame.pixels)
-            counts = self._rejection(planned, quality) is None
+            counts = self._rejection(planned, quality, dark=None) is None
             if counts:
                 self._references.note(planned, quality)
         dark, light = self._references.dark(planned), self._references.light(planned)
@@ -328,7 +409,7 @@ class Recording:
     ) -> Stored:
         frame, range_dn = shot.frame, self._references.range_dn
         quality = quality or self._writer.measure(planned, frame.pixels)
-        rejected = self._rejection(planned, quality, dark, light)
+        rejected = self._rejection(planned, quality, dark=dark, seen=light)
         line = self._writer.write_frame(
             planned,
             frame.pixels,
@@ -346,22 +427,6 @@ class Recording:
             before_line=turn,
         )
         return Stored(planned, line, rejected)
-
-    def _rejection(
-        self,
-        planned: PlannedShot,
-        quality: FrameQuality,
-        dark: FrameQuality | None = None,
-        light: SeenLight | None = None,
-    ) -> RigError | DataError | None:
-        return rejection(
-            planned,
-            quality,
-            dark=dark,
-            seen=light,
-            range_dn=self._references.range_dn,
-            max_clipped_fraction=self._plan.max_clipped_fraction,
-        )
 
     def _write_event(self, name: str, details: Mapping[str, Any], turn: Turn) -> None:
         turn()

@@ -1,20 +1,112 @@
-"""Images for other programs: marked as linear, with the caption in their metadata."""
+"""Images for other programs: marked as linear, with texts about the recording in their metadata."""
 
 from __future__ import annotations
 
+import re
 import struct
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
-from acquisition._export.caption import Caption
 from acquisition._pixels.encoded_image import encoded_image, store_image
-from acquisition._pixels.png_chunks import SRGB_CHUNKS, chunk
-from acquisition._pixels.png_file import png_pieces, store_png
+from acquisition._pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
+from acquisition._session.manifest import Manifest
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
+
+
+@dataclass(frozen=True)
+class Caption:
+    """Texts about an image for human readers, from ``session.toml``.
+
+    Parameters
+    ----------
+    manifest
+        Names of object, operator and place, notes, rights, software, and when the recording began.
+        The description says if rig or camera were simulated.
+    exposure_us
+        Exposure time of this image, microseconds; None if not known.
+    """
+
+    manifest: Manifest
+    exposure_us: float | None = None
+
+    @property
+    def description(self) -> str:
+        """The notes, after a mark if the recording is simulated."""
+        marks = ("SIMULATED",) if self.manifest.simulated else ()
+        return ": ".join(filter(None, (*marks, self.manifest.notes)))
+
+    @property
+    def software(self) -> str:
+        """Name and version of the program that recorded the session."""
+        return f"{self.manifest.software.name} {self.manifest.software.version}"
+
+    def texts(self) -> dict[str, str]:
+        """Return the non-empty fields by keyword; the keywords are PNG's where PNG defines one."""
+        exposure = "" if self.exposure_us is None else f"{self.exposure_us:.10g} us"
+        fields = {
+            "Title": self.manifest.object,
+            "Author": self.manifest.operator,
+            "Description": self.description,
+            "Copyright": self.manifest.rights,
+            "Creation Time": self.manifest.started_utc.isoformat(),
+            "Software": self.software,
+            "Location": self.manifest.place,
+            "Exposure": exposure,
+        }
+        return {keyword: text for keyword, text in fields.items() if text}
+
+    def xmp(self) -> str:
+        """Return an XMP packet: Dublin Core, plus IPTC Core for the place and Exif for exposure."""
+        nanoseconds = None if self.exposure_us is None else round(self.exposure_us * 1000)
+        exposure = "" if nanoseconds is None else f"{nanoseconds}/1000000000"
+        lines = [
+            _listed("dc:title", "Alt", self.manifest.object),
+            _listed("dc:creator", "Seq", self.manifest.operator),
+            _listed("dc:description", "Alt", self.description),
+            _listed("dc:rights", "Alt", self.manifest.rights),
+            _plain("Iptc4xmpCore:Location", self.manifest.place),
+            _plain("xmp:CreateDate", self.manifest.started_utc.isoformat()),
+            _plain("xmp:CreatorTool", self.software),
+            _plain("exif:ExposureTime", exposure),
+        ]
+        return _PACKET.format(fields="".join(lines))
+
+
+_PACKET = """<?xpacket begin="\ufeff" id="W5M0MpCehiHzreSzNTczkc9d"?>
+<x:xmpmeta xmlns:x="adobe:ns:meta/">
+ <rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
+  <rdf:Description rdf:about=""
+    xmlns:dc="http://purl.org/dc/elements/1.1/"
+    xmlns:xmp="http://ns.adobe.com/xap/1.0/"
+    xmlns:exif="http://ns.adobe.com/exif/1.0/"
+    xmlns:Iptc4xmpCore="http://iptc.org/std/Iptc4xmpCore/1.0/xmlns/">
+{fields}  </rdf:Description>
+ </rdf:RDF>
+</x:xmpmeta>
+<?xpacket end="w"?>"""
+
+
+def _plain(name: str, text: str) -> str:
+    return f"   <{name}>{_xml(text)}</{name}>\n" if text else ""
+
+
+def _listed(name: str, kind: str, text: str) -> str:
+    if not text:
+        return ""
+    language = ' xml:lang="x-default"' if kind == "Alt" else ""
+    item = f"<rdf:li{language}>{_xml(text)}</rdf:li>"
+    return f"   <{name}><rdf:{kind}>{item}</rdf:{kind}></{name}>\n"
+
+
+def _xml(text: str) -> str:
+    """Escape a text; characters that XML 1.0 does not allow become spaces."""
+    return escape(re.sub("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", " ", text))
 
 
 def write_captioned_png(
@@ -78,13 +170,13 @@ def write_captioned_exr(
     if transfer == LINEAR:
         spec.attribute("oiio:ColorSpace", "linear")
     standard = {
-        "DocumentName": caption.title,
-        "Artist": caption.creator,
+        "DocumentName": caption.manifest.object,
+        "Artist": caption.manifest.operator,
         "ImageDescription": caption.description,
-        "Copyright": caption.rights,
-        "DateTime": f"{caption.taken:%Y:%m:%d %H:%M:%S}",
+        "Copyright": caption.manifest.rights,
+        "DateTime": f"{caption.manifest.started_utc:%Y:%m:%d %H:%M:%S}",
         "Software": caption.software,
-        "Location": caption.place,
+        "Location": caption.manifest.place,
         "XMP": caption.xmp(),
     }
     for name, value in {**standard, **attributes}.items():
@@ -105,11 +197,8 @@ def _curve_chunks(transfer: TransferCurve) -> list[bytes]:
             return []
         case "srgb":
             return list(SRGB_CHUNKS)
-    return [chunk(b"gAMA", _gamma(transfer.exponent or 1.0))]
-
-
-def _gamma(exponent: float) -> bytes:
-    return struct.pack(">I", round(100_000 / exponent))
+    gamma = round(100_000 / (transfer.exponent or 1.0))
+    return [chunk(b"gAMA", struct.pack(">I", gamma))]
 
 
 def _international(keyword: str, text: str) -> bytes:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._export.caption import Caption
-from acquisition._export.captioned_images import write_captioned_exr, write_captioned_png
+from acquisition._export.captioned_images import Caption, write_captioned_exr, write_captioned_png
 from acquisition._export.notes import (
     CAMERA_FILE,
     LIGHTS_FILE,
@@ -125,7 +124,7 @@ class Export:
 
     def _write_image(self, path: Path, frame: Frame, index: int) -> None:
         noted = self.notes.frames[index]
-        caption = Caption.of(self.session.manifest, noted.exposure_us)
+        caption = Caption(self.session.manifest, noted.exposure_us)
         if self.layout == "exr":
             attributes = exr_attributes(self.notes, noted, self._lights, frame.light_id)
             write_captioned_exr(

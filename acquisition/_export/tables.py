@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._pixels.normals_mat import write_normals_mat
 from acquisition._storage import write_durably
 from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
+from acquisition._value_files.mat5 import write_normals_mat
 from acquisition._values.lights import Array, Lights
 
 

@@ -14,21 +14,18 @@ from acquisition._pixels.image_facts import image_facts
 from acquisition._pixels.images import write_exr
 from acquisition._pixels.mask_files import write_mask
 from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.calibrations import Calibrations
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.journal import FrameLine
-from acquisition._session.labels import Labels
 from acquisition._session.layout import MASK, TRUE_NORMALS
-from acquisition._session.manifest import Manifest
+from acquisition._session.manifest import Calibrations, Labels, Manifest
 from acquisition._session.session import Session
 from acquisition._session.value_records import TransferRecord
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._source.recording_json import RecordingNotes, read_recording_notes
 from acquisition._source.source import Frame, Source
 from acquisition._storage import disk, make_folder
-from acquisition._suffixes import is_raw
 from acquisition._values.camera_model import CameraModel
+from acquisition._values.image_names import is_raw
 from acquisition._values.lights import Lights, led_id, led_of
 from acquisition._values.running_numbers import order_doubt
 from acquisition._values.transfer_curve import TransferCurve

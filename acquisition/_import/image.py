@@ -12,7 +12,7 @@ from acquisition._errors import DataError
 from acquisition._pixels.image_facts import ImageFacts, image_facts
 from acquisition._pixels.images import Image, read_image
 from acquisition._pixels.raw import read_raw
-from acquisition._suffixes import is_raw
+from acquisition._values.image_names import is_raw
 from rig import MAX_PIXELS
 
 # Some cameras measure the black level for each frame: allowed difference, relative to white.

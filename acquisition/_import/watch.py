@@ -18,21 +18,17 @@ from acquisition._import.watch_files import Recorded, WatchedFolder
 from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
 from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
 from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
-from acquisition._pixels.image_facts import ImageFacts
-from acquisition._pixels.shot_facts import ShotFacts
+from acquisition._pixels.image_facts import ImageFacts, ShotFacts
 from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine
-from acquisition._session.labels import Labels
 from acquisition._session.layout import is_session
-from acquisition._session.manifest import Manifest
+from acquisition._session.manifest import Calibrations, Labels, Manifest
 from acquisition._session.session import Session
 from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.value_records import TransferRecord
 from acquisition._session.writer import SessionWriter
-from acquisition._source.series_facts import orientation_notices
-from acquisition._source.transfer_notice import transfer_notices
-from acquisition._suffixes import is_raw
+from acquisition._source.series_facts import orientation_notices, transfer_notices
+from acquisition._values.image_names import is_raw
 from acquisition._values.lights import Lights
 from acquisition._values.running_numbers import running_number
 from acquisition._values.transfer_curve import LINEAR, TransferCurve

@@ -13,8 +13,8 @@ from acquisition._errors import DataError, MissingPathError
 from acquisition._import.image import ImportedImage, read_for_import
 from acquisition._import.watch_match import Arrival
 from acquisition._session.session_frame import pixels_sha256
-from acquisition._source.raw_pairs import raw_preferred_notice
-from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
+from acquisition._source.series_facts import raw_preferred_notice
+from acquisition._values.image_names import IMAGE_SUFFIXES, is_raw
 from acquisition._values.running_numbers import in_order
 from rig import MAX_PIXELS, Notice
 

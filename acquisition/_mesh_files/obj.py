@@ -8,8 +8,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.numbers import numbers_of, whole
+from acquisition._mesh_files.mesh_file import MeshFile, numbers_of, whole
 from acquisition._mesh_files.polygons import triangles_of
 from rig import UnreadableError
 

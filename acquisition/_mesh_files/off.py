@@ -9,8 +9,7 @@ import re
 
 import numpy as np
 
-from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.numbers import numbers_of, whole
+from acquisition._mesh_files.mesh_file import MeshFile, numbers_of, whole
 from acquisition._mesh_files.polygons import triangles_of
 from rig import UnreadableError
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.numbers import whole
+from acquisition._mesh_files.mesh_file import MeshFile, whole
 from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body
 from acquisition._mesh_files.ply_header import Element, read_header
 from acquisition._mesh_files.polygons import triangles_of

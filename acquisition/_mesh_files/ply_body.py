@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._mesh_files.numbers import numbers_of
+from acquisition._mesh_files.mesh_file import numbers_of
 from acquisition._mesh_files.ply_header import Element
 from rig import UnreadableError, pluralize
 

@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.numbers import numbers_of
+from acquisition._mesh_files.mesh_file import MeshFile, numbers_of
 from rig import Notice, UnreadableError
 
 _HEAD: Final = 84

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.numbers import numbers_of
+from acquisition._mesh_files.mesh_file import MeshFile, numbers_of
 from rig import Notice, UnreadableError, pluralize
 
 Double = npt.NDArray[np.float64]

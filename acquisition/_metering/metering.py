@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,10 +18,15 @@ from acquisition._metering.light_level import (
     reached,
     stepped_us,
 )
-from acquisition._metering.metered import Metered, MeteredLight
-from acquisition._plan.plan import CapturePlan
-from rig import Progress, Rig, RigError, no_progress
+from acquisition._plan.plan import CapturePlan, PlanEstimate, frame_bytes
+from rig import Notice, Progress, Rig, RigError, no_progress, short_repr
 
+_CODES: Final = {
+    "dead": "led-dead",
+    "too dark": "metering-too-dark",
+    "too bright": "metering-too-bright",
+    "coarse": "metering-coarse",
+}
 # Trial shots of an LED.
 MOST_TRIALS = 16
 # An LED whose frame is above the unlit frame by less than this share and these grey values is dead:
@@ -30,6 +36,97 @@ _LEAST_DN = 1.0
 # Share of the longest time for which the board keeps an LED on; settling and repeated commands
 # need the rest.
 _SHARE_OF_HOLD = 0.5
+
+
+@dataclass(frozen=True)
+class MeteredLight:
+    """Result of metering one LED.
+
+    Parameters
+    ----------
+    led
+        The LED.
+    exposure_us
+        Chosen exposure as requested from the camera, microseconds.
+    level
+        Percentile reached at this exposure, as a fraction of the range from black to white.
+    clipped_fraction
+        Share of saturated samples at this exposure.
+    shots
+        Number of trial frames.
+    state
+        ``ok``, ``too dark`` at the longest exposure, ``too bright`` at the shortest, ``coarse`` if
+        the camera's exposure steps are too large to reach the target, or ``dead`` without light.
+    """
+
+    led: int
+    exposure_us: float
+    level: float
+    clipped_fraction: float
+    shots: int
+    state: str
+
+
+@dataclass(frozen=True)
+class Metered:
+    """Result of metering a plan.
+
+    Parameters
+    ----------
+    plan
+        The plan with the metered exposures and without dead LEDs.
+    lights
+        Results of all LEDs, in the order of the original plan.
+    goal
+        Target of the metering.
+    black_dn, white_dn
+        Black and white level that fractions refer to.
+    """
+
+    plan: CapturePlan
+    lights: tuple[MeteredLight, ...]
+    goal: MeteringGoal
+    black_dn: float
+    white_dn: float
+
+    __repr__ = short_repr
+
+    @property
+    def dead_leds(self) -> tuple[int, ...]:
+        """LEDs that gave no light."""
+        return tuple(light.led for light in self.lights if light.state == "dead")
+
+    @property
+    def warnings(self) -> tuple[Notice, ...]:
+        """Warnings for the operator."""
+        lines = {
+            "dead": "gives no light up to {0:g} ms: left out; check its wire, or list it in "
+            "dead_leds",
+            "too dark": "reaches {1:.0%} of full scale at the longest exposure of {0:g} ms: raise "
+            "the gain or the longest exposure, or open the lens",
+            "too bright": "is saturated at the shortest exposure of {0:g} ms: close the lens",
+            "coarse": "is at {1:.0%} of full scale at {0:g} ms: no tested exposure is closer to "
+            "the target",
+        }
+        return tuple(
+            Notice(
+                _CODES[light.state],
+                f"LED {light.led} "
+                + lines[light.state].format(light.exposure_us / 1000, light.level),
+            )
+            for light in self.lights
+            if light.state != "ok"
+        )
+
+    def details(self) -> dict[str, Any]:
+        """Return the details of the event ``metered`` of a session."""
+        return {
+            **asdict(self.goal),
+            "black_dn": self.black_dn,
+            "white_dn": self.white_dn,
+            "lights": [asdict(light) for light in self.lights],
+            "dead_leds": list(self.dead_leds),
+        }
 
 
 def meter(
@@ -232,3 +329,55 @@ def _brackets(
                 f"{range_us[1]:g} us; change the ratios of exposures_us in the plan"
             )
     return exposures
+
+
+def estimate_metered(
+    plan: CapturePlan, *, each: bool, width: int, height: int, frame_s: float = 0.0
+) -> tuple[PlanEstimate, int]:
+    """Estimate the most that a plan costs if its exposures are metered.
+
+    If each LED gets its own exposures, each needs its own dark and ambient frames; LEDs of nearly
+    the same strength share them, so that fewer may be recorded. The exposure times are those of the
+    plan, because metering has not been done.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    each
+        Whether each LED is metered, or one exposure is chosen for all.
+    width, height
+        Size of a frame of 16-bit samples, pixels.
+    frame_s
+        Overhead of a frame in addition to its exposure, seconds.
+
+    Returns
+    -------
+    PlanEstimate, int
+        Shots that are recorded, and the most trial shots, which are not; ``exposure_s`` and
+        ``seconds`` include one trial shot of each LED, the least.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, estimate_metered
+    >>> plan = CapturePlan(leds="0-35", exposures_us=(10_000.0,))
+    >>> estimate_metered(plan, each=True, width=640, height=512)
+    (PlanEstimate(shots=72, exposure_s=1.08, seconds=1.08, bytes=47185920), 576)
+    """
+    shots = plan.shots()
+    exposures_us = [shot.exposure_us or 0.0 for shot in shots]
+    unlit_us = [shot.exposure_us or 0.0 for shot in shots if shot.role in ("dark", "ambient")]
+    own_us = [plan.exposure_us(led, b) for led in plan.leds for b in range(len(plan.exposures_us))]
+    if each:
+        # As many unlit frames of each exposure time as the plan has, for those of all LEDs.
+        roles = len(unlit_us) // len(plan.distinct_exposures_us)
+        exposures_us = [
+            *(shot.exposure_us or 0.0 for shot in shots if shot.role in ("light", "flat")),
+            *own_us * roles,
+        ]
+    count = len(exposures_us)
+    first_us = [plan.exposure_us(led, 0) for led in plan.leds]
+    exposure_s = (sum(exposures_us) + sum(first_us)) / 1e6
+    seconds = exposure_s + (count + len(first_us)) * frame_s
+    size = count * frame_bytes(width, height)
+    return PlanEstimate(count, exposure_s, seconds, size), MOST_TRIALS * len(plan.leds)

@@ -11,6 +11,8 @@ import errno
 import math
 import os
 import shutil
+import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -23,7 +25,6 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._bands.map_rows import MapRows
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.opened_image import first_line, opened_image
-from acquisition._pixels.scratch import scratch_file
 from acquisition._storage import disk, library_path, published, write_whole
 from rig import UnreadableError, convert_parser_errors
 
@@ -33,6 +34,8 @@ Pixels = npt.NDArray[np.generic]
 _BAND_BYTES = 1 << 20
 _STRIP = 32
 _PART = 1 << 20
+# Larger files are on the disk.
+_IN_MEMORY = 128 << 20
 
 
 @contextmanager
@@ -169,3 +172,25 @@ def _same_bits(stored: Pixels, pixels: Pixels) -> bool:
     bits = f"u{pixels.itemsize}"
     one, other = (np.ascontiguousarray(part).view(bits).ravel() for part in (stored, pixels))
     return np.array_equal(one, other)
+
+
+@contextmanager
+def scratch_file(size: int, folder: Path) -> Iterator[Path]:
+    """Yield the name of a new file that no other process can name, and remove it afterwards.
+
+    On Linux the file is in memory, or in ``folder`` without a name if it may have more than 128 MB,
+    so that a killed process leaves nothing behind. On other systems it is in a private temporary
+    folder.
+    """
+    if sys.platform == "linux" and size > _IN_MEMORY:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            yield Path(f"/proc/self/fd/{file.fileno()}")
+    elif sys.platform == "linux":
+        descriptor = os.memfd_create("image", os.MFD_CLOEXEC)
+        try:
+            yield Path(f"/proc/self/fd/{descriptor}")
+        finally:
+            os.close(descriptor)
+    else:
+        with tempfile.TemporaryDirectory(prefix="sgp-") as folder:
+            yield Path(folder) / "image"

@@ -37,7 +37,7 @@ def read_mask(
            [False,  True, False],
            [False, False,  True]])
     """
-    return _inside(_read_samples(path, size, max_pixels))
+    return above_half(_read_samples(path, size, max_pixels))
 
 
 def read_mask_of(path: Path, images: ImageFacts, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
@@ -152,13 +152,13 @@ def _read_samples(
     # NaN counts as transparent.
     if alpha is not None and not (alpha >= _full(alpha)).all():
         seen = pixels[alpha > 0]
-        if (seen != seen[:1]).any() and (_inside(samples) != _inside(alpha)).any():
+        if (seen != seen[:1]).any() and (above_half(samples) != above_half(alpha)).any():
             raise DataError(
                 f"{path}: its colours and its transparency give two different masks: save it "
                 "without transparency, with the object in white"
             )
         samples = alpha
-    if not _inside(samples).any():
+    if not above_half(samples).any():
         raise DataError(
             f"{path}: a mask with nothing inside: paint what belongs to it in white, brighter "
             "than half of the range"
@@ -170,6 +170,7 @@ def _full(values: npt.NDArray[Any]) -> float:
     return 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
 
 
-def _inside(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+def above_half(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Return where values are above half of the range of their type, or above .5 in floats."""
     inside: npt.NDArray[np.bool_] = values > values.dtype.type(_full(values) / 2)
     return inside

@@ -15,9 +15,9 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._pixels.image_head import check_image_head
-from acquisition._pixels.png_chunks import SIGNATURE, check_png
+from acquisition._pixels.png_file import SIGNATURE, check_png
 from acquisition._storage import library_path
-from acquisition._suffixes import is_raw
+from acquisition._values.image_names import is_raw
 from rig import UnreadableError, check_pixels, convert_parser_errors, read_head
 
 _NATIVE: dict[str, type[np.generic]] = {

@@ -1,7 +1,8 @@
-"""PNG files, encoded in bands of rows, and read back after writing.
+"""PNG files: their chunks, and files that are encoded in bands of rows and read back after writing.
 
 zlib compresses in this process and reports every failure, unlike the encoders of the image
-libraries. So the file needs no second decoding: its bytes on the disk are compared instead.
+libraries. So a file needs no second decoding: its bytes on the disk are compared instead. Chunks
+are checked before decoding, because the decoder prints errors to stderr.
 """
 
 from __future__ import annotations
@@ -12,20 +13,67 @@ import struct
 import zlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._bands.map_rows import MapRows
-from acquisition._errors import StorageError
-from acquisition._pixels.png_chunks import SIGNATURE, chunk
+from acquisition._bands.map_rows import MapRows, rows_in_bands
+from acquisition._errors import DataError, StorageError
 from acquisition._storage import disk, library_path, open_binary, published, write_whole
 
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PART: Final = 1 << 18
 _COLOUR_TYPES: Final = {1: 0, 2: 4, 3: 2, 4: 6}  # by channels: grey, grey + alpha, RGB, RGBA
 _SUB: Final = 1  # each byte minus that of the pixel to the left
 _BAND_BYTES: Final = 1 << 20
-_PART: Final = 1 << 20
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    """Return a complete chunk: length, kind, data and CRC."""
+    head = struct.pack(">I", len(data)) + kind
+    return b"".join((head, data, struct.pack(">I", zlib.crc32(data, zlib.crc32(kind)))))
+
+
+# The sRGB curve, relative colorimetric, and its approximation for programs that only know gamma:
+# PNG 3, 11.3.2.2 and 11.3.2.5.
+SRGB_CHUNKS = (chunk(b"sRGB", b"\1"), chunk(b"gAMA", struct.pack(">I", 45455)))
+
+
+def check_png(file: BinaryIO, name: str) -> None:
+    """Check the CRC of every chunk of a PNG file up to its end chunk.
+
+    The decoder accepts a file that stops after its last pixels, and the encoder does not notice a
+    full disk; this check finds both. Bytes after the end chunk are allowed.
+
+    Parameters
+    ----------
+    file
+        The file, at its begin. It is read in parts, because it may be large.
+    name
+        Its name, for messages.
+
+    Raises
+    ------
+    DataError
+        If a chunk is truncated or altered, or the end chunk is missing.
+    """
+    position = len(file.read(len(SIGNATURE)))
+    while True:
+        head = file.read(8)
+        left, crc = int.from_bytes(head[:4]), zlib.crc32(head[4:])
+        size = len(head)
+        while left and (part := file.read(min(left, _PART))):
+            left, crc, size = left - len(part), zlib.crc32(part, crc), size + len(part)
+        stored = file.read(4)
+        if len(head) < 8 or len(stored) < 4:
+            end = position + size + len(stored)
+            raise DataError(f"{name}: PNG cut short at byte {end}: copy it again")
+        if crc != int.from_bytes(stored):
+            raise DataError(f"{name}: PNG damaged in the chunk at byte {position}: copy it again")
+        if head[4:] == b"IEND":
+            return
+        position += size + 4
 
 
 def png_pieces(
@@ -54,9 +102,7 @@ def png_pieces(
     # Runs of equal bytes after a difference to the left: measured maps become as small as by the
     # search for repeated strings, in half of its time.
     encoder = zlib.compressobj(1, zlib.DEFLATED, 15, 9, zlib.Z_RLE)
-    step = max(1, _BAND_BYTES // (width * channels * size))
-    for top in range(0, height, step):
-        rows = slice(top, min(top + step, height))
+    for rows in rows_in_bands(height, width * channels * size, _BAND_BYTES):
         band = pixels[rows].reshape(-1, width, channels - (alpha is not None))
         if alpha is not None:
             band = np.dstack([band, alpha[rows]])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import isqrt
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ from acquisition._pixels.dng_tags import (
     read_dng_tags,
     white_levels,
 )
-from acquisition._pixels.levels import level_black, level_white
+from acquisition._pixels.images import Image
 from acquisition._storage import library_path
 from rig import (
     MAX_PIXELS,
@@ -35,6 +36,7 @@ from rig import (
 )
 
 _UNREADABLE = "not a readable camera RAW file"
+_ROWS = 256
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,3 +217,80 @@ def _positive(value: float) -> float | None:
 
 def _taken(time: datetime) -> datetime | None:
     return None if time.year <= 1970 else time.replace(tzinfo=UTC)
+
+
+def level_white(
+    pixels: npt.NDArray[np.uint16], whites: npt.NDArray[np.float64]
+) -> npt.NDArray[np.uint16]:
+    """Raise saturated samples to the highest white level of a block ``(K, K)`` that repeats."""
+    white = whites.max()
+    if (whites == white).all():
+        return pixels
+    level = pixels.copy()
+    for y, x in np.ndindex(*whites.shape):
+        plane = level[y :: whites.shape[0], x :: whites.shape[1]]
+        plane[plane >= whites[y, x]] = white
+    return level
+
+
+def level_black(
+    pixels: npt.NDArray[np.uint16], levels: npt.NDArray[np.float64], black: float, white: float
+) -> npt.NDArray[np.uint16]:
+    """Shift samples from their black levels to one; saturated samples stay as they are.
+
+    Parameters
+    ----------
+    pixels
+        ``(H, W)`` samples, DN.
+    levels
+        Their black levels, DN: ``(H, W)``, or a block that repeats.
+    black
+        The one black level, DN.
+    white
+        Samples from this value on are saturated, DN.
+    """
+    shifts = np.rint(black - levels).astype(np.int32)
+    if not shifts.any():
+        return pixels
+    level = np.empty_like(pixels)
+    height, width = levels.shape
+    columns = np.arange(pixels.shape[1]) % width
+    # In parts, because shifts need more memory than samples.
+    for top in range(0, len(pixels), _ROWS):
+        rows = pixels[top : top + _ROWS]
+        shifted = rows + shifts[np.arange(top, top + len(rows)) % height][:, columns]
+        level[top : top + _ROWS] = np.where(rows >= white, rows, np.clip(shifted, 0, 65535))
+    return level
+
+
+class RawLevels(NamedTuple):
+    """Colour filter and levels of the first file of a series, and its name."""
+
+    name: str
+    cfa: str | None
+    black_dn: float
+    white_dn: float
+
+
+def read_levelled(path: Path, *, levels: RawLevels, max_pixels: int) -> Image:
+    """Read the pixels of a file on the scale of the first; as stored if its levels are equal.
+
+    Raises
+    ------
+    DataError
+        As `read_raw`, or if the file has another colour filter pattern than the first.
+    """
+    frame = read_raw(path, max_pixels=max_pixels)
+    if frame.cfa != levels.cfa:
+        raise DataError(
+            f"{path}: colour filter pattern {frame.cfa or 'none'}, but {levels.name} has "
+            f"{levels.cfa or 'none'}: all images of a recording must be of one camera and show "
+            "the same part of its sensor"
+        )
+    pixels, black, white = frame.levelled(), frame.black_level_dn, frame.white_level_dn
+    if (black, white) == (levels.black_dn, levels.white_dn):
+        return pixels
+    signal = (pixels.astype(np.float32) - np.float32(black)) / np.float32(white - black)
+    scaled = signal * np.float32(levels.white_dn - levels.black_dn) + np.float32(levels.black_dn)
+    # Rounding must not lift or lower saturated samples.
+    return np.where(pixels >= white, np.float32(levels.white_dn), scaled)

@@ -12,7 +12,7 @@ import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 from acquisition._errors import DataError
 from acquisition._pixels.icc_curve import icc_curve
 from acquisition._pixels.opened_image import spec_attribute
-from acquisition._pixels.png_chunks import SIGNATURE
+from acquisition._pixels.png_file import SIGNATURE
 from acquisition._values.transfer_curve import LINEAR, SRGB, TransferCurve
 from rig import UnreadableError, convert_parser_errors, read_head
 

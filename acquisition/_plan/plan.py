@@ -1,10 +1,11 @@
-"""Capture plan: frozen settings that expand into single shots."""
+"""Capture plan: frozen settings that expand into single shots, and what these cost."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
 
@@ -20,10 +21,52 @@ from pydantic import (
 )
 
 from acquisition._errors import DataError
-from acquisition._plan.led_numbers import MOST_LEDS, led_numbers
 from acquisition._plan.planned_shot import PlannedShot, Role
-from acquisition._toml import read_toml, validated
+from acquisition._text_files import read_toml, validated
 from rig import pluralize
+
+MOST_LEDS: Final = 65_536
+
+_NUMBER: Final = r"\s*([0-9]{1,5})\s*"
+_PART: Final = re.compile(f"{_NUMBER}(?:-{_NUMBER})?")
+
+
+def led_numbers(text: str) -> tuple[int, ...]:
+    """Return the LED numbers of a list with ranges, in its order; ``5-3`` counts down.
+
+    Parameters
+    ----------
+    text
+        Numbers and ranges ``first-last``, separated by commas. A number may appear twice.
+
+    Raises
+    ------
+    ValueError
+        If the text has another form, lists more than 65,536 LEDs, or one above 65,535.
+
+    Examples
+    --------
+    >>> from acquisition import led_numbers
+    >>> led_numbers("0-2,7,5-3")
+    (0, 1, 2, 7, 5, 4, 3)
+    """
+    leds: list[int] = []
+    for part in text.split(","):
+        match = _PART.fullmatch(part)
+        if match is None:
+            shown = part.strip()
+            raise ValueError(
+                f"{shown[:40]!r} is neither an LED number nor a range: write for example "
+                '"0-35" or "0-5, 8"'
+            )
+        first, last = int(match[1]), int(match[2] or match[1])
+        if max(first, last) >= MOST_LEDS:
+            raise ValueError(f"there is no LED {max(first, last)}: the largest is {MOST_LEDS - 1}")
+        step = 1 if first <= last else -1
+        leds += range(first, last + step, step)
+        if len(leds) > MOST_LEDS:
+            raise ValueError(f"more than {MOST_LEDS} LEDs are listed: correct the ranges")
+    return tuple(leds)
 
 
 def _led_number(key: object) -> object:
@@ -284,3 +327,57 @@ def read_plan(path: Path) -> CapturePlan:
     CapturePlan(36 LEDs, 1 bracket, 37 shots)
     """
     return read_toml(CapturePlan, path)
+
+
+@dataclass(frozen=True)
+class PlanEstimate:
+    """Cost of a plan.
+
+    Parameters
+    ----------
+    shots
+        Number of frames.
+    exposure_s
+        Sum of the exposure times, seconds.
+    seconds
+        Total duration: exposure times plus the overhead of each frame.
+    bytes
+        Size of the uncompressed frames.
+    """
+
+    shots: int
+    exposure_s: float
+    seconds: float
+    bytes: int
+
+
+def estimate_plan(
+    plan: CapturePlan, *, width: int, height: int, frame_s: float = 0.0
+) -> PlanEstimate:
+    """Estimate the cost of a plan without retakes.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    width, height
+        Size of a frame of 16-bit samples, pixels.
+    frame_s
+        Overhead of a frame in addition to its exposure, seconds: settling, readout, commands.
+
+    Examples
+    --------
+    >>> from acquisition import CapturePlan, estimate_plan
+    >>> plan = CapturePlan(leds="0-35", exposures_us=(10_000.0,))
+    >>> estimate_plan(plan, width=640, height=512)
+    PlanEstimate(shots=37, exposure_s=0.37, seconds=0.37, bytes=24248320)
+    """
+    shots = plan.shots()
+    exposure_s = sum(shot.exposure_us or 0.0 for shot in shots) / 1e6
+    size = len(shots) * frame_bytes(width, height)
+    return PlanEstimate(len(shots), exposure_s, exposure_s + len(shots) * frame_s, size)
+
+
+def frame_bytes(width: int, height: int) -> int:
+    """Return the bytes of an uncompressed frame with one 16-bit sample per pixel."""
+    return 2 * width * height

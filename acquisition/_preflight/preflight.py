@@ -8,11 +8,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from acquisition._plan.estimate import frame_bytes
-from acquisition._plan.plan import CapturePlan
+from acquisition._plan.plan import CapturePlan, frame_bytes
 from acquisition._preflight.check import Check
-from acquisition._preflight.disk import check_disk
-from acquisition._preflight.rig import check_board, check_brightness, check_camera, check_leds
+from acquisition._preflight.rig import (
+    check_board,
+    check_brightness,
+    check_camera,
+    check_disk,
+    check_leds,
+)
 from acquisition._preflight.trial_frames import (
     Pixels,
     Trials,

@@ -1,17 +1,28 @@
-"""Pre-flight of board, camera and LEDs: their reports, and the light that the camera sees."""
+"""Pre-flight of disk, board, camera and LEDs: their reports, and the light that the camera sees."""
 
 from __future__ import annotations
 
-from acquisition._errors import DataError
+import os
+import shutil
+import time
+from pathlib import Path
+
+from acquisition._errors import DataError, StorageError
+from acquisition._part_files import temporary
 from acquisition._plan.plan import CapturePlan
 from acquisition._preflight.check import Check, State
 from acquisition._selftest.selftest import selftest
+from acquisition._storage import disk, read_back, sync_folder, write_whole
 from rig import Rig, pluralize
 
 FULL_LEVEL = 4095
 _HOT_C = 70.0
 # Relative difference by which cameras may round exposure times.
 _STEP = 0.02
+NAME = "disk"
+# Required space relative to the estimate: retakes and other programs need some, too.
+MARGIN = 1.25
+_PROBE_BYTES = 4_000_000
 
 
 def check_board(rig: Rig, plan: CapturePlan) -> Check:
@@ -149,3 +160,55 @@ def check_leds(rig: Rig, plan: CapturePlan, *, metered: bool = True) -> Check:
     )
     state: State = "failed" if concerned else "warning"
     return Check("LEDs", state, "; ".join(lines), values, tuple(lines))
+
+
+def check_disk(folder: Path, estimate_bytes: int) -> Check:
+    """Check the disk of a planned session.
+
+    A probe file is written into the nearest existing folder, flushed, read back and removed.
+
+    Parameters
+    ----------
+    folder
+        Folder of the session; it need not exist.
+    estimate_bytes
+        Estimated size of the recording; 1.25 times as much must be free.
+    """
+    place = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
+    try:
+        rate_mb_s = _probe(place)
+        with disk(place, "read the free space"):
+            free_bytes = shutil.disk_usage(place).free
+    except StorageError as error:
+        return Check(NAME, "failed", str(error))
+    needed_bytes = int(estimate_bytes * MARGIN)
+    values: dict[str, float | int | str | None] = {
+        "free_bytes": free_bytes,
+        "needed_bytes": needed_bytes,
+        "write_mb_per_s": round(rate_mb_s, 1),
+    }
+    finding = (
+        f"{place}: {free_bytes / 1e6:.0f} MB free, {needed_bytes / 1e6:.0f} MB required "
+        f"({MARGIN:g} x the estimate)"
+    )
+    if free_bytes < needed_bytes:
+        text = f"{finding}: free space, choose another disk, or plan fewer shots"
+        return Check(NAME, "failed", text, values)
+    return Check(NAME, "ok", f"{finding}; writes durably at {rate_mb_s:.0f} MB/s", values)
+
+
+def _probe(place: Path) -> float:
+    """Write, flush, read back and remove a file; return megabytes per second."""
+    data = os.urandom(_PROBE_BYTES)
+    with disk(place, "write a file here"), temporary(place / "sgp-probe") as part:
+        began_s = time.monotonic()
+        write_whole(part.descriptor, data)
+        os.fsync(part.descriptor)
+        sync_folder(place)
+        seconds = time.monotonic() - began_s
+        same = read_back(part.path) == data
+    if not same:
+        raise StorageError(
+            f"{place}: a file read back differs from the data written: do not use this disk"
+        )
+    return len(data) / 1e6 / max(seconds, 1e-6)

@@ -21,7 +21,7 @@ from acquisition._session.layout import (
     completion_mark,
     leaves,
 )
-from acquisition._session.lock import lock_session
+from acquisition._session.opening import lock_session
 from acquisition._session.session import Session, examine
 from acquisition._session.session_frame import SessionFrame
 from acquisition._software import software_version

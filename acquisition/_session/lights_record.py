@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from acquisition._errors import DataError
-from acquisition._session.calibrated_record import CalibratedRecord
-from acquisition._session.value_records import Table, Vector
+from acquisition._session.value_records import CalibratedRecord, Table, Vector
 from acquisition._values.light_errors import Array, LightErrors
 from acquisition._values.lights import Lights
 

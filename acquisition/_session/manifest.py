@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import isqrt
 from pathlib import Path
@@ -11,10 +10,8 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import AwareDatetime, Field, JsonValue, model_validator
 
-from acquisition._errors import DataError
+from acquisition._errors import DataError, named
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.calibrations import Calibrations
-from acquisition._session.labels import Labels
 from acquisition._session.lights_record import LightColumns, LightsRecord
 from acquisition._session.value_records import (
     CameraModelRecord,
@@ -25,7 +22,10 @@ from acquisition._session.value_records import (
     Vector,
 )
 from acquisition._software import SOFTWARE, software_version
-from acquisition._toml import parse_toml, validated
+from acquisition._text_files import parse_toml, validated
+from acquisition._values.camera_model import CameraModel
+from acquisition._values.lights import Lights
+from acquisition._values.noise_model import NoiseModel
 from rig import Mounting
 
 FORMAT_VERSION: Final = 4
@@ -161,6 +161,52 @@ class _OldLights(Table):
     lights: LightColumns
 
 
+@dataclass(frozen=True)
+class Labels:
+    """Texts that describe a recording for people; a program reads none of them.
+
+    Parameters
+    ----------
+    operator
+        Name of the operator.
+    object_name
+        Name of the object.
+    place
+        Place of the recording.
+    notes
+        Free text.
+    rights
+        Holder of the rights, and the licence.
+    """
+
+    operator: str = ""
+    object_name: str = ""
+    place: str = ""
+    notes: str = ""
+    rights: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrations:
+    """Calibrations to store with a recording, each of them if known.
+
+    Parameters
+    ----------
+    camera_model
+        Model of the upright image, however the camera is mounted.
+    sensor
+        Noise of the sensor. It defines black and white level; without it black is 0 and white is
+        the maximum of the camera's bit depth.
+    lights
+        Lights, matched with the LEDs by their ids, ``L07`` for LED 7. There may be more lights than
+        LEDs.
+    """
+
+    camera_model: CameraModel | None = None
+    sensor: NoiseModel | None = None
+    lights: Lights | None = None
+
+
 class Manifest(Table):
     """Content of ``session.toml``.
 
@@ -291,23 +337,14 @@ def parse_manifest(data: bytes, path: Path) -> Manifest:
             _refuse_added(values, path, tables)
     if version < 4 and "lights" in values:
         columns = validated(_OldLights, {"lights": values["lights"]}, path).lights
-        with _named(path):
+        with named(path):
             values["lights"] = LightsRecord.of(columns.value())
     manifest = validated(Manifest, values, path)
-    with _named(path):
+    with named(path):
         for record in (manifest.camera_model, manifest.sensor, manifest.lights):
             if record is not None:
                 record.value()
     return manifest
-
-
-@contextmanager
-def _named(path: Path) -> Iterator[None]:
-    """Begin the message of an error with the path."""
-    try:
-        yield
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from error
 
 
 def _listed(versions: tuple[int, ...]) -> str:

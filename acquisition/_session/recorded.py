@@ -8,7 +8,6 @@ from pathlib import Path, PurePosixPath
 from typing import Final
 
 from acquisition._plan.planned_shot import PlannedShot, ShotKey
-from acquisition._session.damage import Damage
 from acquisition._session.event_details import Compacted, SetAside, Upgraded, details_complaint
 from acquisition._session.journal import (
     COMPACTED,
@@ -21,7 +20,7 @@ from acquisition._session.journal import (
 from acquisition._session.layout import JOURNAL, leaves
 from acquisition._session.light_proof import BOARD, wrong_light
 from acquisition._session.manifest import Manifest
-from acquisition._session.session_frame import SessionFrame
+from acquisition._session.session_frame import Damage, SessionFrame
 
 # Keys that every line must have from version 2.
 _FRAME_KEYS_2: Final = frozenset({"mean_dn", "above_dark"})

@@ -10,7 +10,6 @@ from typing import Final
 from acquisition._errors import DataError, MissingPathError
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.clock_steps import clock_steps
-from acquisition._session.damage import Damage
 from acquisition._session.journal import EventLine, Journal, StartLine, parse_journal
 from acquisition._session.layout import (
     ASIDE,
@@ -25,7 +24,7 @@ from acquisition._session.layout import (
 )
 from acquisition._session.manifest import Manifest, parse_manifest
 from acquisition._session.recorded import SetAsideFrame, recorded_frames
-from acquisition._session.session_frame import SessionFrame
+from acquisition._session.session_frame import Damage, SessionFrame
 from acquisition._storage import is_hidden, sha256_of
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights

@@ -1,4 +1,4 @@
-"""One recorded frame: its file, its journal line and its pixels."""
+"""One recorded frame: its file, its journal line and its pixels; and damage of one."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from acquisition._plan.planned_shot import Role
 from acquisition._session.journal import FrameLine
 from acquisition._storage import sha256_of
 from acquisition._values.lights import led_id
-from rig import MAX_PIXELS
+from rig import MAX_PIXELS, Notice, short_repr
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,3 +134,36 @@ class SessionFrame:
 def pixels_sha256(pixels: npt.NDArray[np.uint16]) -> str:
     """Return the hash of samples as 16-bit little-endian, row by row, channels innermost."""
     return sha256_of(np.ascontiguousarray(pixels, dtype="<u2").data.cast("B"))
+
+
+@dataclass(frozen=True, eq=False)
+class Damage:
+    """A frame that differs from its recording, or that contradicts the journal.
+
+    Parameters
+    ----------
+    frame
+        The frame.
+    reason
+        Description of the damage, as the end of a sentence that begins with ``where``.
+    where
+        The damaged file: the frame's file or the journal.
+    """
+
+    frame: SessionFrame
+    reason: str
+    where: Path
+
+    __repr__ = short_repr
+
+    @property
+    def notice(self) -> Notice:
+        """The damage as a notice: the file, the damage, and what to do."""
+        in_file = self.where == self.frame.path
+        remedy = "restore the file or retake the shot" if in_file else "retake the shot"
+        return Notice("frame-damaged", f"{self.reason}; {remedy}", str(self.where), "error")
+
+    @property
+    def text(self) -> str:
+        """One line with the file, the damage, and what to do."""
+        return str(self.notice)

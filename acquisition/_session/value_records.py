@@ -1,19 +1,21 @@
-"""Calibrated values in ``session.toml``: sensor, transfer curve and camera model."""
+"""Calibrated values as they are stored in ``session.toml`` and in files of their own."""
 
 from __future__ import annotations
 
-from dataclasses import fields
+import json
+from dataclasses import asdict, fields
 from typing import Annotated, Literal
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.noise_model import NoiseModel
+from acquisition._values.setup import Calibrated, Setup, UsedSphere
 from acquisition._values.transfer_curve import TransferCurve
 
 Size = Annotated[int, Field(ge=1, lt=2**31)]
 Vector = tuple[float, float, float]
+_Positive = Annotated[float, Field(gt=0)]
 
 
 class Table(BaseModel):
@@ -86,24 +88,71 @@ class CameraModelRecord(Table):
     @classmethod
     def of(cls, camera: CameraModel) -> CameraModelRecord:
         """Return the record of a camera model."""
-        return cls(
-            K=camera.K.tolist(),
-            distortion=camera.distortion.tolist(),
-            width=camera.width,
-            height=camera.height,
-            working_distance_mm=camera.working_distance_mm,
-            lens=camera.lens or None,
-            focus_mm=camera.focus_mm,
-        )
+        values = {name: getattr(camera, name) for name in CameraModelRecord.model_fields}
+        arrays = {"K": camera.K.tolist(), "distortion": camera.distortion.tolist()}
+        return cls.model_validate({**values, **arrays, "lens": camera.lens or None})
 
     def value(self) -> CameraModel:
         """Return the camera model; raise DataError if the values are invalid."""
-        return CameraModel(
-            np.array(self.K),
-            self.width,
-            self.height,
-            self.working_distance_mm,
-            np.array(self.distortion),
-            self.lens or "",
-            self.focus_mm,
+        names = set(CameraModelRecord.model_fields)
+        return CameraModel(**self.model_dump(include=names, exclude_none=True))
+
+
+class CameraNames(Table):
+    """The names of the camera in a `Setup`; empty texts are not known."""
+
+    vendor: str = ""
+    model: str = ""
+    serial: str = ""
+
+    @classmethod
+    def of(cls, setup: Setup) -> CameraNames:
+        """Return the names of a value."""
+        return cls(vendor=setup.camera_vendor, model=setup.camera_model, serial=setup.camera_serial)
+
+    def value(self, rig: str = "", intrinsics: CameraModel | None = None) -> Setup:
+        """Return the value with the name of a rig and the lens."""
+        return Setup(rig, self.vendor, self.model, self.serial, intrinsics)
+
+
+class _Sphere(Table):
+    centre_px: tuple[float, float]
+    radius_px: _Positive
+    centre_mm: tuple[float, float, float] | None = None
+    radius_mm: _Positive | None = None
+    recording: str = ""
+
+
+class CalibratedRecord(Table):
+    """Fields of `Calibrated` and its `Setup`; what is not known is absent."""
+
+    time_utc: AwareDatetime | None = None
+    rig: str = ""
+    camera: CameraNames | None = None
+    intrinsics: CameraModelRecord | None = None
+    spheres: tuple[_Sphere, ...] = ()
+
+    @classmethod
+    def of(cls, calibrated: Calibrated) -> CalibratedRecord:
+        """Return the record of a value."""
+        setup, names = calibrated.setup, CameraNames.of(calibrated.setup)
+        return cls(
+            time_utc=calibrated.time_utc,
+            rig=setup.rig,
+            camera=None if names == CameraNames() else names,
+            intrinsics=None if setup.intrinsics is None else CameraModelRecord.of(setup.intrinsics),
+            spheres=tuple(_Sphere(**asdict(sphere)) for sphere in calibrated.spheres),
         )
+
+    def value(self) -> Calibrated:
+        """Return the value; raise DataError if it is invalid."""
+        intrinsics = None if self.intrinsics is None else self.intrinsics.value()
+        return Calibrated(
+            self.time_utc,
+            (self.camera or CameraNames()).value(self.rig, intrinsics),
+            tuple(UsedSphere(**sphere.model_dump()) for sphere in self.spheres),
+        )
+
+    def json_text(self) -> str:
+        """Return the record as JSON in one line, without what is not known."""
+        return json.dumps(self.model_dump(mode="json", exclude_none=True, exclude_defaults=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquisition._session.frame_damage import frame_damage
+from acquisition._session.frame_check import frame_damage
 from acquisition._session.journal import FrameLine
 from acquisition._session.layout import FRAMES
 from acquisition._session.session import examine

@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -16,12 +16,8 @@ import numpy.typing as npt
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.frame_quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.camera_report import CameraReport
-from acquisition._session.creation import begin
-from acquisition._session.damage import Damage
 from acquisition._session.event_details import check_event
 from acquisition._session.frame_check import measure_frame
-from acquisition._session.frame_names import FrameNames
 from acquisition._session.frame_proofs import FrameProofs
 from acquisition._session.journal import Echo, EventLine, FrameLine
 from acquisition._session.journal_file import AnyLine, Clock, JournalFile, utc_now
@@ -29,13 +25,38 @@ from acquisition._session.layout import COMPLETE, FRAMES, completion_mark
 from acquisition._session.light_proof import BOARD, wrong_light
 from acquisition._session.manifest import Manifest
 from acquisition._session.open_shots import OpenShots
-from acquisition._session.recovery import take_up
+from acquisition._session.opening import begin, take_up
 from acquisition._session.session import Session, examine
-from acquisition._session.session_frame import SessionFrame
+from acquisition._session.session_frame import Damage, SessionFrame
 from acquisition._session.shared_use import SharedUse
-from acquisition._session.stored_frame import store_frame
+from acquisition._session.stored_frame import FrameNames, store_frame
 from acquisition._storage import write_durably
 from rig import Progress, no_progress, pluralize
+
+
+@dataclass(frozen=True)
+class CameraReport:
+    """What a camera reported with a frame; None if unknown.
+
+    Parameters
+    ----------
+    exposure_us
+        Exposure time, microseconds; if None, the planned one is recorded.
+    gain_db
+        Gain, dB.
+    frame_id
+        Number that the camera gave the frame.
+    timestamp_ns
+        Time of the frame on the camera's clock, nanoseconds.
+    temperature_c
+        Temperature of the camera, degrees Celsius.
+    """
+
+    exposure_us: float | None = None
+    gain_db: float | None = None
+    frame_id: int | None = None
+    timestamp_ns: int | None = None
+    temperature_c: float | None = None
 
 
 class SessionWriter:
@@ -135,17 +156,10 @@ class SessionWriter:
         StorageError
             If another process records into it, or the disk refuses.
         """
-        taken = take_up(Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress)
-        session = taken.session
-        return cls(
-            session.folder,
-            session.manifest,
-            taken.journal,
-            taken.lock,
-            session,
-            taken.proofs,
-            taken.events,
+        session, journal, lock, proofs, events = take_up(
+            Path(folder), set_aside_damaged=set_aside_damaged, on_progress=on_progress
         )
+        return cls(session.folder, session.manifest, journal, lock, session, proofs, events)
 
     @property
     def missing(self) -> tuple[PlannedShot, ...]:

@@ -14,22 +14,21 @@ import numpy as np
 
 from acquisition._errors import DataError, missing_path
 from acquisition._pixels.image_facts import ImageFacts, image_facts
-from acquisition._pixels.mask_files import read_mask_of
-from acquisition._pixels.raw import read_raw
-from acquisition._source.alpha_mask import with_alpha_mask
-from acquisition._source.raw_levels import RawLevels, read_levelled
-from acquisition._source.raw_pairs import raw_preferred_notice
-from acquisition._source.references import Reference, reference_notices, split_references
+from acquisition._pixels.images import read_image_with_alpha
+from acquisition._pixels.mask_files import above_half, read_mask_of
+from acquisition._pixels.raw import RawLevels, read_levelled, read_raw
 from acquisition._source.series_facts import (
     exposure_times,
     orientation_notices,
     part_notices,
+    raw_preferred_notice,
+    reference_notices,
     reference_times,
+    split_references,
 )
-from acquisition._source.source import Frame, Source
-from acquisition._suffixes import IMAGE_SUFFIXES, is_raw
+from acquisition._source.source import Frame, Reference, Source
 from acquisition._value_files.lights import read_lights
-from acquisition._values.image_names import SAME_NAME
+from acquisition._values.image_names import IMAGE_SUFFIXES, SAME_NAME, is_raw
 from acquisition._values.running_numbers import Numbered, numbers_in, numbers_of, start_of
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize
@@ -225,7 +224,7 @@ def images_source(
         ),
     )
     transparent = tuple(file for file in series if facts[file].alpha)
-    return with_alpha_mask(source, transparent, max_pixels)
+    return _with_alpha_mask(source, transparent, max_pixels)
 
 
 def with_ignored(source: Source, folder: Path, twins: Sequence[Path] = ()) -> Source:
@@ -385,3 +384,42 @@ def _is_image(path: Path) -> bool:
 def _is_mask(path: Path) -> bool:
     stem = path.stem.casefold()
     return (stem == "mask" or stem.endswith(".mask")) and _is_image(path)
+
+
+def _with_alpha_mask(source: Source, images: Sequence[Path], max_pixels: int) -> Source:
+    """Return a source without a mask with that of its alpha channels: what no image cuts out.
+
+    Alpha channels that are opaque everywhere are ignored.
+
+    Parameters
+    ----------
+    source
+        The recording, without a mask.
+    images
+        Its images with an alpha channel; they are decoded.
+    max_pixels
+        Largest allowed number of pixels per image.
+
+    Raises
+    ------
+    DataError
+        If an image cannot be read, or the alpha channels leave no pixel.
+    """
+    if source.mask is not None or not images:
+        return source
+    inside = np.ones(source.size, np.bool_)
+    for path in images:
+        _, alpha = read_image_with_alpha(path, max_pixels=max_pixels)
+        if alpha is not None:
+            inside &= above_half(alpha)
+    if inside.all():
+        return source
+    count = int(np.count_nonzero(inside))
+    if not count:
+        raise DataError(
+            f"{images[0]}: the alpha channel of the images leaves no pixel: save them without "
+            "alpha, or give a mask"
+        )
+    text = f"the alpha channel of the images is the mask, {count} of {inside.size} pixels"
+    notice = Notice("alpha-is-mask", text, str(source.path), "info")
+    return replace(source, mask=inside, mask_origin="alpha", warnings=(*source.warnings, notice))

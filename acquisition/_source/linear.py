@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._pixels.images import Image
-from acquisition._source.references import Reference
 from acquisition._source.row_reader import RowReader
-from acquisition._source.source import Frame, Source
+from acquisition._source.source import Frame, Reference, Source
 from acquisition._values.transfer_curve import LINEAR
 
 FloatImage = npt.NDArray[np.float32]

@@ -6,19 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from acquisition._errors import DataError, missing_path
+from acquisition._errors import DataError, missing_path, named
 from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
 from acquisition._session.layout import MANIFEST, is_session
 from acquisition._source.clipped import with_clipped
 from acquisition._source.diligent import is_diligent, read_diligent
 from acquisition._source.exclude import exclude
-from acquisition._source.exported import with_export_notes
 from acquisition._source.image_folder import images_source, lp_files, read_images, read_lp_folder
-from acquisition._source.recording_json import RECORD_FILE
-from acquisition._source.series_facts import with_time_errors
+from acquisition._source.recording_json import RECORD_FILE, with_export_notes
+from acquisition._source.series_facts import transfer_notices, with_time_errors
 from acquisition._source.session import read_session
 from acquisition._source.source import MaskOrigin, Source
-from acquisition._source.transfer_notice import transfer_notices
 from acquisition._staging import check_staging_finished
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.image_names import light_id
@@ -181,10 +179,8 @@ def _with_matched_lights(source: Source, lights: Lights | None, without: Sequenc
     if unlit:
         source = _without(source, unlit)
     ids = source.light_ids
-    try:
+    with named(source.path):
         indices, by_name = _match(lights, everything, ids)
-    except DataError as error:
-        raise DataError(f"{source.path}: {error}") from error
     warnings = (*source.warnings, *lights.warnings)
     if not by_name:
         by = "order" if indices == sorted(indices) else "the numbers in their names"

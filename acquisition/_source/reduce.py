@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._source.reduction import Reduction
-from acquisition._source.source import Source
+from acquisition._source.source import Reduction, Source
 from rig import check_type
 
 Float = npt.NDArray[np.float32]
@@ -61,22 +60,13 @@ def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
             f"{source.path}: {region} is not inside the images of {columns} x {rows} pixels"
         )
     old = _reduction(source)
-    step = old.factor
-    region_of_frames = Reduction(
-        old.x + x * step, old.y + y * step, width * step, height * step, step
-    )
-    cut = Reduction(x, y, width, height)
-    mask = None if source.mask is None else cut.all(source.mask)
-    if mask is not None and not mask.any():
-        raise DataError(f"{source.path}: {region} contains no pixel of the mask")
-    truth, elsewhere = source.normals_truth, source.not_object
+    step, part = old.factor, Reduction(x, y, width, height)
+    truth = source.normals_truth
     return replace(
-        source,
-        reduction=region_of_frames,
-        mask=mask,
-        not_object=None if elsewhere is None else cut.cut(elsewhere).copy(),
+        _masked(source, part, f"{region} contains no pixel of the mask"),
+        reduction=Reduction(old.x + x * step, old.y + y * step, width * step, height * step, step),
         camera=None if source.camera is None else source.camera.cropped(x, y, width, height),
-        normals_truth=None if truth is None else cut.cut(truth).copy(),
+        normals_truth=None if truth is None else part.cut(truth).copy(),
     )
 
 
@@ -126,20 +116,15 @@ def downscale(source: Source, factor: int) -> Source:
         )
     if factor == 1:
         return source
-    old = _reduction(source)
+    old, truth = _reduction(source), source.normals_truth
     blocks = Reduction(0, 0, columns, rows, factor)
-    mask = None if source.mask is None else blocks.all(source.mask)
-    if mask is not None and not mask.any():
-        raise DataError(
-            f"{source.path}: no block of {factor} x {factor} pixels is completely within the mask: "
-            "give a smaller factor"
-        )
-    truth, elsewhere = source.normals_truth, source.not_object
+    nothing = (
+        f"no block of {factor} x {factor} pixels is completely within the mask: give a smaller "
+        "factor"
+    )
     return replace(
-        source,
+        _masked(source, blocks, nothing),
         reduction=replace(old, factor=old.factor * factor),
-        mask=mask,
-        not_object=None if elsewhere is None else ~blocks.all(~elsewhere),
         camera=None if source.camera is None else source.camera.downscaled(factor),
         normals_truth=None if truth is None else _mean_normals(blocks, truth),
     )
@@ -152,6 +137,17 @@ def _reduction(source: Source) -> Reduction:
         return Reduction(0, 0, width, height)
     step = source.reduction.factor
     return replace(source.reduction, width=width * step, height=height * step)
+
+
+def _masked(source: Source, part: Reduction, nothing: str) -> Source:
+    """Return a source with mask and other places of a reduction; ``nothing`` is the refusal."""
+    mask = None if source.mask is None else part.all(source.mask)
+    if mask is not None and not mask.any():
+        raise DataError(f"{source.path}: {nothing}")
+    elsewhere = source.not_object
+    return replace(
+        source, mask=mask, not_object=None if elsewhere is None else ~part.all(~elsewhere)
+    )
 
 
 def _mean_normals(blocks: Reduction, truth: Float) -> Float:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -14,9 +15,10 @@ import numpy as np
 from acquisition._errors import DataError
 from acquisition._pixels.image_facts import ImageFacts
 from acquisition._source.linear import same_exposure
-from acquisition._source.source import Frame
+from acquisition._source.source import Frame, Reference
 from acquisition._values.light_errors import LightErrors
 from acquisition._values.lights import Lights
+from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, pluralize
 
 # Exposure times in thirds of a stop, as ISO 2721 marks them; cameras expose for powers of 2^(1/3).
@@ -25,6 +27,9 @@ _MARKINGS: Final = (
     1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400, 8000, 0.3, 0.4, 0.5, 0.6, 0.8, 1, 1.3,
     1.6, 2, 2.5, 3, 3.2, 4, 5, 6,
 )  # fmt: skip
+_WHITE_8_BIT = 255
+# At the beginning of a name, or as its last word (``sample_raw_ambient``).
+_NAME: Final = re.compile(r"(?:^|.*[-_. ](?=[a-z]+[-_. ]?\d*$))(dark|ambient)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -191,3 +196,67 @@ def _rounding(exposure_us: float) -> float:
 def _seconds(time_us: float) -> str:
     seconds = time_us / 1e6
     return f"1/{1 / seconds:.3g} s" if seconds < 0.3 else f"{seconds:.3g} s"
+
+
+def raw_preferred_notice(count: int | None, where: str) -> Notice:
+    """Return the notice that camera RAW is used and the other images are not.
+
+    ``count`` is their number, None if more may follow.
+    """
+    text = "the camera stores RAW and other images of the same exposures: the RAW files are used"
+    if count is not None:
+        others = pluralize(count, "other image is", "other images are")
+        text += f", the {others} not"
+    return Notice("raw-preferred", text, where, "info")
+
+
+def transfer_notices(
+    curve: TransferCurve, origin: str, white_level: float, where: str
+) -> tuple[Notice, ...]:
+    """Return a notice about a curve that was chosen, or nothing if there was hardly a choice.
+
+    Samples of more than 8 bits are linear unless metadata say otherwise: that needs no notice. A
+    colour profile is always mentioned, also one that cannot be used, and so is an unknown transfer.
+    """
+    mentioned = "profile" in origin or "unknown" in origin
+    if curve == LINEAR and white_level > _WHITE_8_BIT and not mentioned:
+        return ()
+    text = f"the samples are read as {curve.name} ({origin})"
+    return (Notice("transfer-curve", text, where, "info"),)
+
+
+def split_references(
+    images: Sequence[Path], listed: int = 0
+) -> tuple[list[Path], dict[Path, Reference]]:
+    """Return the images that are no dark or ambient frames, and those that are, with their roles.
+
+    Names that begin with ``dark`` or ``ambient``, or whose last word does, are such frames. If more
+    than half of the images have such names, they belong to an object, and none is.
+    ``listed`` is the number of other images that a list of lights names.
+    """
+    found: dict[Path, Reference] = {}
+    for path in images:
+        match = _NAME.match(path.stem)
+        if match is not None:
+            found[path] = "dark" if match[1].casefold() == "dark" else "ambient"
+    if listed + len(images) - len(found) < max(1, len(found)):
+        return list(images), {}
+    return [path for path in images if path not in found], found
+
+
+def reference_notices(
+    folder: Path, references: Mapping[Path, Reference], assumed: bool
+) -> tuple[Notice, ...]:
+    """Return the notice that names the roles of reference frames; none without any.
+
+    ``assumed`` is whether one has the exposure time of the images because it states none.
+    """
+    if not references:
+        return ()
+    roles: tuple[Reference, ...] = ("dark", "ambient")
+    counts = [(role, sum(other == role for other in references.values())) for role in roles]
+    found = " and ".join(pluralize(count, f"{role} frame") for role, count in counts if count)
+    text = f"{found}, by name ({next(iter(references)).name})"
+    if assumed:
+        text += ", with the exposure time of the images"
+    return (Notice("reference-frames-found", text, str(folder), "info"),)

@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._pixels.image_facts import ImageFacts
+from acquisition._pixels.image_facts import ImageFacts, ShotFacts
 from acquisition._pixels.images import Image, read_image
-from acquisition._pixels.levels import level_black
 from acquisition._pixels.mask_files import read_mask, read_mask_of
-from acquisition._pixels.shot_facts import ShotFacts
+from acquisition._pixels.raw import level_black
 from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_MASK, TRUE_NORMALS
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session

@@ -1,4 +1,4 @@
-"""Rig, camera and lens of a source, and whether its lights belong to them."""
+"""Rig, camera, lens and sensor of a source, and whether its calibrations belong to them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from acquisition._errors import DataError
 from acquisition._source.source import Source
 from acquisition._values.camera_model import CameraModel
+from acquisition._values.flat import Flat
+from acquisition._values.measured_sensor import MeasuredSensor
 from acquisition._values.setup import Setup
+from acquisition._values.transfer_curve import LINEAR
 from rig import Notice, check_type
 
 # A focal length wrong by 1 % moves lights by about a hundredth of their distance; two calibrations
 # of one camera agree better than this.
 _SAME = 0.005
+# Gains in decibels that differ by less are equal.
+_SAME_GAIN_DB = 0.05
 
 
 def source_setup(source: Source) -> Setup:
@@ -207,3 +213,160 @@ def _field_difference(a: CameraModel, b: CameraModel) -> float:
     )
     field = np.linalg.norm(first - first.mean(axis=0), axis=1).max()
     return float(np.linalg.norm(first - second, axis=1).max() / field)
+
+
+def apply_flat(source: Source, flat: Flat) -> Source:
+    """Return a recording whose linear signal will be divided by a flat field.
+
+    Parameters
+    ----------
+    source
+        The recording, also a region of it.
+    flat
+        Flat of its camera and lens, for complete upright frames.
+
+    Returns
+    -------
+    Source
+        With `Source.flat`, which `calibration.linear_stack` applies.
+
+    Raises
+    ------
+    DataError
+        If the recording has a flat already, or its frames have another size or filter pattern, or
+        were recorded with another camera or lens, as far as recording and flat state it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Flat, apply_flat, read_source, write_png
+    >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
+    >>> ones = np.ones((40, 60), np.float32)
+    >>> apply_flat(read_source("card.png"), Flat(0.8 * ones, ones)).flat
+    Flat(60 x 40 px, corners 80.0%)
+    """
+    check_type("source", source, Source, "read_source(path) returns one")
+    check_type("flat", flat, Flat, "read_flat(path) returns one")
+    if source.flat is not None:
+        raise DataError(f"{source.path}: the recording has a flat already: apply one only")
+    shape = source.frames[0].shape
+    if flat.smooth.shape != shape:
+        raise DataError(
+            f"{source.path}: the flat has {_size(flat.smooth.shape)}, the frames have "
+            f"{_size(shape)}: calibrate a flat with the settings of this camera"
+        )
+    if flat.cfa != source.cfa:
+        raise DataError(
+            f"{source.path}: the flat has the filter pattern {flat.cfa or 'of a gray sensor'}, the "
+            f"frames have {source.cfa or 'none'}: calibrate a flat with this camera"
+        )
+    now = source_setup(source)
+    differences = setup_differences(replace(flat.calibrated.setup, rig=""), now)
+    if differences:
+        raise DataError(
+            f"{source.path}: the flat was calibrated with another camera or lens: "
+            f"{', '.join(differences)}; calibrate a flat with the camera of these images"
+        )
+    return replace(source, flat=flat)
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]} pixels{' in colour' if len(shape) == 3 else ''}"
+
+
+def with_sensor(source: Source, sensor: MeasuredSensor) -> Source:
+    """Return a recording whose noise, black level and white level are those of a measured sensor.
+
+    Parameters
+    ----------
+    source
+        Recording of raw samples; a noise model that it states itself is replaced.
+    sensor
+        The sensor of its camera, for example from `read_sensor`. Another gain is taken into
+        account; if the gain of the recording is not known, it counts as that of the measurement.
+
+    Returns
+    -------
+    Source
+        With notices ``sensor-of-another-camera`` and ``sensor-of-another-gain`` where they apply.
+
+    Raises
+    ------
+    DataError
+        If the samples are not linear, have another bit depth, or were recorded with several gains.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import Measured, MeasuredSensor, read_source, with_sensor, write_png
+    >>> write_png("card.png", np.full((40, 50), 4095, np.uint16))
+    >>> black, nothing = Measured(64.0, 0.1), Measured(0.0, 0.0)
+    >>> sensor = MeasuredSensor(12, 0.0, Measured(2.5, 0.01), nothing, black, *[nothing] * 3)
+    >>> source = with_sensor(read_source("card.png"), sensor)
+    >>> source.noise
+    NoiseModel(2.5 e/DN, read noise 0 e, black level 64 DN, 12 bit)
+    """
+    if source.transfer != LINEAR:
+        raise DataError(
+            f"{source.path}: the samples have the transfer curve {source.transfer.name}, but the "
+            "noise of a sensor is that of linear samples: leave out the sensor"
+        )
+    end_dn = 2**sensor.bit_depth - 1
+    if not end_dn / 2 < source.white_level <= end_dn:
+        raise DataError(
+            f"{source.path}: samples up to {source.white_level:g}, but the sensor was measured "
+            f"with {sensor.bit_depth} bits: measure it in this pixel format"
+        )
+    gains_db = {frame.gain_db for frame in source.frames if frame.gain_db is not None}
+    if len(gains_db) > 1:
+        raise DataError(
+            f"{source.path}: frames with several gains have no common noise: leave out the sensor"
+        )
+    gain_db = gains_db.pop() if gains_db else sensor.gain_db
+    noise = sensor.noise_model(gain_db)
+    return replace(
+        source,
+        noise=noise,
+        black_level=noise.black_level_dn,
+        white_level=min(source.white_level, float(noise.white_level_dn)),
+        warnings=(*source.warnings, *sensor_notices(sensor, source.setup, gain_db)),
+    )
+
+
+def sensor_notices(sensor: MeasuredSensor, setup: Setup, gain_db: float) -> tuple[Notice, ...]:
+    """Return warnings if a sensor was measured with another camera or gain.
+
+    Parameters
+    ----------
+    sensor
+        The measured sensor.
+    setup
+        Camera of the recording; what one of them does not state is not compared.
+    gain_db
+        Analogue gain of the recording, decibels.
+
+    Examples
+    --------
+    >>> from acquisition import Measured, MeasuredSensor, Setup, sensor_notices
+    >>> nothing = Measured(0.0, 0.0)
+    >>> sensor = MeasuredSensor(12, 0.0, Measured(2.5, 0.01), *[nothing] * 5)
+    >>> [notice.code for notice in sensor_notices(sensor, Setup(), gain_db=6.0)]
+    ['sensor-of-another-gain']
+    """
+    notices = []
+    then = sensor.setup
+    pairs = (
+        (setup.camera_serial, then.camera_serial),
+        (setup.camera_model, then.camera_model),
+    )
+    other = next((pair for pair in pairs if all(pair) and pair[0] != pair[1]), None)
+    if other is not None:
+        text = f"the sensor was measured with camera {other[1]}, but this is {other[0]}"
+        notices.append(Notice("sensor-of-another-camera", text))
+    if not np.isclose(gain_db, sensor.gain_db, rtol=0, atol=_SAME_GAIN_DB):
+        text = (
+            f"the sensor was measured at {sensor.gain_db:g} dB, but the gain is {gain_db:g} dB: "
+            "its read noise in electrons may differ"
+        )
+        notices.append(Notice("sensor-of-another-gain", text))
+    return tuple(notices)

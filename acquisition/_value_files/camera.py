@@ -10,13 +10,12 @@ import numpy as np
 from pydantic import model_validator
 
 from acquisition._errors import DataError
-from acquisition._json import parse_json
 from acquisition._session.value_records import CameraModelRecord
 from acquisition._storage import write_durably
-from acquisition._text_files import numbered_lines, read_text
+from acquisition._text_files import numbered_lines, parse_json, read_text
 from acquisition._value_files.alicevision import camera_of_scene
 from acquisition._value_files.colmap import camera_line, colmap_text, finite_numbers
-from acquisition._value_files.mat_variables import read_variables
+from acquisition._value_files.mat5 import read_variables
 from acquisition._value_files.opencv_camera import (
     camera_of_json,
     camera_of_storage,

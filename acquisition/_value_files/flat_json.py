@@ -9,29 +9,19 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
-from acquisition._errors import DataError
-from acquisition._json import parse_json
+from acquisition._errors import DataError, named
 from acquisition._pixels.images import read_image, write_exr
-from acquisition._session.calibrated_record import CalibratedRecord
-from acquisition._session.value_records import Table
+from acquisition._session.value_records import CalibratedRecord, Table
 from acquisition._storage import make_folder, write_durably
-from acquisition._text_files import read_text
+from acquisition._text_files import parse_versioned, read_text
 from acquisition._values.flat import Flat, FloatImage
 from rig import MAX_PIXELS, check_type
 
 FLAT_FILE: Final = "flat.json"
-_VERSION: Final = 1
 _PARTS: Final = ("smooth", "pixel")
 _Deviation = Annotated[float, Field(ge=0)]
-
-
-class _Head(Table):
-    model_config = ConfigDict(extra="ignore")
-
-    format: Literal["sgp-flat"]
-    version: Any
 
 
 class _Image(Table):
@@ -41,7 +31,7 @@ class _Image(Table):
 
 class _FlatFile(Table):
     format: Literal["sgp-flat"] = "sgp-flat"
-    version: Literal[1] = _VERSION
+    version: Literal[1] = 1
     smooth: _Image
     pixel: _Image
     cfa: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None = None
@@ -101,18 +91,12 @@ def read_flat(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Flat:
     """
     path = _file_of(Path(path))
     text = read_text(path)
-    version = parse_json(_Head, text, path).version
-    if type(version) is not int or version != _VERSION:
-        raise DataError(
-            f"{path}: version {str(version)[:20]} of sgp-flat is unknown, this program reads "
-            f"{_VERSION}: use the program that wrote the file"
-        )
-    file = parse_json(_FlatFile, text, path)
+    file = parse_versioned(_FlatFile, text, path, lambda version: str(version)[:20])
     smooth, pixel = (
         _read_part(path.with_name(part.file), part.pixels_sha256, max_pixels)
         for part in (file.smooth, file.pixel)
     )
-    try:
+    with named(path):
         return Flat(
             smooth,
             pixel,
@@ -122,8 +106,6 @@ def read_flat(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Flat:
             covered=file.covered,
             calibrated=file.calibrated.value(),
         )
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from error
 
 
 def write_flat(

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._suffixes import IMAGE_SUFFIXES, RAW_SUFFIXES
+from acquisition._values.image_names import IMAGE_SUFFIXES, RAW_SUFFIXES
 from acquisition._values.lights import Array
 
 # The separator of a file is the first of these with which all its rows can be read. A comma is a

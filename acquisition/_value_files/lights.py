@@ -1,14 +1,19 @@
-"""Reader and writer for files of lights in all supported formats."""
+"""Files of lights in all supported formats; ``lights.json`` has one line per light."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Final, Literal
 
-from acquisition._errors import DataError
+import numpy as np
+from pydantic import Field, model_validator
+
+from acquisition._errors import DataError, named
+from acquisition._session.lights_record import ERROR_KEYS, LightsRecord
+from acquisition._session.manifest import RigRecord
 from acquisition._storage import write_durably
-from acquisition._text_files import read_text
-from acquisition._value_files.lights_json import lights_json, parse_lights_json
+from acquisition._text_files import parse_versioned, read_text
 from acquisition._value_files.lights_text import (
     DIRECTIONS_FILE,
     lp_text,
@@ -16,8 +21,58 @@ from acquisition._value_files.lights_text import (
     parse_lp,
 )
 from acquisition._value_files.near_lights import is_near_lights
+from acquisition._values.light_errors import LightErrors
 from acquisition._values.lights import Lights
-from rig import check_type
+from acquisition._values.setup import Calibrated, Setup
+from rig import RigConfig, check_type
+
+# Keys that version 2 added to the file; to the lights it added those of their errors.
+_ADDED: Final = "calibrated"
+
+
+class _LightsFile(LightsRecord):
+    format: Literal["sgp-lights"]
+    version: Literal[1, 2]
+    provenance: Annotated[dict[str, Any], Field(default_factory=dict)]
+
+    @model_validator(mode="after")
+    def _keys_of_the_version(self) -> _LightsFile:
+        if self.version == 1:
+            added = {_ADDED} & self.model_fields_set
+            for i, light in enumerate(self.lights):
+                keys = ERROR_KEYS.keys() & light.model_fields_set
+                added |= {f"lights.{i}.{key}" for key in keys}
+            if added:
+                raise ValueError(f"unknown key {min(added)!r}: version 1 does not have it")
+        return self
+
+
+def parse_lights_json(text: str, path: Path) -> Lights:
+    """Build lights from the text of a lights.json.
+
+    Raises
+    ------
+    DataError
+        If the text is invalid or has another version; the message names ``path`` and the light.
+    """
+    file = parse_versioned(_LightsFile, text, path)
+    with named(path):
+        return file.value()
+
+
+def lights_json(lights: Lights, provenance: dict[str, Any]) -> str:
+    """Return the text of a lights.json: version 1 if this version can hold the lights, else 2."""
+    record = LightsRecord.of(lights)
+    rows = [json.dumps(light.model_dump(exclude_none=True)) for light in record.lights]
+    version = 1 if lights.errors is None and lights.calibrated is None else 2
+    calibrated = ""
+    if record.calibrated is not None:
+        calibrated = f' "calibrated": {record.calibrated.json_text()},\n'
+    return (
+        f'{{\n "format": "sgp-lights",\n "version": {version},\n "lights": [\n  '
+        + ",\n  ".join(rows)
+        + f'\n ],\n{calibrated} "provenance": {json.dumps(provenance, allow_nan=False)}\n}}\n'
+    )
 
 
 def read_lights(path: str | Path) -> Lights:
@@ -114,3 +169,43 @@ def write_lights(
         case _:
             raise DataError(f"{path}: lights are written as .json or .lp: choose one of the two")
     write_durably(path, text.encode())
+
+
+def lights_of_rig(config: RigConfig | RigRecord) -> Lights:
+    """Return the lights of a rig: its LEDs at the positions that its rig file states.
+
+    Their strengths are not known and count as equal; they shine alike in all directions.
+
+    Parameters
+    ----------
+    config
+        Configuration of the rig, or what a session has recorded of it.
+
+    Returns
+    -------
+    Lights
+        All LEDs by their ids, ``L07`` for LED 7, with the covariances of their positions.
+
+    Raises
+    ------
+    DataError
+        If the configuration has no ``led_positions_mm``.
+
+    Examples
+    --------
+    >>> from acquisition import lights_of_rig
+    >>> from rig import RigConfig
+    >>> places = [[300, 0, 300], [0, 310, 300], [-280, 0, 300]]
+    >>> lights_of_rig(RigConfig(name="arc", driver="bench", leds=3, led_positions_mm=places))
+    Lights(3 positions in mm, L00 to L02)
+    """
+    if not isinstance(config, RigRecord):
+        check_type("config", config, RigConfig, "rig.find_rig_config(name) returns one")
+    if not config.led_positions_mm or not config.led_positions_sigma_mm:
+        raise DataError(f"the rig {config.name} has no led_positions_mm: add them to its rig file")
+    covariance = config.led_positions_sigma_mm**2 * np.eye(3)
+    return Lights(
+        positions_mm=np.array(config.led_positions_mm),
+        errors=LightErrors(np.tile(covariance, (len(config.led_positions_mm), 1, 1))),
+        calibrated=Calibrated(setup=Setup(rig=config.name)),
+    )

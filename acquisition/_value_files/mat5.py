@@ -1,4 +1,4 @@
-"""Strict reader for one numeric array from a MAT-file of level 5.
+"""MAT-files of level 5: a strict reader for numeric arrays, and a writer for true normals.
 
 Format: MathWorks, MAT-File Format (Level 5). Every length is checked against the enclosing data
 before anything is read or unpacked, because one flipped bit can crash a reader that trusts lengths.
@@ -6,19 +6,25 @@ before anything is read or unpacked, because one flipped bit can crash a reader 
 
 from __future__ import annotations
 
+import io
 import math
 import struct
 import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from rig import UnreadableError
+from acquisition._errors import DataError, convert_read_errors
+from acquisition._storage import write_durably
+from acquisition._values.lights import Array
+from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded
 
 _HEADER: Final = 128
-_MATRIX, _COMPRESSED, _UTF8 = 14, 15, 16
+_MATRIX, _COMPRESSED = 14, 15
 # Numeric types of elements; MATLAB stores doubles with integer values in the smallest that fits.
 _TYPES: Final = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
@@ -26,6 +32,9 @@ _TYPES: Final = {
 # Numeric array classes: mxDOUBLE to mxUINT64.
 _NUMERIC: Final = range(6, 16)
 _COMPLEX: Final = 0x0800
+# The first 116 bytes are free text, to which SciPy writes the time and the system.
+_TEXT: Final = b"MATLAB 5.0 MAT-file".ljust(116)
+_MOST_NUMBERS: Final = 300_000
 
 
 @dataclass(frozen=True)
@@ -58,16 +67,13 @@ def read_mat5(data: bytes, name: str, max_numbers: int) -> npt.NDArray[np.float6
     """
     if data[:8] == b"\x89HDF\r\n\x1a\n" or data[:19] == b"MATLAB 7.3 MAT-file":
         raise UnreadableError("a MAT-file of version 7.3: save it in MATLAB with -v7")
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if len(data) < _HEADER or order is None:
-        raise UnreadableError("not a MAT-file of version 5 to 7: save it in MATLAB with -v7")
+    order = _order(data)
     rest = memoryview(data)[_HEADER:]
     # Room for the numbers, and for a name and a shape.
     most_bytes = 8 * max_numbers + 4096
     while rest:
         element, rest = _next(rest, order)
-        if element.kind == _COMPRESSED:
-            element = _next(memoryview(_unpacked(element.data, most_bytes)), order)[0]
+        element = _unpacked(element, most_bytes, order)
         if element.kind == _MATRIX:
             matrix = _matrix(element.data, order, name, max_numbers)
             if matrix is not None:
@@ -85,16 +91,13 @@ def mat5_names(data: bytes, most_bytes: int) -> list[str]:
     UnreadableError
         If the file is damaged or of another kind.
     """
-    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
-    if order is None:
-        raise UnreadableError("not a MAT-file of version 5 to 7: save it in MATLAB with -v7")
+    order = _order(data)
     names = []
     rest = memoryview(data)[_HEADER:]
     while rest:
         element, rest = _next(rest, order)
         try:
-            if element.kind == _COMPRESSED:
-                element = _next(memoryview(_unpacked(element.data, most_bytes)), order)[0]
+            element = _unpacked(element, most_bytes, order)
             if element.kind != _MATRIX:
                 continue
             _, content = _next(element.data, order)
@@ -105,6 +108,14 @@ def mat5_names(data: bytes, most_bytes: int) -> list[str]:
         if name.isascii() and name.decode().isidentifier():
             names.append(name.decode())
     return names
+
+
+def _order(data: bytes) -> str:
+    """Return the byte order that the header states."""
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+    if order is None:
+        raise UnreadableError("not a MAT-file of version 5 to 7: save it in MATLAB with -v7")
+    return order
 
 
 def _next(data: memoryview, order: str) -> tuple[_Element, memoryview]:
@@ -124,17 +135,20 @@ def _next(data: memoryview, order: str) -> tuple[_Element, memoryview]:
     return _Element(kind, data[8 : 8 + size]), data[8 + size + padding :]
 
 
-def _unpacked(packed: memoryview, most_bytes: int) -> bytes:
+def _unpacked(element: _Element, most_bytes: int, order: str) -> _Element:
+    """Return the element in a compressed one; others are returned as they are."""
+    if element.kind != _COMPRESSED:
+        return element
     unpacker = zlib.decompressobj()
     try:
-        data = unpacker.decompress(packed, most_bytes + 1)
+        data = unpacker.decompress(element.data, most_bytes + 1)
     except zlib.error as error:
         raise UnreadableError(f"its compressed data are damaged ({error})") from error
     if len(data) > most_bytes:
         raise UnreadableError("a variable with far more numbers than expected")
     if not unpacker.eof:
         raise UnreadableError("its compressed data are truncated")
-    return data
+    return _next(memoryview(data), order)[0]
 
 
 def _matrix(
@@ -164,3 +178,57 @@ def _matrix(
         )
     values = np.frombuffer(numbers.data, stored).astype(np.float64)
     return values.reshape(sides, order="F")
+
+
+def write_normals_mat(path: Path, normals: npt.NDArray[np.float32]) -> None:
+    """Write normals ``(H, W, 3)`` as ``Normal_gt``; equal normals give equal bytes.
+
+    Raises
+    ------
+    StorageError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from acquisition import write_normals_mat
+    >>> write_normals_mat(Path("Normal_gt.mat"), np.tile(np.float32([0, 0, 1]), (4, 5, 1)))
+    """
+    # SciPy's writers take as long to import as the rest of this package.
+    from scipy.io import savemat
+
+    file: Any = io.BytesIO()  # SciPy's annotations allow only file names
+    savemat(file, {"Normal_gt": normals.astype(np.float64)}, do_compression=True)
+    write_durably(path, _TEXT, file.getbuffer()[len(_TEXT) :])
+
+
+def variable_names(path: Path) -> list[str]:
+    """Return the names of all variables of a MAT-file, numeric or not; errors as below."""
+    with convert_read_errors(path):
+        return mat5_names(read_bounded(path, MAX_BINARY_BYTES), 8 * _MOST_NUMBERS + 4096)
+
+
+def read_variables(path: Path, names: Iterable[str]) -> dict[str, Array]:
+    """Return those of the named numeric variables that a MAT-file has.
+
+    Raises
+    ------
+    MissingPathError
+        If the file does not exist.
+    DataError
+        If the file is not a MAT-file of level 5, or is damaged.
+    """
+    found: dict[str, Array] = {}
+    with convert_read_errors(path):
+        data = read_bounded(path, MAX_BINARY_BYTES)
+        for name in names:
+            try:
+                found[name] = read_mat5(data, name, _MOST_NUMBERS)
+            except UnreadableError as error:
+                if str(error) != f"no variable {name}":
+                    raise
+    for name, values in found.items():
+        if values.ndim != 2:
+            raise DataError(f"{path}: {name} is not a matrix, but has the shape {values.shape}")
+    return found

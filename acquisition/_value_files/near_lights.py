@@ -15,7 +15,7 @@ import numpy as np
 
 from acquisition._errors import DataError
 from acquisition._text_files import numbered_lines, read_text
-from acquisition._value_files.mat_variables import read_variables, variable_names
+from acquisition._value_files.mat5 import read_variables, variable_names
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Array, Lights
 from rig import Notice

@@ -1,18 +1,33 @@
-"""Camera files of OpenCV: the nodes of a calibration in YAML, XML or JSON."""
+"""Camera files of OpenCV: the nodes of a calibration in YAML, XML or JSON.
+
+FileStorage itself follows any depth of nesting until the process crashes. This module reads the few
+nodes of a camera file and ignores all others.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
+from xml.parsers import expat
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._value_files.opencv_storage import matrix_of, number_of, read_storage
 from acquisition._values.camera_model import CameraModel
+from rig import UnreadableError
 
+Array = npt.NDArray[np.float64]
+
+_ROOT = "opencv_storage"
+# A camera matrix has 9 numbers, the longest distortion 14.
+_MOST_NUMBERS: Final = 1000
+_MOST_DEPTH: Final = 32
+_KEY = re.compile(r"(?P<key>[A-Za-z_][\w-]*)[ \t]*:(?P<rest>[^\n]*)")
+_SPECIAL = {".nan": "nan", ".inf": "inf", "-.inf": "-inf", "+.inf": "inf"}
 # Names of the nodes in OpenCV's samples, and in files of other programs that write the same format.
 _MATRIX: Final = ("camera_matrix", "Camera_Matrix", "K", "M", "M1")
 _DISTORTION: Final = ("distortion_coefficients", "Distortion_Coefficients", "dist_coeffs", "D")
@@ -22,6 +37,144 @@ _MODEL: Final = ("distortion_model",)
 _BROWN: Final = ("plumb_bob", "rational_polynomial", "radtan", "brown", "none", "")
 
 Nodes = Mapping[str, str | dict[str, str]]
+
+
+def read_storage(text: str, path: Path) -> dict[str, str | dict[str, str]]:
+    """Return the top-level nodes of a file: the text of a scalar node, the parts of a matrix.
+
+    Raises
+    ------
+    DataError
+        If the text has neither of the two formats; the message names ``path``.
+    """
+    try:
+        return _xml(text) if text.lstrip().startswith("<") else _yaml(text)
+    except UnreadableError as error:
+        raise DataError(f"{path}: {error}: write the file with OpenCV's FileStorage") from error
+
+
+def number_of(node: str | dict[str, str] | None) -> float | None:
+    """Return a scalar node as a number, or None if it is not a number."""
+    if not isinstance(node, str):
+        return None
+    try:
+        return float(_SPECIAL.get(node.strip().lower(), node))
+    except ValueError:
+        return None
+
+
+def matrix_of(node: str | dict[str, str] | None, name: str, path: Path) -> Array | None:
+    """Return a node as a matrix ``(rows, cols)``; None if the node does not exist.
+
+    Raises
+    ------
+    DataError
+        If the node is not a matrix of numbers; the message names ``path`` and ``name``.
+    """
+    if node is None:
+        return None
+    parts = node if isinstance(node, dict) else {}
+    words = parts.get("data", "").replace(",", " ").split()
+    rows, columns = number_of(parts.get("rows")), number_of(parts.get("cols"))
+    if not words or len(words) > _MOST_NUMBERS or rows is None or columns is None:
+        raise DataError(f"{path}: {name} is not a matrix: write it with OpenCV's FileStorage")
+    values = [number_of(word) for word in words]
+    numbers = [value for value in values if value is not None]
+    if len(numbers) < len(values) or rows * columns != len(numbers) or rows != int(rows):
+        raise DataError(
+            f"{path}: {name} does not have {rows:g} x {columns:g} numbers: write it with OpenCV's "
+            "FileStorage"
+        )
+    return np.array(numbers, np.float64).reshape(int(rows), int(columns))
+
+
+def _yaml(text: str) -> dict[str, str | dict[str, str]]:
+    """Read the keys that begin in the first column, and the indented block below each key."""
+    lines = [line for line in text.splitlines() if line.strip() and not line.startswith(("%", "#"))]
+    if not text.startswith("%YAML") and not any(_KEY.match(line) for line in lines):
+        raise UnreadableError("not an OpenCV camera file")
+    nodes: dict[str, str | dict[str, str]] = {}
+    block: list[str] = []
+    key = rest = ""
+
+    def close() -> None:
+        if key:
+            nodes[key] = _block(block) if block and not rest.startswith('"') else rest
+
+    for line in lines:
+        if line.rstrip() in ("---", "..."):
+            continue
+        if line[0] in " \t":
+            block.append(line)
+            continue
+        close()
+        match = _KEY.match(line)
+        if match is None:
+            raise UnreadableError(f"not an OpenCV camera file ({line[:40]!r})")
+        key, rest, block = match["key"], match["rest"].strip(), []
+    close()
+    return nodes
+
+
+def _block(lines: list[str]) -> dict[str, str]:
+    """Read the indented keys of a matrix; a list may span several lines."""
+    parts: dict[str, str] = {}
+    key = ""
+    pieces: list[str] = []
+    for line in lines:
+        match = _KEY.match(line.strip())
+        if match is not None:
+            parts[key] = " ".join(pieces)
+            key, pieces = match["key"], [match["rest"]]
+        else:
+            pieces.append(line)
+    parts[key] = " ".join(pieces)
+    return {name: _unbracketed(value.strip()) for name, value in parts.items() if name}
+
+
+def _unbracketed(value: str) -> str:
+    if value[:1] != "[":
+        return value
+    if value[-1] != "]":
+        raise UnreadableError("a list has no closing bracket: the file is truncated")
+    return value[1:-1]
+
+
+def _xml(text: str) -> dict[str, str | dict[str, str]]:
+    """Read the elements of the first and second level below the root."""
+    path: list[str] = []
+    pieces: dict[tuple[str, ...], list[str]] = {}
+
+    def begin(name: str, _: dict[str, str]) -> None:
+        path.append(name)
+        if len(path) > _MOST_DEPTH:
+            raise UnreadableError(f"nested more than {_MOST_DEPTH} levels deep")
+        pieces.setdefault(tuple(path[1:3]), [])
+
+    def refuse(*_: object) -> None:
+        raise UnreadableError("a document type declaration is not allowed in a camera file")
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: path.pop()
+    parser.CharacterDataHandler = lambda piece: pieces[tuple(path[1:3])].append(piece)
+    parser.StartDoctypeDeclHandler = refuse
+    try:
+        # The text is already decoded, so the encoding in its first line is removed.
+        parser.Parse(re.sub(r"^\s*<\?xml[^>]*\?>", "", text).encode("utf-8"), True)
+    except expat.ExpatError as error:
+        raise UnreadableError(f"not an OpenCV camera file ({error})") from error
+    nodes: dict[str, str | dict[str, str]] = {}
+    for place, parts_of_text in pieces.items():
+        words = "".join(parts_of_text).strip()
+        if len(place) == 1:
+            nodes.setdefault(place[0], words)
+        elif len(place) == 2:
+            parent = nodes.get(place[0])
+            parts = parent if isinstance(parent, dict) else {}
+            parts[place[1]] = words
+            nodes[place[0]] = parts
+    return nodes
 
 
 def camera_of_storage(text: str, path: Path, size: tuple[int, int] | None) -> CameraModel:

@@ -5,34 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AwareDatetime, ConfigDict, Field
+from pydantic import AwareDatetime, Field
 
-from acquisition._errors import DataError
-from acquisition._json import parse_json
-from acquisition._session.value_records import Table
+from acquisition._errors import DataError, named
+from acquisition._session.value_records import CameraNames, Table
 from acquisition._storage import write_durably
-from acquisition._text_files import read_text
+from acquisition._text_files import parse_versioned, read_text
 from acquisition._values.measured_sensor import Measured, MeasuredSensor
-from acquisition._values.setup import Setup
 
-_FORMAT: Final = "sgp-sensor"
-_VERSION: Final = 1
 _Sigma = Annotated[float, Field(ge=0)]
-
-
-class _Head(Table):
-    model_config = ConfigDict(extra="ignore")
-
-    format: Literal["sgp-sensor"]
-    version: Any
-
-
-class _Camera(Table):
-    vendor: str = ""
-    model: str = ""
-    serial: str = ""
 
 
 class _Figures(Table):
@@ -64,7 +47,7 @@ class _SensorFile(Table):
     format: Literal["sgp-sensor"]
     version: Literal[1]
     time_utc: AwareDatetime | None = None
-    camera: _Camera = _Camera()
+    camera: CameraNames = CameraNames()
     bit_depth: Annotated[int, Field(ge=8, le=16)]
     gain_db: float
     figures: _Figures
@@ -102,13 +85,7 @@ def read_sensor(path: str | Path) -> MeasuredSensor:
     """
     path = Path(path)
     text = read_text(path)
-    version = parse_json(_Head, text, path).version
-    if type(version) is not int or version != _VERSION:
-        raise DataError(
-            f"{path}: version {version!r} of {_FORMAT} is unknown, this program reads {_VERSION}: "
-            "use the program that wrote the file"
-        )
-    file = parse_json(_SensorFile, text, path)
+    file = parse_versioned(_SensorFile, text, path)
     figures = file.figures.model_dump()
     names = [name for name in figures if not name.endswith("_sigma")]
     for name in names:
@@ -119,7 +96,7 @@ def read_sensor(path: str | Path) -> MeasuredSensor:
         for name in names
         if figures[name] is not None
     }
-    try:
+    with named(path):
         return MeasuredSensor(
             bit_depth=file.bit_depth,
             gain_db=file.gain_db,
@@ -127,11 +104,9 @@ def read_sensor(path: str | Path) -> MeasuredSensor:
             full_well_limit=file.full_well_limit,
             hot_pixel_fraction=file.hot_pixel_fraction,
             hot_pixel_e_per_s=file.hot_pixel_e_per_s,
-            setup=Setup("", file.camera.vendor, file.camera.model, file.camera.serial),
+            setup=file.camera.value(),
             time_utc=file.time_utc,
         )
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from error
 
 
 def write_sensor(
@@ -160,20 +135,14 @@ def write_sensor(
     >>> sensor = MeasuredSensor(12, 0.0, Measured(2.5, 0.01), *[nothing] * 5)
     >>> write_sensor("sensor.json", sensor)
     """
-    setup = sensor.setup
-    names = {
-        "vendor": setup.camera_vendor,
-        "model": setup.camera_model,
-        "serial": setup.camera_serial,
-    }
     figures: dict[str, float] = {}
     for name, figure in sensor.figures.items():
         figures |= {name: figure.value, f"{name}_sigma": figure.sigma}
     content: dict[str, Any] = {
-        "format": _FORMAT,
-        "version": _VERSION,
+        "format": "sgp-sensor",
+        "version": 1,
         "time_utc": None if sensor.time_utc is None else sensor.time_utc.isoformat(),
-        "camera": {name: text for name, text in names.items() if text},
+        "camera": CameraNames.of(sensor.setup).model_dump(exclude_defaults=True),
         "bit_depth": sensor.bit_depth,
         "gain_db": sensor.gain_db,
         "figures": figures,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from acquisition._errors import DataError
+from acquisition._errors import DataError, named
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._values.transfer_curve import MOST_POINTS, TransferCurve
 
@@ -54,7 +54,5 @@ def read_transfer(path: str | Path) -> TransferCurve:
         points.append((sample, light))
         if len(points) > MOST_POINTS:
             raise DataError(f"{path}: has more than {MOST_POINTS} points: give fewer")
-    try:
+    with named(path):
         return TransferCurve.table(points)
-    except DataError as error:
-        raise DataError(f"{path}: {error}") from error

@@ -54,9 +54,8 @@ def _session(
     """Record the relief as a rig would; ``clock`` is the time of each line of the journal."""
     import acquisition
     from acquisition._plan.plan import CapturePlan
-    from acquisition._session.calibrations import Calibrations
     from acquisition._session.journal import Echo
-    from acquisition._session.manifest import Manifest, RigRecord
+    from acquisition._session.manifest import Calibrations, Manifest, RigRecord
     from acquisition._session.writer import SessionWriter
 
     texts = dict(labels)

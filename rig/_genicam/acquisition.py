@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Final
 
 from harvesters.core import Callback
 
@@ -17,17 +18,106 @@ from rig._genicam.buffers import (
     memory_limit,
     with_copies,
 )
-from rig._genicam.collector import Collector
 from rig._genicam.errors import GENICAM_ERRORS, camera_errors
 from rig._genicam.pixels import PixelFormat
 from rig._genicam.received import Content, ReceivedFrame
-from rig._genicam.stream_counts import StreamCounts
 
+_ABSENT: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AttributeError)
+# Name of each counter as a query of the stream, and as a node of GenTL's standard features.
+_COUNTS: Final = {
+    "started": ("num_started", "StreamStartedFrameCount"),
+    "delivered": ("num_delivered", "StreamDeliveredFrameCount"),
+    "underrun": ("num_underrun", "StreamLostFrameCount"),
+}
 # harvesters holds the interpreter's lock while it waits, so it is polled often and never waits.
 _POLL_S = 2e-5
-_UNKNOWN: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AttributeError)
+# Interval between attempts of the collecting thread.
+_COLLECT_S = 0.001
 # How soon the collecting thread notices that it must end, while another thread decodes a frame.
 _PATIENCE_S = 0.05
+
+
+class StreamCounts:
+    """The counters of a stream since acquisition was started.
+
+    Parameters
+    ----------
+    stream
+        harvesters' ``DataStream``.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+        self._before: dict[str, int] = {}
+
+    def begin(self) -> None:
+        """Start counting here: some producers reset their counters with each start, some never."""
+        self._before = self._read()
+
+    def read(self) -> dict[str, int]:
+        """Return the available counters by name."""
+        return {
+            name: max(0, count - self._before.get(name, 0)) for name, count in self._read().items()
+        }
+
+    def _read(self) -> dict[str, int]:
+        read = {name: self._one(*names) for name, names in _COUNTS.items()}
+        return {name: count for name, count in read.items() if count is not None}
+
+    def _one(self, info: str, node: str) -> int | None:
+        try:
+            return int(getattr(self._stream, info))
+        except _ABSENT:
+            pass
+        nodes = getattr(self._stream, "node_map", None)
+        try:
+            if nodes is None or not nodes.has_node(node):
+                return None
+            return int(nodes.get_node(node).value)
+        except _ABSENT:
+            return None
+
+
+class Collector:
+    """A thread that collects frames from `begin` to `end`.
+
+    Parameters
+    ----------
+    collect
+        Takes one frame and returns True; returns False if there is no frame or no room.
+    """
+
+    def __init__(self, collect: Callable[[], bool]) -> None:
+        self._collect = collect
+        self._thread: threading.Thread | None = None
+        self._ended = threading.Event()
+
+    def begin(self) -> None:
+        """Start collecting, if not yet started."""
+        if self._thread is None:
+            self._ended = threading.Event()
+            # A producer that never returns must not keep the program alive.
+            self._thread = threading.Thread(
+                target=self._run, args=(self._ended,), name="collector", daemon=True
+            )
+            self._thread.start()
+
+    def end(self) -> None:
+        """Stop collecting, and wait until the thread has ended; ending twice does nothing."""
+        self._ended.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
+
+    def _run(self, ended: threading.Event) -> None:
+        while not ended.is_set():
+            try:
+                found = self._collect()
+            except CameraError:
+                # The next request for a frame raises the same error.
+                return
+            if not found:
+                ended.wait(_COLLECT_S)
 
 
 class _Heard(Callback):  # type: ignore[misc] # harvesters has no types
@@ -204,7 +294,7 @@ class Acquisition:
             if self._stream.defines_payload_size():
                 return int(self._stream.payload_size)
             return int(self._acquirer.remote_device.node_map.PayloadSize.value)
-        except _UNKNOWN:
+        except _ABSENT:
             # The start of acquisition will report the error.
             return 2 * self._size[0] * self._size[1]
 

@@ -15,11 +15,10 @@ from rig._genicam.automatics import camera_settings, turn_off_automatics
 from rig._genicam.count import BlockCount
 from rig._genicam.nodes import Nodes
 from rig._genicam.received import ReceivedFrame
-from rig._genicam.settings import EXPOSURE, Settings
+from rig._genicam.settings import EXPOSURE, Settings, TriggerControl
 from rig._genicam.setup import CameraOptions, check_needs, set_up
 from rig._genicam.system import OpenDevice, open_device
-from rig._genicam.trigger import TriggerControl
-from rig._plural import pluralize
+from rig._notice import pluralize
 
 _POLL_S = 0.001
 _WAITING_EVERY_S = 0.1

@@ -101,21 +101,15 @@ class Nodes:
 
     def number(self, names: Names) -> float:
         """Read a number."""
-        node = self._node(names)
-        with camera_errors(self._where(names)):
-            return float(node.value)
+        return float(self._read(names))
 
     def text(self, names: Names) -> str:
         """Read a string, or the symbol of an enumeration."""
-        node = self._node(names)
-        with camera_errors(self._where(names)):
-            return str(node.value)
+        return str(self._read(names))
 
     def flag(self, names: Names) -> bool:
         """Read a boolean."""
-        node = self._node(names)
-        with camera_errors(self._where(names)):
-            return bool(node.value)
+        return bool(self._read(names))
 
     def limits(self, names: Names) -> tuple[float, float]:
         """Read the range of a number."""
@@ -212,6 +206,11 @@ class Nodes:
         node = self._node(names)
         with camera_errors(self._where(names)):
             node.execute()
+
+    def _read(self, names: Names) -> Any:
+        node = self._node(names)
+        with camera_errors(self._where(names)):
+            return node.value
 
     def _where(self, names: Names) -> str:
         return f"camera {self.camera}, {self.name(names)}"

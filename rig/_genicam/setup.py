@@ -9,9 +9,8 @@ from rig._camera import CameraInfo
 from rig._errors import CameraError
 from rig._genicam.nodes import Nodes
 from rig._genicam.pixels import PixelFormat, best_format
-from rig._genicam.settings import EXPOSURE, Settings
+from rig._genicam.settings import EXPOSURE, TRIGGER_NODES, Settings
 from rig._genicam.system import FoundCamera
-from rig._genicam.trigger import TRIGGER_NODES
 
 _NEEDED: tuple[tuple[str, ...], ...] = (
     ("Width",),

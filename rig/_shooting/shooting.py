@@ -12,7 +12,7 @@ from rig._camera import Camera, CameraFrame
 from rig._config import RigConfig
 from rig._errors import BoardError, CameraError, FrameLostError, RigError
 from rig._shooting.alive import SignOfLife
-from rig._shooting.flash_chain import FlashChain
+from rig._shooting.frame_proof import FlashChain
 from rig._shooting.shot import Shot, led_name
 from rig._shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE, ShotTimes
 

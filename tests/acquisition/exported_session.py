@@ -10,12 +10,11 @@ import numpy.typing as npt
 
 from acquisition._pixels.images import write_exr, write_png
 from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.lights_record import LightsRecord
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session
 from acquisition._session.value_records import CameraModelRecord
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 from acquisition._storage import make_folder
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights, led_id

@@ -15,7 +15,7 @@ from acquisition._engine.engine import record
 from acquisition._plan.plan import CapturePlan
 from acquisition._session import writer as _session_writer
 from acquisition._session.journal import EventLine
-from acquisition._session.labels import Labels
+from acquisition._session.manifest import Labels
 from acquisition._session.session import Session
 from rig import (
     Board,

@@ -9,8 +9,7 @@ import pytest
 import tomli_w
 
 from acquisition._engine.engine import record
-from acquisition._session.calibrations import Calibrations
-from acquisition._session.manifest import _ADDED
+from acquisition._session.manifest import _ADDED, Calibrations
 from acquisition._session.session import Session
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, Rig

@@ -15,13 +15,13 @@ import pytest
 
 from acquisition._engine import carry_out as _carry_out
 from acquisition._engine.engine import record
-from acquisition._engine.hooks import RecordingHooks
+from acquisition._engine.recording import RecordingHooks
 from acquisition._engine.rehearsal import rehearse
 from acquisition._errors import StorageError
 from acquisition._pixels.images import read_image
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.calibrations import Calibrations
 from acquisition._session.journal import FrameLine
+from acquisition._session.manifest import Calibrations
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter

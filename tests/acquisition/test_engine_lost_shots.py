@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from acquisition._engine.engine import record
-from acquisition._engine.hooks import RecordingHooks
+from acquisition._engine.recording import RecordingHooks
 from acquisition._plan.plan import CapturePlan
 from acquisition._session import writer as _session_writer
 from acquisition._session.session import Session

@@ -12,8 +12,7 @@ import pytest
 from acquisition._engine.engine import record
 from acquisition._errors import DataError, StorageError
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.calibrations import Calibrations
-from acquisition._session.labels import Labels
+from acquisition._session.manifest import Calibrations, Labels
 from acquisition._session.session import Session
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights

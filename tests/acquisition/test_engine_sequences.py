@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pytest
 
 from acquisition._engine.engine import record
-from acquisition._engine.hooks import RecordingHooks
+from acquisition._engine.recording import RecordingHooks
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.verify import verify_session
 from acquisition._values.noise_model import NoiseModel

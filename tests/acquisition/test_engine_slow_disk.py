@@ -18,7 +18,7 @@ from acquisition._engine import carry_out as _carry_out
 from acquisition._engine import recording as _recording
 from acquisition._engine import write_queue as _write_queue
 from acquisition._engine.engine import record
-from acquisition._engine.hooks import RecordingHooks
+from acquisition._engine.recording import RecordingHooks
 from acquisition._errors import StorageError
 from acquisition._session import writer as _session_writer
 from acquisition._session.session import Session

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import loadmat
 
-from acquisition._export.caption import Caption
-from acquisition._export.captioned_images import write_captioned_png
+from acquisition._export.captioned_images import Caption, write_captioned_png
 from acquisition._export.export import Layout, prepare_export
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image
+from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.session import Session
 from acquisition._source.reader import read_source
 from acquisition._values.lights import led_id
@@ -204,7 +204,14 @@ def test_any_text_fits_into_a_caption(
     tmp_path_factory: pytest.TempPathFactory, title: str, notes: str, exposure_us: float | None
 ) -> None:
     path = tmp_path_factory.mktemp("png") / "a.png"
-    caption = Caption(title, "", "", notes, "", datetime(2026, 1, 2, tzinfo=UTC), "s", exposure_us)
+    manifest = Manifest(
+        object=title,
+        operator="",
+        notes=notes,
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        camera=CameraRecord(width=4, height=3, bit_depth=12),
+    )
+    caption = Caption(manifest, exposure_us)
     pixels = picture(1, (3, 4))
     write_captioned_png(path, pixels, caption)
     np.testing.assert_array_equal(read_image(path), pixels)

@@ -15,7 +15,7 @@ from acquisition._export.export import prepare_export
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image, write_exr, write_png, write_tiff
 from acquisition._pixels.raw import read_raw
-from acquisition._session.labels import Labels
+from acquisition._session.manifest import Labels
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._source.image_folder import images_source

@@ -15,8 +15,7 @@ import pytest
 
 from acquisition._engine import carry_out as _carry_out
 from acquisition._engine.engine import record, resume
-from acquisition._engine.hooks import RecordingHooks
-from acquisition._engine.recording import LOST_RETAKES
+from acquisition._engine.recording import LOST_RETAKES, RecordingHooks
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from acquisition._errors import DataError, MissingPathError
 from acquisition._plan.plan import CapturePlan, read_plan
 from acquisition._plan.planned_shot import PlannedShot
-from acquisition._toml import to_toml
+from acquisition._text_files import to_toml
 
 
 def test_order_and_file_names_of_shots() -> None:

@@ -19,9 +19,8 @@ import pytest
 from acquisition._plan.plan import CapturePlan
 from acquisition._preflight import rig as _check_rig
 from acquisition._preflight.check import Check
-from acquisition._preflight.disk import check_disk
 from acquisition._preflight.preflight import Preflight, preflight
-from acquisition._preflight.rig import check_camera
+from acquisition._preflight.rig import check_camera, check_disk
 from acquisition._preflight.trial_frames import (
     Trials,
     check_exposure,
@@ -297,7 +296,7 @@ def test_a_disk_that_refuses_to_flush_or_returns_other_data(
         assert found.state == "failed"
         assert "Input/output error; the disk fails" in found.text
     with monkeypatch.context() as patched:
-        patched.setattr("acquisition._preflight.disk.read_back", lambda path: b"something else")
+        patched.setattr("acquisition._preflight.rig.read_back", lambda path: b"something else")
         found = check_disk(tmp_path, 1)
         assert found.state == "failed"
         assert "differs from the data written" in found.text

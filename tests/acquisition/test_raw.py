@@ -21,7 +21,7 @@ from acquisition._pixels.images import read_image, write_png
 from acquisition._pixels.raw import read_raw
 from acquisition._session.verify import verify_session
 from acquisition._source.reader import read_source
-from acquisition._suffixes import is_raw
+from acquisition._values.image_names import is_raw
 from acquisition._values.lights import Lights
 from tests.acquisition.dng_file import SHORT, SRATIONAL, Tag, dng, tag
 

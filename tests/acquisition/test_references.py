@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pytest
 
 from acquisition._engine.engine import record, resume
-from acquisition._engine.references import References
+from acquisition._engine.rejection import References
 from acquisition._pixels.frame_quality import FrameQuality
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from acquisition._engine.engine import record, resume
-from acquisition._engine.hooks import RecordingHooks
-from acquisition._session.calibrations import Calibrations
+from acquisition._engine.recording import RecordingHooks
+from acquisition._session.manifest import Calibrations
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._values.noise_model import NoiseModel

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from acquisition._engine.engine import check_resume, record, resume
-from acquisition._engine.hooks import RecordingHooks
+from acquisition._engine.recording import RecordingHooks
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.compact import compact_session

@@ -25,7 +25,6 @@ import pytest
 
 from acquisition._errors import DataError
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.journal import Echo
 from acquisition._session.lights_record import LightsRecord
 from acquisition._session.manifest import (
@@ -38,8 +37,8 @@ from acquisition._session.manifest import (
 )
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._value_files.lights_json import lights_json
+from acquisition._session.writer import CameraReport, SessionWriter
+from acquisition._value_files.lights import lights_json
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.light_errors import LightErrors
 from acquisition._values.lights import Lights
@@ -173,8 +172,8 @@ def write(folder: Path) -> None:
     (folder / "frames" / "D_40us.tif").unlink()
     module = "acquisition._session"
     with (
-        patch(f"{module}.recovery.utc_now", clock(100)),
-        patch(f"{module}.recovery.software_version", return_value="0.0.0"),
+        patch(f"{module}.opening.utc_now", clock(100)),
+        patch(f"{module}.opening.software_version", return_value="0.0.0"),
         SessionWriter.reopen(folder, set_aside_damaged=True) as writer,
     ):
         for number, shot in enumerate(writer.missing, 60):

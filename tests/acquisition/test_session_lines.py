@@ -14,9 +14,9 @@ import pytest
 
 from acquisition._engine.engine import record
 from acquisition._errors import DataError
-from acquisition._session.calibrations import Calibrations
 from acquisition._session.event_details import details_complaint
 from acquisition._session.journal import GENESIS, parse_journal
+from acquisition._session.manifest import Calibrations
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter

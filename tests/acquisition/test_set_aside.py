@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from acquisition._engine.engine import check_resume, record, resume
-from acquisition._engine.hooks import RecordingHooks
+from acquisition._engine.recording import RecordingHooks
 from acquisition._errors import DataError, StorageError
 from acquisition._plan.plan import CapturePlan
 from acquisition._session import frame_proofs as _frame_proofs
 from acquisition._session.compact import compact_session
-from acquisition._session.damaged import damaged_frames
+from acquisition._session.frame_proofs import damaged_frames
 from acquisition._session.journal import Echo
 from acquisition._session.manifest import Manifest
 from acquisition._session.session import Session

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from acquisition._engine.engine import record, resume
-from acquisition._engine.hooks import RecordingHooks
+from acquisition._engine.recording import RecordingHooks
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.session import Session
 from rig import CameraError, Rig, RigError

@@ -12,14 +12,13 @@ import pytest
 
 from acquisition import _part_files, _storage
 from acquisition._errors import DataError, StorageError
-from acquisition._export.caption import Caption
-from acquisition._export.captioned_images import write_captioned_exr, write_captioned_png
+from acquisition._export.captioned_images import Caption, write_captioned_exr, write_captioned_png
 from acquisition._export.tables import write_diligent_tables
 from acquisition._import.frames import import_frames, read_import
 from acquisition._pixels.images import read_image, write_png
 from acquisition._pixels.raw import read_raw
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.manifest import CameraRecord, Manifest
+from acquisition._session.manifest import CameraRecord, Manifest, SoftwareRecord
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
@@ -27,7 +26,15 @@ from acquisition._storage import write_durably
 from acquisition._values.lights import Lights
 
 PIXELS = np.arange(48, dtype=np.uint16).reshape(6, 8)
-CAPTION = Caption("coin", "Ada", "", "", "", datetime(2026, 1, 2, tzinfo=UTC), "program 1")
+CAPTION = Caption(
+    Manifest(
+        object="coin",
+        operator="Ada",
+        started_utc=datetime(2026, 1, 2, tzinfo=UTC),
+        software=SoftwareRecord(name="program", version="1"),
+        camera=CameraRecord(width=4, height=3, bit_depth=12),
+    )
+)
 
 
 def manifest() -> Manifest:

@@ -20,8 +20,7 @@ from acquisition._import.watch import WatchResult, watch_folder
 from acquisition._import.watch_shots import Watch, lights_in_order
 from acquisition._pixels.images import write_exr, write_png, write_tiff
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.labels import Labels
-from acquisition._session.manifest import Manifest
+from acquisition._session.manifest import Labels, Manifest
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter

@@ -22,11 +22,10 @@ from acquisition import (
 )
 from acquisition._pixels.plain_rows import plain_rows
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.camera_report import CameraReport
 from acquisition._session.compact import compact_session
 from acquisition._session.manifest import CameraRecord, Manifest, RigRecord
 from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import SessionWriter
+from acquisition._session.writer import CameraReport, SessionWriter
 from calibration import EstimateError, linear_stack, open_stack
 from rig import Mounting
 from tests.quick_sample import quick

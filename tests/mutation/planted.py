@@ -18,7 +18,7 @@ class Planted:
 PLANTED = (
     Planted(
         "a dark frame before an ambient one",
-        "acquisition/_engine/references.py",
+        "acquisition/_engine/rejection.py",
         'ambient = self._dark.get(("ambient", shot.exposure_us))\n'
         '        return ambient or self._dark.get(("dark", shot.exposure_us))',
         'dark = self._dark.get(("dark", shot.exposure_us))\n'
@@ -26,19 +26,19 @@ PLANTED = (
     ),
     Planted(
         "the last frame without light counts",
-        "acquisition/_engine/references.py",
+        "acquisition/_engine/rejection.py",
         "self._dark[shot.role, shot.exposure_us] = quality",
         'self._dark["ambient", shot.exposure_us] = quality',
     ),
     Planted(
         "the shortest exposure gives the light of an LED",
-        "acquisition/_engine/references.py",
+        "acquisition/_engine/rejection.py",
         "light.exposure_us > known.exposure_us",
         "light.exposure_us < known.exposure_us",
     ),
     Planted(
         "the last repeat gives the light of an LED",
-        "acquisition/_engine/references.py",
+        "acquisition/_engine/rejection.py",
         "light.exposure_us > known.exposure_us",
         "light.exposure_us >= known.exposure_us",
     ),

@@ -24,11 +24,11 @@ _WHOLE_CALIBRATION = (_LIGHTS, _PARTS, "calibration/test_spheres_simulated.py")
 _DETAIL = "processing/_detail"
 
 TARGETS: dict[str, tuple[str, ...]] = {
-    "acquisition/_engine/references.py": (
+    "acquisition/_engine/rejection.py": (
         "acquisition/test_references.py",
+        "acquisition/test_rejection.py",
         "acquisition/test_short_brackets.py",
     ),
-    "acquisition/_engine/rejection.py": ("acquisition/test_rejection.py",),
     "acquisition/_engine/agenda.py": (
         "acquisition/test_agenda.py",
         "acquisition/test_judging_order.py",
@@ -55,12 +55,10 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "rig/_shooting/alive.py": (_VALUES,),
     "rig/_shooting/dark.py": ("rig/test_dark.py", "rig/test_rig_signals.py"),
     "rig/_shooting/shot_times.py": (_VALUES,),
-    "rig/_shooting/flash_chain.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
-    "rig/_shooting/frame_time.py": (_BY_CLOCK,),
+    "rig/_shooting/frame_proof.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
     "rig/_shooting/sequence.py": (_VALUES, _BY_CLOCK, "rig/test_rig_sequence.py"),
     "rig/_shooting/shooting.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
     "rig/_shooting/shot.py": (_VALUES,),
-    "rig/_shooting/spacing.py": (_VALUES,),
     "rig/_shooting/wires.py": (_VALUES,),
     "rig/_board/protocol.py": ("rig/test_protocol_lines.py",),
     "rig/_board/replies.py": ("rig/test_board_replies.py",),

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import CameraError, FrameLostError
+from rig._genicam.acquisition import Collector, StreamCounts
 from rig._genicam.buffers import LEAST, Buffering, buffering, with_copies
-from rig._genicam.collector import Collector
-from rig._genicam.stream_counts import StreamCounts
 from tests.rig.camera_benches import EXPOSURE_US, SIZE, GenICamBench, grey
 
 MB = 10**6

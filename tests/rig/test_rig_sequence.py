@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from rig import BoardError, CameraError, CameraInfo, RigConfig, RigError
 from rig._camera import CameraFrame
+from rig._shooting.frame_proof import Spacing
 from rig._shooting.sequence import runs
 from rig._shooting.shot_times import ShotTimes
-from rig._shooting.spacing import Spacing
 from simulator._board.faults import BoardFault
 from tests.rig.conftest import led_on, led_seen
 

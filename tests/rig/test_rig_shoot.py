@@ -10,7 +10,7 @@ import pytest
 
 import rig._shooting.shooting
 from rig import Board, BoardError, CameraError, CameraFrame, FrameLostError, RigError
-from rig._shooting.flash_chain import FlashChain
+from rig._shooting.frame_proof import FlashChain
 from rig._shooting.shot_times import ShotTimes
 from simulator._board.faults import BoardFault
 from simulator._camera.virtual_camera import VirtualCamera

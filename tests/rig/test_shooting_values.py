@@ -12,14 +12,13 @@ import pytest
 from rig import BoardError, CameraError, CameraFrame, CameraInfo, RigConfig, RigError
 from rig._board.values import BoardIdentity, FlashReport
 from rig._errors import FrameTimeoutError
-from rig._shooting import alive, flash_chain, wires
+from rig._shooting import alive, frame_proof, wires
 from rig._shooting.alive import SignOfLife
-from rig._shooting.flash_chain import FlashChain
+from rig._shooting.frame_proof import FlashChain, Spacing
 from rig._shooting.sequence import runs
 from rig._shooting.shooting import Bench, check_light, hold_ms
 from rig._shooting.shot import led_name
 from rig._shooting.shot_times import ShotTimes
-from rig._shooting.spacing import Spacing
 from rig._shooting.wires import Wires, try_wires
 
 IDENTITY = BoardIdentity("fake", 2, "1", 6, 10_000, 1000, 48)
@@ -44,7 +43,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    for module in (alive, flash_chain, wires):
+    for module in (alive, frame_proof, wires):
         monkeypatch.setattr(module, "time", clock)
     return clock
 

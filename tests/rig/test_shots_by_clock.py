@@ -13,8 +13,8 @@ import pytest
 from rig import BoardEcho, BoardError, CameraError, CameraFrame, FrameLostError, RigConfig, RigError
 from rig._board.values import FlashReport, Step, StepReport
 from rig._errors import FrameTimeoutError
-from rig._shooting import alive, flash_chain, sequence, shooting
-from rig._shooting.frame_time import time_ns
+from rig._shooting import alive, frame_proof, sequence, shooting
+from rig._shooting.frame_proof import time_ns
 from rig._shooting.sequence import run
 from rig._shooting.shooting import Bench, by_board, by_software, hold_ms
 from rig._shooting.shot_times import ShotTimes
@@ -28,7 +28,7 @@ UNDERRUN = {"underrun": 1}
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    for module in (alive, flash_chain, sequence, shooting):
+    for module in (alive, frame_proof, sequence, shooting):
         monkeypatch.setattr(module, "time", clock)
     return clock
 

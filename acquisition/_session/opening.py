@@ -1,48 +1,55 @@
-"""Reopening of an interrupted recording without losing any intact frame."""
+"""Opening of a session for writing: a new one, or an interrupted one without losing any frame."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from pathlib import Path
 
-from acquisition._errors import DataError
-from acquisition._session.damaged import damaged_frames_of
-from acquisition._session.frame_proofs import FrameProofs
+from acquisition._errors import DataError, MissingPathError, StorageError
+from acquisition._session.frame_proofs import FrameProofs, damaged_frames_of
 from acquisition._session.journal import EventLine
-from acquisition._session.journal_file import JournalFile, utc_now
-from acquisition._session.layout import COMPLETE, JOURNAL
-from acquisition._session.lock import lock_session
+from acquisition._session.journal_file import Clock, JournalFile, utc_now
+from acquisition._session.layout import COMPLETE, FRAMES, JOURNAL, MANIFEST
+from acquisition._session.manifest import Manifest
 from acquisition._session.session import Examination, Session, examine
 from acquisition._session.set_aside import clear_frames, set_frames_aside
 from acquisition._software import software_version
-from acquisition._storage import disk, sync_folder
+from acquisition._storage import (
+    disk,
+    library_path,
+    lock_folder,
+    make_folder,
+    part_path,
+    sha256_of,
+    sync_folder,
+    write_durably,
+)
+from acquisition._text_files import to_toml
 from rig import Progress, no_progress
 
 
-@dataclass(frozen=True, eq=False)
-class TakenUp:
-    """A reopened session, ready for new frames.
+def lock_session(folder: Path) -> int:
+    """Lock an existing session for this process alone.
 
-    Parameters
-    ----------
-    session
-        The session after reopening.
-    journal
-        The open journal.
-    lock
+    Returns
+    -------
+    int
         Descriptor that holds the lock until it is closed.
-    proofs
-        Checks of its frames.
-    events
-        Events of the frames that were set aside now.
-    """
 
-    session: Session
-    journal: JournalFile
-    lock: int
-    proofs: FrameProofs
-    events: tuple[EventLine, ...]
+    Raises
+    ------
+    MissingPathError
+        If the folder does not exist.
+    DataError
+        If it is a file.
+    StorageError
+        If another process is writing to it.
+    """
+    if not folder.exists():
+        raise MissingPathError(f"{folder}: no such folder")
+    if not folder.is_dir():
+        raise DataError(f"{folder}: is not a session: it is a file")
+    return lock_folder(folder)
 
 
 def take_up(
@@ -50,7 +57,7 @@ def take_up(
     *,
     set_aside_damaged: bool = False,
     on_progress: Progress = no_progress,
-) -> TakenUp:
+) -> tuple[Session, JournalFile, int, FrameProofs, tuple[EventLine, ...]]:
     """Lock an incomplete session for this process alone and prepare it for new frames.
 
     Parameters
@@ -62,6 +69,19 @@ def take_up(
         frame is reopened, too.
     on_progress
         Receives the stage ``checking recorded frames``, one step per frame.
+
+    Returns
+    -------
+    session
+        The session after reopening.
+    journal
+        The open journal.
+    lock
+        Descriptor that holds the lock until it is closed.
+    proofs
+        Checks of its frames.
+    events
+        Events of the frames that were set aside now.
 
     Raises
     ------
@@ -92,7 +112,7 @@ def take_up(
     except BaseException:
         os.close(lock)
         raise
-    return TakenUp(session, journal, lock, proofs, events)
+    return session, journal, lock, proofs, events
 
 
 def _reopened(examination: Examination, session: Session) -> JournalFile:
@@ -111,3 +131,40 @@ def _reopened(examination: Examination, session: Session) -> JournalFile:
         return JournalFile.begin(path, examination.toml_sha256, utc_now)
     details = {"software_version": software_version(), "unrecorded": aside}
     return JournalFile.resume(path, examination.journal, utc_now, details)
+
+
+def begin(folder: Path, manifest: Manifest, clock: Clock) -> tuple[JournalFile, int]:
+    """Create a session in a new or empty folder and lock it for this process.
+
+    Returns
+    -------
+    journal
+        The open journal.
+    lock
+        Descriptor that holds the lock until it is closed.
+
+    Raises
+    ------
+    DataError, StorageError
+        As for `SessionWriter.create`. The lock is released.
+    """
+    manifest.check_current(folder)
+    library_path(folder)  # the image libraries require a UTF-8 path
+    data = to_toml(manifest)
+    make_folder(folder)
+    lock = lock_folder(folder)
+    try:
+        with disk(folder, "list the folder"):
+            names = sorted(path.name for path in folder.iterdir())
+        # A temporary file of a creation that was killed does not count.
+        if set(names) - {part_path(Path(MANIFEST)).name}:
+            raise StorageError(
+                f"{folder}: is not empty (it contains {names[-1]}); choose a new folder"
+            )
+        write_durably(folder / MANIFEST, data)
+        make_folder(folder / FRAMES)
+        journal = JournalFile.begin(folder / JOURNAL, sha256_of(data), clock)
+    except BaseException:
+        os.close(lock)
+        raise
+    return journal, lock
