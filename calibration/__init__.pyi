@@ -35,14 +35,14 @@ from ._radiance.stack_tasks import Channel as Channel
 from ._sensor.calibrate import SensorCalibration as SensorCalibration
 from ._sensor.calibrate import calibrate_sensor as calibrate_sensor
 from ._spheres.apply import apply_spheres as apply_spheres
+from ._spheres.apply import check_recordings as check_recordings
+from ._spheres.apply import record_setup as record_setup
 from ._spheres.calibrate import calibrate_moved_spheres as calibrate_moved_spheres
 from ._spheres.calibrate import calibrate_spheres as calibrate_spheres
 from ._spheres.candidates import SphereCandidate as SphereCandidate
 from ._spheres.candidates import sphere_candidates as sphere_candidates
 from ._spheres.ellipse import Ellipse as Ellipse
-from ._spheres.find import find_spheres as find_spheres
-from ._spheres.record_setup import record_setup as record_setup
-from ._spheres.recordings_agree import check_recordings as check_recordings
+from ._spheres.search import find_spheres as find_spheres
 from ._spheres.sphere_calibration import Sphere as Sphere
 from ._spheres.sphere_calibration import SphereCalibration as SphereCalibration
 from ._spheres.sphere_image import SphereImage as SphereImage

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from calibration._radiance.raw_stack import Images
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.profiles import Profiles, stack_profiles
+from calibration._spheres.limb import Profiles, stack_profiles
 from calibration._spheres.robust import Array
 
 # Profiles around an outline, their reach to both sides, and the distance of their samples in radii.

@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._radiance.raw_stack import Images
-from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs
+from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs, usual_size
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 from calibration._spheres.spot import Spot
-from calibration._spheres.unlike import usual_size
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.

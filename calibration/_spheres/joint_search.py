@@ -11,14 +11,17 @@ import numpy.typing as npt
 
 from calibration._errors import EstimateError
 from calibration._radiance.raw_stack import Images
-from calibration._spheres.bright_side import bright_support
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.image_noise import image_noise
-from calibration._spheres.joint_edge import JointOutline, joint_outline, part_covariance
+from calibration._spheres.joint_edge import (
+    JointOutline,
+    bright_support,
+    joint_outline,
+    part_covariance,
+)
 from calibration._spheres.limb import LARGEST_BLUR_PX
-from calibration._spheres.outline import SHARP_PX, scatter_px
+from calibration._spheres.outline import SHARP_PX, image_noise, scatter_px
 from calibration._spheres.outline_noise import circle_covariance
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import reduced_image

@@ -12,9 +12,9 @@ from calibration._spheres.joint_refinement import KnownSpheres, linearise, refin
 from calibration._spheres.light_positions import (
     _names,
     locate_lights,
+    pair_positions,
 )
 from calibration._spheres.placed import off_the_plane, place
-from calibration._spheres.ray_positions import pair_positions
 
 TWO_R10 = [((-90, 0, 10), 10.0), ((90, 0, 10), 10.0)]
 TWO_R20 = [((-90, 0, 20), 20.0), ((90, 0, 20), 20.0)]
