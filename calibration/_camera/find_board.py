@@ -8,11 +8,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._camera.board import DICTIONARIES, CharucoBoard, dictionary_named
+from calibration._camera.board import DICTIONARIES, BoardView, CharucoBoard, dictionary_named
 from calibration._camera.refine import refined_corners
-from calibration._camera.view import BoardView
 from calibration._errors import DataError, EstimateError
-from calibration._radiance.luma import luma
+from calibration._radiance.demosaic import luma
 from rig import pluralize
 
 Array = npt.NDArray[np.float64]

@@ -8,15 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, Source
-from calibration._flat.card_area import card_area
 from calibration._flat.card_tests import check_card
 from calibration._flat.sites import Bools, Sites
-from calibration._flat.small_card import SmallCard, band_rows
+from calibration._flat.small_card import SmallCard, band_rows, card_area
 from calibration._intensities.calibrate import FittedSurfaces, fit_surfaces
 from calibration._intensities.surface import MatteSurface
 from calibration._intensities.vignetting import shift_by_lights
-from calibration._radiance.banded_stack import BandedStack, open_stack
-from calibration._radiance.stack_tasks import Channel
+from calibration._radiance.image_form import Channel
+from calibration._radiance.linear_stack import BandedStack, open_stack
 from rig import Notice, Progress
 
 # Light below this share of the brightest at a pixel grazes the card, or is beyond its pattern.

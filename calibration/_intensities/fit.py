@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from calibration._intensities.model import Geometry
-from calibration._intensities.normal_equations import NormalEquations
+from calibration._intensities.model import Geometry, NormalEquations
 from calibration._intensities.surface import Array
 
 _CAUCHY = 2.385

@@ -11,15 +11,9 @@ from typing import overload
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, Frame, Source
-from calibration._radiance.developer import Array, Developer, FloatImage, Index, Pixels
-from calibration._radiance.stack_tasks import (
-    brightest_sample,
-    check_usable,
-    frames_of_lights,
-    lit_frames,
-    threads_for,
-)
+from acquisition import CameraModel, Source
+from calibration._radiance.developer import Developer, FloatImage, Index, Pixels, brightest_sample
+from calibration._radiance.linear_stack import threads_for
 from rig import Notice, Progress, check_type, no_progress
 
 _ROWS = 32
@@ -33,12 +27,11 @@ class _RawImage:
     """The one frame of a light as it was read; it is made linear where it is used."""
 
     develop: Developer
-    frame: Frame
+    index: int
     pixels: Pixels
-    intensity: Array
 
     def __getitem__(self, part: tuple[Index, Index]) -> FloatImage:
-        return self.develop.part(self.frame, self.pixels, self.intensity, part)
+        return self.develop.part(self.index, self.pixels, part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,20 +147,14 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
            [0.333, 0.333]], dtype=float32))
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    lit = lit_frames(source)
-    develop = Developer(source, lit, "gray")
-    ids, tasks = source.light_ids, frames_of_lights(source, lit)
-    size = source.size
+    develop = Developer(source, "gray")
+    ids, size = source.light_ids, source.size
     brightest: FloatImage = np.zeros(size, np.float32)
     lock = Lock()
 
-    def read(task: tuple[list[Frame], Array]) -> tuple[FloatImage | _RawImage, np.float32]:
-        frames, intensity = task
-        image: FloatImage | _RawImage
-        if develop.keeps_raw(frames):
-            image = _RawImage(develop, frames[0], develop.raw(frames[0]), intensity)
-        else:
-            image = develop(frames, intensity)
+    def read(i: int) -> tuple[FloatImage | _RawImage, np.float32]:
+        pixels = develop.raw(i)
+        image = develop(i) if pixels is None else _RawImage(develop, i, pixels)
         largest = []
         for top in range(0, size[0], _ROWS):
             rows = slice(top, top + _ROWS)
@@ -179,11 +166,11 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
 
     images, samples = [], []
     with ThreadPoolExecutor(threads_for(4 * size[0] * size[1])) as pool:
-        for image, largest in pool.map(read, tasks):
+        for image, largest in pool.map(read, range(len(ids))):
             images.append(image)
             samples.append(largest)
             on_progress("reading", len(images), len(ids))
-    check_usable(samples, ids, source, develop.reference_level)
+    develop.check_usable(samples)
     np.nan_to_num(brightest, copy=False, nan=1.0)
     shape = (len(ids), *size)
     peaks = tuple(map(float, samples))
