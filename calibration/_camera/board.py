@@ -118,8 +118,7 @@ class CharucoBoard:
     def corners_mm(self) -> Array:
         """``(n, 2)`` inner corners, x right and y down from the upper left of the first square."""
         x, y = (np.arange(1.0, count) * self.square_mm for count in (self.columns, self.rows))
-        corners: Array = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        return corners
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     def black_mm(self) -> tuple[Array, Array]:
         """Return what to print: black rectangles, and white ones on them.
@@ -207,8 +206,7 @@ class BoardView:
     @property
     def points_mm(self) -> Array:
         """``(n, 3)`` the same corners on the board, with z = 0."""
-        points: Array = np.pad(self.board.corners_mm[self.ids], ((0, 0), (0, 1)))
-        return points
+        return np.pad(self.board.corners_mm[self.ids], ((0, 0), (0, 1)))
 
 
 class _Table(BaseModel):

@@ -408,8 +408,7 @@ def covered_field(views: Sequence[BoardView]) -> Mask:
         places = ((view.corners_px + 0.5) * scale - 0.5).astype(np.float32)
         hull = cv2.convexHull(places).reshape(-1, 2)
         cv2.fillConvexPoly(covered, np.rint(hull).astype(np.int32), 1)
-    mask: Mask = covered > 0
-    return mask
+    return covered > 0
 
 
 def bare_corners(covered: Mask) -> tuple[str, ...]:

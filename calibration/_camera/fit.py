@@ -117,8 +117,7 @@ def projected(
 
 
 def _vector(values: npt.ArrayLike) -> Array:
-    vector: Array = np.asarray(values, np.float64).ravel()
-    return vector
+    return np.asarray(values, np.float64).ravel()
 
 
 def _with_covariance(

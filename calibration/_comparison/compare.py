@@ -260,8 +260,7 @@ def covariances_3d(lights: Lights) -> Array | None:
     if lights.near:
         return lights.errors.covariances
     basis = tangent_basis(lights.unit_directions)
-    covariances: Array = basis.transpose(0, 2, 1) @ lights.errors.covariances @ basis
-    return covariances
+    return basis.transpose(0, 2, 1) @ lights.errors.covariances @ basis
 
 
 def deviations(difference: Array, covariances: Array, across: Array | None) -> Array:

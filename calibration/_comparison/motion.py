@@ -54,8 +54,7 @@ class Motion:
 
     def apply(self, points: Array) -> Array:
         """Return points ``(N, 3)`` after the motion."""
-        moved: Array = points @ self.rotation.T + self.shift_mm
-        return moved
+        return points @ self.rotation.T + self.shift_mm
 
 
 STILL = Motion(np.eye(3), np.zeros(3))
@@ -101,8 +100,7 @@ def fit_motion(before: Array, after: Array, kind: MotionKind, *, freedom: int, f
 
 def robust_cost(square: Array, scale: float, freedom: int) -> Array:
     """Return what a squared distance adds to the cost at a known scale, 0 for 0."""
-    cost: Array = (_TAILS + freedom) * np.log1p(square / (_TAILS * scale**2))
-    return cost
+    return (_TAILS + freedom) * np.log1p(square / (_TAILS * scale**2))
 
 
 def _settled(

@@ -152,8 +152,7 @@ def _lit(values: npt.NDArray[np.float32], usable: npt.NDArray[np.bool_]) -> npt.
     shows = usable & (lit >= 2)
     if shows.any():
         shows &= mean > _DARK * np.percentile(mean[shows], 95)
-    result: npt.NDArray[np.bool_] = shows
-    return result
+    return shows
 
 
 def _cosines(lights: Lights, points: Array, normals: Array) -> tuple[Array, Array]:

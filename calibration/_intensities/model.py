@@ -137,5 +137,4 @@ class NormalEquations:
 
 
 def _product(loaded: Array, total: Array) -> Array:
-    product: Array = (loaded / total) @ loaded.T
-    return product
+    return (loaded / total) @ loaded.T

@@ -130,5 +130,4 @@ def hot_pixels(dark: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
     # Some of the rows show the spread of all.
     rows = excess[:: max(1, len(excess) // _HOT_ROWS)]
     spread = 1.4826 * float(np.median(np.abs(rows)))
-    hot: npt.NDArray[np.bool_] = excess > max(_HOT_EXCESS, _DEVIATIONS * spread)
-    return hot
+    return excess > max(_HOT_EXCESS, _DEVIATIONS * spread)

@@ -161,8 +161,7 @@ class UsualSize:
 
     def matches(self, radii_px: Array) -> npt.NDArray[np.bool_]:
         """Return which spots have this size; False for NaN."""
-        usual: npt.NDArray[np.bool_] = np.abs(self._away(radii_px)) <= self.tolerance
-        return usual
+        return np.abs(self._away(radii_px)) <= self.tolerance
 
     def part_px(self, radii_px: Array) -> Array:
         """Return by how much spots may be off because a part is missing or too much, in px.
@@ -192,8 +191,7 @@ class UsualSize:
         return np.where(doubtful, _ELSEWHERE_RADII * sphere_px, 0.0)
 
     def _away(self, radii_px: Array) -> Array:
-        away: Array = 2 * np.log(radii_px) - self.log_area
-        return away
+        return 2 * np.log(radii_px) - self.log_area
 
 
 def usual_size(radii_px: Array, sigma_px: Array) -> UsualSize | None:
@@ -230,5 +228,4 @@ def usual_size(radii_px: Array, sigma_px: Array) -> UsualSize | None:
 
 
 def _not_round(radii_px: Array, sigma_px: Array) -> npt.NDArray[np.bool_]:
-    odd: npt.NDArray[np.bool_] = ~(sigma_px <= _NOT_ROUND * radii_px)
-    return odd
+    return ~(sigma_px <= _NOT_ROUND * radii_px)

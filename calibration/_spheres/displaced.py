@@ -198,5 +198,4 @@ class _Shifts:
 
 
 def _angles() -> Array:
-    angles: Array = np.arange(_ANGLES, dtype=np.float64) * (2 * np.pi / _ANGLES)
-    return angles
+    return np.arange(_ANGLES, dtype=np.float64) * (2 * np.pi / _ANGLES)

@@ -79,8 +79,7 @@ class Ellipse:
     def unit(self, pixels: npt.ArrayLike) -> Array:
         """Return pixels ``(..., 2)`` in the frame in which the ellipse is the unit circle."""
         offset = np.asarray(pixels, np.float64) - self.centre_px
-        unit: Array = offset @ np.linalg.inv(self.matrix)  # symmetric: no transpose required
-        return unit
+        return offset @ np.linalg.inv(self.matrix)  # symmetric: no transpose required
 
     def point(self, angle: npt.ArrayLike, scale: npt.ArrayLike = 1.0) -> Array:
         """Return the pixels ``(..., 2)`` at these angles (radians) and multiples of the radius."""

@@ -388,8 +388,7 @@ def _even_top(image: npt.NDArray[np.float32], within: Region) -> Region | None:
     even, equal = (np.count_nonzero(bright >= at * largest) for at in (_EVEN, _EQUAL))
     if even < _EVEN_SHARE * len(bright) or equal < max(_EQUAL_SHARE * even, _EQUAL_PX):
         return None
-    top: Region = within & (image >= _EVEN * largest)
-    return top
+    return within & (image >= _EVEN * largest)
 
 
 def _uncut(image: npt.NDArray[np.float32], clipped: Region, region: Region, white: float) -> bool:

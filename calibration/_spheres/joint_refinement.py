@@ -233,8 +233,7 @@ class System:
         outlines = inverse @ self.of_outlines @ inverse
         of_outlines: Array = np.einsum("nap,pq,nbq->nab", gain, outlines, gain)
         inside: Array = np.linalg.inv(self.of_light) + shared
-        covariance: Array = share * inside + (outlines_share - share) * of_outlines
-        return covariance
+        return share * inside + (outlines_share - share) * of_outlines
 
 
 @dataclass(frozen=True, eq=False)

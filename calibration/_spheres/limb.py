@@ -32,8 +32,7 @@ Profiles = npt.NDArray[np.floating]
 def profile_offsets() -> Array:
     """Return the distances from the approximate outline at which `edge_offsets` needs samples."""
     count = round(2 * REACH_PX / STEP_PX) + 1
-    offsets: Array = (np.arange(count, dtype=np.float64) - count // 2) * STEP_PX
-    return offsets
+    return (np.arange(count, dtype=np.float64) - count // 2) * STEP_PX
 
 
 def edge_offsets(profiles: Profiles, blur_px: float) -> Array:
@@ -117,15 +116,13 @@ def interpolated_shifts(costs: Profiles, best: npt.NDArray[np.intp]) -> Array:
     before, least, after = (costs[middle + step, column].astype(np.float64) for step in (-1, 0, 1))
     curve = before - 2 * least + after
     part = np.where(curve > 0, 0.5 * (before - after) / np.maximum(curve, 1e-300), 0.0)
-    offsets: Array = shifts[middle] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
-    return offsets
+    return shifts[middle] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
 
 
 def trial_shifts() -> Array:
     """Return the trial positions of the edge in pixels, those of `edge_costs`."""
     count = round(_LONGEST_SHIFT_PX / SHIFT_STEP_PX)
-    shifts: Array = np.arange(-count, count + 1, dtype=np.float64) * SHIFT_STEP_PX
-    return shifts
+    return np.arange(-count, count + 1, dtype=np.float64) * SHIFT_STEP_PX
 
 
 @cache

@@ -251,8 +251,7 @@ class _MirrorFit:
         normal, gradients = self._normal()
         step = -np.linalg.solve(normal, gradients.sum(axis=0) + self._prior @ self.unknowns)
         limit = np.array([*[0.02 * self.unknowns[2]] * 3, 0.05, 0.05])
-        limited: Array = np.clip(step, -limit, limit)
-        return limited
+        return np.clip(step, -limit, limit)
 
     def covariance(self) -> Array | None:
         """Return the covariance ``(3, 3)`` of place and radius, None if it is undetermined.

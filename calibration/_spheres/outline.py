@@ -277,8 +277,7 @@ def _no_outline(guess: Ellipse) -> EstimateError:
 def edge_angles(outline: Ellipse, most: int = _MOST_ANGLES) -> Array:
     """Return the angles at which an outline is examined, about one per pixel, or so many."""
     count = int(np.clip(2 * np.pi * outline.radius_px, 90, most))
-    angles: Array = np.arange(count, dtype=np.float64) * (2 * np.pi / count)
-    return angles
+    return np.arange(count, dtype=np.float64) * (2 * np.pi / count)
 
 
 def _steepest(
