@@ -90,5 +90,4 @@ class Truth:
         height, width = self.size
         x, y = np.meshgrid(np.arange(width), self.top + np.arange(height))
         origins, rays = self.lens.origins_and_rays(x, y)
-        points: Array = origins + (self.lens.camera_z_mm - self.height_mm)[..., None] * rays
-        return points
+        return origins + (self.lens.camera_z_mm - self.height_mm)[..., None] * rays

@@ -200,8 +200,7 @@ class Lens:
         right, down = points_mm[..., 0] / depth, -points_mm[..., 1] / depth
         if self._brown.any():
             right, down = distorted(right, down, self._brown)
-        pixels: Array = np.stack([fx * right + skew * down + cx, fy * down + cy], axis=-1)
-        return pixels
+        return np.stack([fx * right + skew * down + cx, fy * down + cy], axis=-1)
 
     def vignette(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> Array:
         """Return the share of light that reaches pixels: 1 on the axis, less in the corners."""
@@ -217,8 +216,7 @@ class Lens:
         if self.cfa is None:
             return None
         filters = np.array([_CFA_CHANNEL[letter] for letter in self.cfa], np.int64)
-        colour: npt.NDArray[np.int64] = filters[2 * (y_px % 2) + x_px % 2]
-        return colour
+        return filters[2 * (y_px % 2) + x_px % 2]
 
     def circle_px(self, depth_mm: Array) -> Array:
         """Return the diameters of the circles of confusion of points at depths from the camera.

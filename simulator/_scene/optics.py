@@ -61,8 +61,7 @@ class Optics:
         the aperture as seen from the point, on the plane of focus, in pixels of that plane.
         """
         aperture_mm = self.focal_length_mm / self.f_number
-        circle: Array = aperture_mm * focal_px * np.abs(1 / depth_mm - 1 / focus_mm)
-        return circle
+        return aperture_mm * focal_px * np.abs(1 / depth_mm - 1 / focus_mm)
 
     def diffraction_px(self, focal_px: float) -> float:
         """Return the standard deviation of the Gaussian that replaces the Airy pattern.

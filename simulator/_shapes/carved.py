@@ -206,8 +206,7 @@ class StepGauge(Surface):
     def edges_mm(self) -> Array:
         """``(n - 1,)`` x of the middle of each edge."""
         count = len(self.heights_mm)
-        edges: Array = self.tread_mm * (np.arange(1.0, count) - count / 2)
-        return edges
+        return self.tread_mm * (np.arange(1.0, count) - count / 2)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         z = np.full(np.broadcast(x_mm, y_mm).shape, float(self.heights_mm[0]))

@@ -222,8 +222,7 @@ class MeshBody:
     @property
     def _crosses(self) -> Array:
         a, b, c = (self.vertices_mm[self.faces[:, i]] for i in range(3))
-        crosses: Array = np.cross(b - a, c - a)
-        return crosses
+        return np.cross(b - a, c - a)
 
 
 def read_triangles(path: Path | str) -> tuple[Array, Faces]:

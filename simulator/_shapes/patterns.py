@@ -227,8 +227,7 @@ class ChArUco(Pattern):
         """``(n, 2)`` inner corners of the squares, row by row from the upper left as in OpenCV."""
         x = (np.arange(1, self.columns) - self.columns / 2) * self.square_mm
         y = (self.rows / 2 - np.arange(1, self.rows)) * self.square_mm
-        corners: Array = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        return corners
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         modules = self._modules
@@ -250,8 +249,7 @@ class ChArUco(Pattern):
             cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250),
         )
         size = (self.columns * _MODULES_PER_SQUARE, self.rows * _MODULES_PER_SQUARE)
-        drawn: npt.NDArray[np.bool_] = np.asarray(board.generateImage(size, marginSize=0)) > 127
-        return drawn
+        return np.asarray(board.generateImage(size, marginSize=0)) > 127
 
 
 def turned(x_mm: Array, y_mm: Array, angle_deg: float) -> tuple[Array, Array]:
