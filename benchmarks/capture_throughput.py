@@ -29,7 +29,7 @@ from acquisition._pixels.quality import measure_quality
 from rig import Board, Rig, RigConfig, open_genicam
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.sensor import ImageFormation
 
 MOST_TIMES_CAMERA = 1.15
 MOST_FRAMES = 12

@@ -17,7 +17,7 @@ from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, open_genicam
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.sensor import ImageFormation
 
 PASSES = 3
 # Limits, in multiples of the camera's own time.

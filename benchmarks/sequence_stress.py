@@ -33,7 +33,7 @@ from rig import Board, Rig, RigConfig, RigError, open_genicam
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.sensor import ImageFormation
 
 LEFT_ON_S = 1.25
 BLACK_DN = 100

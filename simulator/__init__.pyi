@@ -1,5 +1,5 @@
 from ._board.virtual_board import VirtualBoard as VirtualBoard
-from ._camera.image_formation import ImageFormation as ImageFormation
+from ._camera.sensor import ImageFormation as ImageFormation
 from ._camera.virtual_camera import VirtualCamera as VirtualCamera
 from ._errors import CameraError as CameraError
 from ._errors import DataError as DataError
@@ -23,16 +23,16 @@ from ._render.cramer_rao import cramer_rao_deg as cramer_rao_deg
 from ._render.render import render as render
 from ._render.render import rendering_bytes as rendering_bytes
 from ._render.rendering import Rendering as Rendering
-from ._render.resolved import resolved_normals as resolved_normals
+from ._render.rendering import Truth as Truth
+from ._render.rendering import resolved_normals as resolved_normals
 from ._render.stored import StoredRendering as StoredRendering
 from ._render.stored import render_stored as render_stored
-from ._render.truth import Truth as Truth
 from ._render.truth_files import save_truth as save_truth
 from ._scene.clutter import Ball as Ball
 from ._scene.clutter import Box as Box
 from ._scene.lamps import Lamps as Lamps
 from ._scene.lens import Lens as Lens
-from ._scene.optics import Optics as Optics
+from ._scene.lens import Optics as Optics
 from ._scene.reflectance import Ggx as Ggx
 from ._scene.reflectance import Lambert as Lambert
 from ._scene.reflectance import Material as Material

@@ -2,27 +2,31 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from simulator._reliefs.cells import cells
-from simulator._reliefs.drawn import bodies, strokes, weave
-from simulator._reliefs.materials import material
+from simulator._reliefs.drawn import bodies, cells, strokes, summed, weave
 from simulator._reliefs.measured import (
+    embossed,
     logarithmic,
     measured_normals,
     random_source,
+    ridged,
+    rough,
     rounded,
     scaled_to_slope,
-    slope,
+    smooth,
 )
-from simulator._reliefs.noise import embossed, ridged, rough, smooth
+from simulator._shapes.carved import CrackedLeather, Textile
+from simulator._shapes.coin import Coin
+from simulator._shapes.surface import Surface
 
 Array = npt.NDArray[np.float64]
 Random = np.random.Generator
 
-_PARTS = (cells, weave, strokes, embossed, ridged, rough, material)
 _STREAM = 19  # keeps these random numbers apart from those of other functions with the same seed
 _MARGIN = 8  # the derivatives at the edge are one-sided, and noise is periodic
 
@@ -106,17 +110,50 @@ def _relief(random: Random, size: int) -> Array:
     elif kind == 8:
         height = smooth(random, size)
     else:
-        height = np.zeros((size, size))
-        for _ in range(random.integers(1, 4)):
-            part = _PARTS[random.integers(len(_PARTS))](random, size)
-            height += random.uniform(0.2, 1) / slope(gaussian_filter(part, 0.7)) * part
-        if random.random() < 0.3:
-            height += random.uniform(0.1, 0.6) * bodies(random, size)
+        height = summed(random, size, _part, 0.3)
     height = gaussian_filter(height, logarithmic(random, 0.3, 3.0), mode="reflect")
     if kind == 9:  # bodies have a natural height
         return np.asarray(random.uniform(0.5, 1.2) * height)
     return scaled_to_slope(random, height, 2.0, 28.0)
 
 
+def _part(random: Random, size: int) -> Array:
+    parts = (cells, weave, strokes, embossed, ridged, rough, material)
+    return parts[random.integers(len(parts))](random, size)
+
+
 def _inner(image: Array) -> Array:
     return image[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
+
+
+def material(random: Random, size: int) -> Array:
+    """Return cloth, leather or a part of a coin.
+
+    `LizardScales` and `WoodCarving` are left out: they are for judging what was trained on others.
+
+    Parameters
+    ----------
+    random
+        Source of random numbers.
+    size
+        Side of the square in pixels.
+
+    Returns
+    -------
+    Array
+        ``(size, size)`` heights in pixels.
+    """
+    seed = int(random.integers(2**31))
+    surface: Surface
+    kind = random.integers(3)
+    if kind == 0:
+        surface = Textile(size, seed=seed, yarn_mm=random.uniform(8, 40))
+    elif kind == 1:
+        surface = CrackedLeather(size, seed=seed, plate_mm=random.uniform(16, 80))
+    else:
+        radius = random.uniform(0.5, 1.5) * size
+        surface = Coin(radius, dome_mm=random.uniform(0.01, 0.1) * radius, seed=seed)
+    y, x = np.mgrid[:size, :size] - size / 2 + random.uniform(-0.3, 0.3, (2, 1, 1)) * size
+    angle = random.uniform(0, 2 * math.pi)
+    c, s = math.cos(angle), math.sin(angle)
+    return surface.evaluate(c * x + s * y, c * y - s * x)[0]

@@ -9,11 +9,9 @@ import numpy.typing as npt
 
 from simulator._render.blur import blur
 from simulator._render.chrome import MirroredLights, draw_mirrored_lights
-from simulator._render.edges import shadow_edges, silhouettes
-from simulator._render.rendering import Rendering
+from simulator._render.rendering import Rendering, Truth
 from simulator._render.shade import Shader
 from simulator._render.trace import Seen, meets, see
-from simulator._render.truth import Truth
 from simulator._scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -186,20 +184,14 @@ class Canvas:
             gain = scene.electrons_per_us * lens.vignette(np.arange(width), self._top + row)
             self._planes[:, row] *= gain.astype(np.float32)
             self._ambient[row] *= gain.astype(np.float32)
-        table = scene.sphere_table
-        truth = Truth(
+        truth = Truth.of(
+            scene,
+            mirrored.pixels,
             normals=self._normals,
             height_mm=self._height,
             albedo=self._albedo if scene.coloured else self._albedo[..., 0].copy(),
             mask=self._mask,
-            sphere_masks=self._sphere == np.arange(len(table))[:, None, None],
-            sphere_centres_mm=table[:, :3],
-            sphere_radii_mm=table[:, 3],
-            highlights_px=mirrored.pixels,
-            lights=scene.lights,
-            lens=scene.lens,
-            noise=scene.noise,
-            electrons_per_us=scene.electrons_per_us,
+            sphere_masks=self._sphere == np.arange(len(scene.spheres))[:, None, None],
             shadows=self._shadows,
             top=self._top,
         )
@@ -243,3 +235,51 @@ def _labels(seen: Seen, spheres: int) -> npt.NDArray[np.int64]:
     flat = np.where(seen.on_object, -2, -1)
     own = np.where(seen.item >= 0, seen.item + spheres, flat)
     return np.where(seen.direct, own, seen.sphere)
+
+
+def silhouettes(label: npt.NDArray[np.int16], depth_mm: Array, step_mm: Array | float) -> Mask:
+    """Return the pixels on both sides of an edge between objects, and at steps of an object.
+
+    Parameters
+    ----------
+    label
+        ``(H, W)`` number of the object that a pixel shows.
+    depth_mm
+        ``(H, W)`` depth of what it shows.
+    step_mm
+        Second difference of the depth that counts as a step or a crease.
+    """
+    edge = _beside(label)
+    step = np.broadcast_to(step_mm, depth_mm.shape)
+    for axis in range(2):
+        bend = np.abs(np.diff(depth_mm, 2, axis=axis))
+        inner = [slice(None), slice(None)]
+        inner[axis] = slice(1, -1)
+        edge[tuple(inner)] |= bend > step[tuple(inner)]
+    return edge
+
+
+def shadow_edges(dark: Mask, label: npt.NDArray[np.int16]) -> Mask:
+    """Return the pixels on both sides of an edge of one light's shadow, ``(H, W)`` like ``dark``.
+
+    Edges between objects are left out.
+    """
+    return _beside(dark, label)
+
+
+def _beside(
+    values: npt.NDArray[np.int16] | Mask, same: npt.NDArray[np.int16] | None = None
+) -> Mask:
+    """Return the pixels with a neighbour of another value, and of the same object if given."""
+    edge = np.zeros(values.shape, np.bool_)
+    for axis in range(2):
+        first: list[slice] = [slice(None), slice(None)]
+        second: list[slice] = [slice(None), slice(None)]
+        first[axis], second[axis] = slice(None, -1), slice(1, None)
+        one, two = tuple(first), tuple(second)
+        differs = values[one] != values[two]
+        if same is not None:
+            differs &= same[one] == same[two]
+        edge[one] |= differs
+        edge[two] |= differs
+    return edge

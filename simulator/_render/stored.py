@@ -15,8 +15,7 @@ from acquisition import BandFile, ComputedRows, DataError, MapRows, StorageError
 from rig import Progress, no_progress
 from simulator._render.chrome import MirroredLights
 from simulator._render.render import RowRenderer
-from simulator._render.rendering import Rendering
-from simulator._render.truth import Truth
+from simulator._render.rendering import Rendering, Truth
 from simulator._scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -105,20 +104,15 @@ class StoredRendering:
         """Return the ground truth of some rows."""
         scene, maps = self.scene, self.maps
         spheres = [maps[f"sphere_{index}"][rows] for index in range(len(scene.spheres))]
-        mask, table = maps["mask"][rows], scene.sphere_table
-        return Truth(
+        mask = maps["mask"][rows]
+        return Truth.of(
+            scene,
+            self._mirrored.pixels,
             normals=maps["normals"][rows],
             height_mm=maps["height"][rows],
             albedo=maps["albedo"][rows],
             mask=mask,
             sphere_masks=np.array(spheres, np.bool_).reshape(-1, *mask.shape),
-            sphere_centres_mm=table[:, :3],
-            sphere_radii_mm=table[:, 3],
-            highlights_px=self._mirrored.pixels,
-            lights=scene.lights,
-            lens=scene.lens,
-            noise=scene.noise,
-            electrons_per_us=scene.electrons_per_us,
             shadows=np.stack([maps[name][rows] for name in maps if _is_shadow(name)]),
             top=rows.start,
         )

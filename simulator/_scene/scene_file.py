@@ -31,10 +31,14 @@ from simulator._scene.scene_parts import (
     MATERIALS,
     PATTERNS,
     RELIEFS,
+    build,
+    build_kind,
+    check_range,
+    kind_table,
     lens_table,
     resized,
+    table,
 )
-from simulator._scene.scene_tables import build, build_kind, check_range, kind_table, table
 from simulator._shapes.mesh import MeshBody
 from simulator._shapes.surface import Surface
 

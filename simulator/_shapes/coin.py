@@ -61,10 +61,7 @@ class Coin(Surface):
     relief_mm: float = 0.5
     grain_mm: float = 0.015
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("dome_mm", "relief_mm", "grain_mm")
+    _lengths = ("dome_mm", "relief_mm", "grain_mm")
 
     @cached_property
     def bounds(self) -> FieldBounds:

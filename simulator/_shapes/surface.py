@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,8 @@ class Surface(ABC):
 
     radius_mm: float
     outline: Literal["round", "square"] = field(default="round", kw_only=True)
+    # Further parameters that must be positive.
+    _lengths: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -59,7 +61,7 @@ class Surface(ABC):
             raise DataError(
                 f"{type(self).__name__}: outline is {self.outline!r}, it must be round or square"
             )
-        self._positive("radius_mm")
+        self._positive("radius_mm", *self._lengths)
 
     def _positive(self, *names: str) -> None:
         for name in names:
@@ -233,10 +235,10 @@ class SphericalCap(Surface):
     """
 
     height_mm: float = 10.0
+    _lengths = ("height_mm",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._positive("height_mm")
         if self.height_mm > self.radius_mm:
             raise DataError(
                 f"SphericalCap: height_mm {self.height_mm} must not exceed radius_mm "
@@ -286,10 +288,7 @@ class Ripples(Surface):
 
     amplitude_mm: float = 0.3
     wavelength_mm: float = 8.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("amplitude_mm", "wavelength_mm")
+    _lengths = ("amplitude_mm", "wavelength_mm")
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         k = 2 * math.pi / self.wavelength_mm
@@ -313,10 +312,7 @@ class BandNoise(Surface):
     wavelength_mm: float = 8.0
     height_mm: float = 1.0
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("rms_mm", "wavelength_mm")
+    _lengths = ("rms_mm", "wavelength_mm")
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         waves = random_waves(self.wavelength_mm, self.seed, _WAVES)
