@@ -10,9 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from acquisition import DataError, MissingPathError, NoiseModel
 from rig import Rig, RigConfig, RigConfigError, validation_message
 from simulator._camera.sensor import ImageFormation
-from simulator._render.render import render
+from simulator._render.render import StoredRendering, render
 from simulator._render.rendering import Rendering
-from simulator._render.stored import StoredRendering
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import SCENES, scene_named
 from simulator._scene.scene import Scene

@@ -9,8 +9,7 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Stack
-from calibration._radiance.raw_stack import Images, RawStack
+from calibration._radiance.linear_stack import Images, RawStack, Stack
 from calibration._spheres.apply import light_difference
 from calibration._spheres.average_directions import orthographic_lights, perspective_lights
 from calibration._spheres.input_tests import known_places

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights, find_highlights
 from calibration._spheres.outline import (

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs, usual_size
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array

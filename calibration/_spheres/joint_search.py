@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse

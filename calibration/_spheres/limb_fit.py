@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import without_nan
 from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images, RawStack
+from calibration._radiance.linear_stack import Images, RawStack
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice, pluralize

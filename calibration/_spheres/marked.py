@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.confirmed import confirmed_near
 from calibration._spheres.edge_search import is_painted

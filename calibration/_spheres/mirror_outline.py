@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.limb_fit import LimbFit, fit_limb

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.limb import (
     REACH_PX,

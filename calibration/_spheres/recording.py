@@ -11,8 +11,7 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Stack, check_linear
-from calibration._radiance.raw_stack import Images, RawStack
+from calibration._radiance.linear_stack import Images, RawStack, Stack, check_linear
 from calibration._spheres.displaced import displaced
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.lost_images import (

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.confirmed import confirmed, in_all_images
 from calibration._spheres.edge_search import (
     expected,

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import ReducedStack, Values, reduced_image, without_nan
 

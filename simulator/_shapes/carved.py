@@ -15,8 +15,7 @@ from acquisition import DataError
 from rig import in_threads
 from simulator._shapes.carved_kernels import CELLS, leather, scales, textile, wood
 from simulator._shapes.field_trace import FieldBounds
-from simulator._shapes.surface import Surface, drawn
-from simulator._shapes.waves import random_waves
+from simulator._shapes.surface import Surface, drawn, random_waves
 
 Array = npt.NDArray[np.float64]
 

@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from rig import in_threads
 from simulator._shapes.field_trace import FieldBounds
-from simulator._shapes.surface import SphericalCap, Surface, drawn
-from simulator._shapes.waves import random_waves
+from simulator._shapes.surface import SphericalCap, Surface, drawn, random_waves
 
 Array = npt.NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from simulator._shapes.waves import random_waves
+from simulator._shapes.surface import random_waves
 
 Array = npt.NDArray[np.float64]
 Albedo = float | tuple[float, float, float]
