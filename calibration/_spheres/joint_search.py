@@ -300,11 +300,28 @@ def _covariance(found: list[JointOutline]) -> Array:
     covariance = circle_covariance(best.points_px, best.outline)
     covariance -= np.eye(3) * OUTLINE_SIGMA_PX**2
     length = 2 * np.pi * best.outline.radius_px / _INDEPENDENT_PX
+    changes = [change_of(best.outline, one.outline) for one in found]
+    return with_others(
+        covariance, changes, [length * (one.support - best.support) for one in found]
+    )
+
+
+def with_others(covariance: Array, changes: Sequence[Array], less: Sequence[float]) -> Array:
+    """Return a covariance that contains the others of several outlines, the best one first.
+
+    Parameters
+    ----------
+    covariance
+        ``(3, 3)``, of centre x, centre y and radius of the best outline.
+    changes
+        Changes from the best outline to each, that of the best one among them.
+    less
+        Logarithms of how plausible they are, relative to the best one.
+    """
     others: list[tuple[float, Array]] = []
-    for one in found:
-        change = change_of(best.outline, one.outline)
+    for change, log in zip(changes, less, strict=True):
         if all(np.abs(change - other).max() > _SAME_PX for _, other in others):
-            others.append((float(np.exp(length * (one.support - best.support))), change))
+            others.append((float(np.exp(log)), change))
     total = sum(weight for weight, _ in others)
     for weight, change in others:
         covariance = covariance + weight / total * np.outer(change, change)

@@ -20,6 +20,7 @@ from calibration._spheres.joint_refinement import (
     refine,
     slopes_at,
 )
+from calibration._spheres.lost_images import named
 from calibration._spheres.reflection import reflected_rays
 from calibration._spheres.robust import Array
 from calibration._spheres.spot import PEAK_SIGMA_PX
@@ -107,7 +108,7 @@ def locate_lights(
     few = [name for name, count in zip(ids, seen.sum(axis=1), strict=True) if count < 2]
     if few:
         raise EstimateError(
-            f"{_names(few)}: highlights on fewer than 2 of {seen.shape[1]} spheres; positions "
+            f"{named(few, range(len(few)))}: highlights on fewer than 2 of {seen.shape[1]} spheres; positions "
             "require two: leave out the radius to get directions"
         )
     positions = np.zeros((len(ids), 3))
@@ -143,11 +144,6 @@ def locate_lights(
     square = np.where(used, np.sum((predicted - highlights_px) ** 2, axis=-1), 0.0)
     residuals_px = np.sqrt(square.sum(axis=1) / used.sum(axis=1))
     return LocatedLights(refined, used, residuals_px, sigma_px)
-
-
-def _names(ids: list[str]) -> str:
-    shown = ", ".join(ids[:4]) + (f" and {len(ids) - 4} more" if len(ids) > 4 else "")
-    return f"light {shown}" if len(ids) == 1 else f"lights {shown}"
 
 
 def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Array:

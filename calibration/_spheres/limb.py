@@ -58,7 +58,8 @@ def edge_offsets(profiles: Profiles, blur_px: float) -> Array:
     Array
         ``(M,)`` offset of the edge in pixels, positive outwards; within 1 px.
     """
-    return _offsets(edge_costs(profiles, blur_px))
+    costs = edge_costs(profiles, blur_px)
+    return interpolated_shifts(costs, np.argmin(costs, axis=0))
 
 
 def estimate_blur(profiles: Profiles) -> float:
@@ -102,11 +103,6 @@ def edge_costs(profiles: Profiles, blur_px: float) -> Profiles:
         for parameter in range(shifts, len(bases), shifts):
             rest -= part[parameter : parameter + shifts]
     return np.maximum(costs, 0.0, out=costs)
-
-
-def _offsets(costs: Profiles) -> Array:
-    """Return the shift ``(M,)`` with the least cost in ``(shifts, M)``."""
-    return interpolated_shifts(costs, np.argmin(costs, axis=0))
 
 
 def interpolated_shifts(costs: Profiles, best: npt.NDArray[np.intp]) -> Array:

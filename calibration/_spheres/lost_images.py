@@ -27,7 +27,6 @@ Lights = npt.NDArray[np.intp]
 _LARGEST_SIGMA_DEG = 10.0
 # If more lights are not known, reflections hide so much that other highlights may be wrong, too.
 LEAST_SHARE = 0.85
-_NAMED = 4
 _REMEDY = "cover what shines, or add a short exposure"
 
 
@@ -283,10 +282,10 @@ def _sigma_deg(covariances: Array) -> Array:
     return sigma
 
 
-def named(names: Sequence[str], which: Sequence[int] | Lights) -> str:
-    """Return a text that names lights."""
-    more = f" and {len(which) - _NAMED} more" if len(which) > _NAMED else ""
-    some = ", ".join(names[k] for k in which[:_NAMED])
+def named(names: Sequence[str], which: Sequence[int] | Lights, most: int = 4) -> str:
+    """Return a text that names lights, at most so many."""
+    more = f" and {len(which) - most} more" if len(which) > most else ""
+    some = ", ".join(names[k] for k in which[:most])
     return f"light{'s' if len(which) > 1 else ''} {some}{more}"
 
 

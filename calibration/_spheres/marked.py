@@ -17,7 +17,7 @@ from calibration._spheres.edge_search import is_painted
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_search import change_of
-from calibration._spheres.near_circle import outline_near
+from calibration._spheres.near_circle import NearOutline, outline_near
 from calibration._spheres.outline import OutlineImages, mask_outlines
 from calibration._spheres.outline_noise import circle_covariance
 from calibration._spheres.robust import Array, tukey_weights
@@ -118,14 +118,14 @@ def circled_spheres(
         if mirroring is not None:
             images.append(mirroring)
             continue
-        near = outline_near(pictures, guess, reach)
-        highlights = find_highlights(values, near.outline)
-        images.append(
-            SphereImage(
-                near.outline, near.points_px, near.coverage, highlights, near.covariance_px2
-            )
-        )
+        images.append(_sphere(values, outline_near(pictures, guess, reach)))
     return images
+
+
+def _sphere(values: Images, near: NearOutline) -> SphereImage:
+    """Return the sphere with an outline that was found near a guess."""
+    highlights = find_highlights(values, near.outline)
+    return SphereImage(near.outline, near.points_px, near.coverage, highlights, near.covariance_px2)
 
 
 def _coverage(outline: Ellipse, points: Array) -> float:
@@ -280,10 +280,7 @@ def _seen_near(
         is_sure = near.is_sharp
         if not is_sure and radius < _SMALL_PX:
             return None, False, False
-        highlights = find_highlights(values, near.outline)
-        seen = SphereImage(
-            near.outline, near.points_px, near.coverage, highlights, near.covariance_px2
-        )
+        seen = _sphere(values, near)
     off = np.hypot(*np.subtract(seen.outline.centre_px, outline.centre_px))
     far = max(float(off), abs(seen.outline.radius_px - radius)) > 1.5 * reach
     return None if far else seen, mirroring is not None and not far, is_sure

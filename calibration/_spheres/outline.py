@@ -35,6 +35,7 @@ SHARP_PX = 0.25
 _ROUGH_PX, _NEAR_GUESS_PX, _SAME_PX = 1.0, 2.0, 0.5
 _NEARLY = 0.75
 _MOST_ANGLES = 720
+IMMERKAER = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 # So many pixels show the noise of an image.
 _SHOW_NOISE = 40_000
 
@@ -107,11 +108,7 @@ def outline_image(values: Images) -> npt.NDArray[np.float32]:
         # Move the lights to the last axis: sorting along contiguous memory is several times faster.
         ordered = np.sort(np.ascontiguousarray(np.moveaxis(band, 0, -1)), axis=-1)
         mean[rows] = ordered[..., low:high].mean(axis=-1)
-    # Immerkaer's noise estimate: this kernel is insensitive to brightness, slopes and straight
-    # edges.
-    residue = cv2.filter2D(mean, -1, np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32))
-    noise = float(np.percentile(np.abs(residue), 75)) / 6.9
-    offset = max(20 * noise, 0.01 * float(mean.mean()), 1e-6)
+    offset = max(20 * image_noise(mean, 1), 0.01 * float(mean.mean()), 1e-6)
     return mean + np.float32(offset)
 
 
@@ -239,7 +236,7 @@ def _refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellip
     for _ in range(2):
         angles, _, seen = _steepest(image, ellipse, REACH_PX)
         if not seen.any():
-            raise _no_outline(ellipse)
+            raise no_outline(ellipse)
         profiles = stack_profiles([image], ellipse, angles, profile_offsets())[:, 0]
         # What decides between rivals starts here, so rounding should not: float64. Smoothing along
         # the outline averages out its position relative to the pixel grid.
@@ -258,7 +255,7 @@ def _fit(
 ) -> tuple[Ellipse, Array, float]:
     """Fit a circle, or an ellipse if enough is visible; return it, its points and coverage."""
     if len(angles) < 12:
-        raise _no_outline(guess)
+        raise no_outline(guess)
     points = guess.point(angles, 1 + offsets / guess.radius_px)
     ellipse, weights = fit_circle(points, start)
     if len(points) > ELLIPSE_COVERAGE * count:
@@ -267,7 +264,8 @@ def _fit(
     return ellipse, points[good], float(np.count_nonzero(good)) / count
 
 
-def _no_outline(guess: Ellipse) -> EstimateError:
+def no_outline(guess: Ellipse) -> EstimateError:
+    """Return the error that there is no outline near a guess."""
     x, y = guess.centre_px
     return EstimateError(
         f"no sphere outline at ({x:.0f}, {y:.0f}) px: give a mask or a better circle"
@@ -304,16 +302,15 @@ def _steepest(
     return angles, offsets[best], within & (peak > 4 * middle_of(contrast) + 1e-4 * STEP_PX)
 
 
-def image_noise(image: npt.NDArray[np.float32]) -> float:
+def image_noise(image: npt.NDArray[np.float32], every: int | None = None) -> float:
     """Return the standard deviation of the noise of one image, fine texture included.
 
     Immerkaer's kernel is insensitive to brightness, slopes and straight edges (Fast noise variance
     estimation, 1996); the upper quartile of its response is that of noise if most of the image is
-    even.
+    even. It is taken from every so many rows and columns; default: enough of them.
     """
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
-    residue = cv2.filter2D(image, -1, kernel)
-    every = max(int(np.sqrt(residue.size / _SHOW_NOISE)), 1)
+    residue = cv2.filter2D(image, -1, IMMERKAER)
+    every = every or max(int(np.sqrt(residue.size / _SHOW_NOISE)), 1)
     return float(np.percentile(np.abs(residue[::every, ::every]), 75)) / 6.9
 
 

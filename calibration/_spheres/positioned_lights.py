@@ -20,6 +20,7 @@ from calibration._spheres.light_positions import (
     observed_rays,
     pair_positions,
 )
+from calibration._spheres.lost_images import named
 from calibration._spheres.placed import place
 from calibration._spheres.robust import Array
 from calibration._spheres.sphere_calibration import (
@@ -164,7 +165,7 @@ def _doubts_about_lights(
     notices = []
     if undecided.any():
         text = (
-            f"{_named(names, undecided)}: several bright spots are possible highlights, and agree "
+            f"{named(names, np.flatnonzero(undecided), 8)}: several bright spots are possible highlights, and agree "
             "between the spheres; the brighter ones were used: cover lamps and windows, or use "
             "more spheres"
         )
@@ -172,19 +173,13 @@ def _doubts_about_lights(
     if doubtful.any():
         residuals = located.residuals_px
         text = (
-            f"{_named(names, doubtful)}: the highlights on the spheres disagree by up to "
+            f"{named(names, np.flatnonzero(doubtful), 8)}: the highlights on the spheres disagree by up to "
             f"{residuals.max():.1f} px, those of the other lights by "
             f"{np.median(residuals):.2f} px: at least one of the spots is not the "
             "reflection of the light; do not trust its position"
         )
         notices.append(Notice("light-doubtful", text))
     return notices
-
-
-def _named(names: tuple[str, ...], which: npt.NDArray[np.bool_]) -> str:
-    some = [name for name, one in zip(names, which, strict=True) if one]
-    more = f" and {len(some) - 8} more" if len(some) > 8 else ""
-    return f"light{'s' if len(some) > 1 else ''} {', '.join(some[:8])}{more}"
 
 
 def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._radiance.linear_stack import Images
+from calibration._spheres.outline import IMMERKAER
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import ReducedStack, Values, reduced_image, without_nan
 
@@ -274,14 +275,13 @@ def _noise(stack: Values) -> float:
     A fine texture looks like noise in one image, but not in the differences between lights: what
     the kernel shows of the mean image, times the local brightness of an image, is texture.
     """
-    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     mean = stack.mean(axis=0)
-    texture = cv2.filter2D(mean, -1, kernel)
+    texture = cv2.filter2D(mean, -1, IMMERKAER)
     smooth = np.maximum(cv2.GaussianBlur(mean, (0, 0), _LOCAL_PX), 1e-6)
     noises = []
     for image in stack[:: max(len(stack) // 4, 1)]:
         relative = cv2.GaussianBlur(image, (0, 0), _LOCAL_PX) / smooth
-        rest = cv2.filter2D(image, -1, kernel) - relative * texture
+        rest = cv2.filter2D(image, -1, IMMERKAER) - relative * texture
         noises.append(np.percentile(np.abs(rest), 50) / 4.05)
     # The mean contains a share of the noise of each image.
     return float(np.median(noises) / np.sqrt(1 - 1 / max(len(stack), 2)))
