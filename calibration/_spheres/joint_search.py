@@ -301,9 +301,8 @@ def _covariance(found: list[JointOutline]) -> Array:
     covariance -= np.eye(3) * OUTLINE_SIGMA_PX**2
     length = 2 * np.pi * best.outline.radius_px / _INDEPENDENT_PX
     changes = [change_of(best.outline, one.outline) for one in found]
-    return with_others(
-        covariance, changes, [length * (one.support - best.support) for one in found]
-    )
+    less = [length * (one.support - best.support) for one in found]
+    return with_others(covariance, changes, less)
 
 
 def with_others(covariance: Array, changes: Sequence[Array], less: Sequence[float]) -> Array:

@@ -108,8 +108,8 @@ def locate_lights(
     few = [name for name, count in zip(ids, seen.sum(axis=1), strict=True) if count < 2]
     if few:
         raise EstimateError(
-            f"{named(few, range(len(few)))}: highlights on fewer than 2 of {seen.shape[1]} spheres; positions "
-            "require two: leave out the radius to get directions"
+            f"{named(few, range(len(few)))}: highlights on fewer than 2 of {seen.shape[1]} "
+            "spheres; positions require two: leave out the radius to get directions"
         )
     positions = np.zeros((len(ids), 3))
     used = np.zeros_like(seen)

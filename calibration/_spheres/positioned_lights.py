@@ -165,16 +165,16 @@ def _doubts_about_lights(
     notices = []
     if undecided.any():
         text = (
-            f"{named(names, np.flatnonzero(undecided), 8)}: several bright spots are possible highlights, and agree "
-            "between the spheres; the brighter ones were used: cover lamps and windows, or use "
+            f"{named(names, np.flatnonzero(undecided), 8)}: several bright spots are possible "
+            "highlights, and agree between the spheres; the brighter ones were used: cover lamps and windows, or use "
             "more spheres"
         )
         notices.append(Notice("highlights-undecided", text))
     if doubtful.any():
         residuals = located.residuals_px
         text = (
-            f"{named(names, np.flatnonzero(doubtful), 8)}: the highlights on the spheres disagree by up to "
-            f"{residuals.max():.1f} px, those of the other lights by "
+            f"{named(names, np.flatnonzero(doubtful), 8)}: the highlights on the spheres disagree "
+            f"by up to {residuals.max():.1f} px, those of the other lights by "
             f"{np.median(residuals):.2f} px: at least one of the spots is not the "
             "reflection of the light; do not trust its position"
         )
