@@ -166,8 +166,8 @@ def _doubts_about_lights(
     if undecided.any():
         text = (
             f"{named(names, np.flatnonzero(undecided), 8)}: several bright spots are possible "
-            "highlights, and agree between the spheres; the brighter ones were used: cover lamps and windows, or use "
-            "more spheres"
+            "highlights, and agree between the spheres; the brighter ones were used: cover lamps "
+            "and windows, or use more spheres"
         )
         notices.append(Notice("highlights-undecided", text))
     if doubtful.any():
