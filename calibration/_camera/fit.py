@@ -153,8 +153,7 @@ def _inverse(normal: Array) -> Array:
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     if values[0] < _SINGULAR:
         return np.full(normal.shape, np.inf)
-    inverse: Array = (vectors / values) @ vectors.T / np.outer(scale, scale)
-    return inverse
+    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
 def pose_of(view: BoardView, K: Array, distortion: Array) -> tuple[Array, Array]:

@@ -122,8 +122,7 @@ def _settled(
     """Alternate between weights, scale and motion until the scale settles."""
 
     def squares() -> Array:
-        square: Array = np.sum((after - motion.apply(before)) ** 2, axis=1)
-        return square
+        return np.asarray(np.sum((after - motion.apply(before)) ** 2, axis=1))
 
     square = squares()
     variance = max(floor**2, float(np.median(square)) / freedom)
@@ -179,8 +178,7 @@ class Explanation:
     def carried(self, covariances: Array) -> Array:
         """Return the covariances ``(N, 3, 3)`` of the vectors that `moved` returns."""
         turn = self.motion.rotation * np.array(_SIDES[self.mirror])
-        carried: Array = (turn @ covariances @ turn.T)[self.order]
-        return carried
+        return np.asarray((turn @ covariances @ turn.T)[self.order])
 
 
 def explain(before: Array, after: Array, *, freedom: int, floor: float) -> Explanation:

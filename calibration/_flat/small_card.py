@@ -72,8 +72,7 @@ class SmallCard:
         """Return the blocks of which all pixels of a mask ``(H, W)`` are True."""
         _, rows, columns = self.lost.shape
         cut = mask[: rows * self.side, : columns * self.side]
-        whole: Bools = _means(cut, self.side) == 1
-        return whole
+        return np.asarray(_means(cut, self.side) == 1, np.bool_)
 
     def enlarged(self, blocks: Bools, shape: tuple[int, ...]) -> Bools:
         """Return the pixels ``(H, W)`` of blocks; those that fill no block are like the nearest."""

@@ -177,5 +177,4 @@ def _means(image: npt.NDArray[np.floating], side: int) -> Array:
     rows, columns = image.shape[0] // side, image.shape[1] // side
     whole = image[: rows * side, : columns * side]
     shape = (rows, side, columns, side, *image.shape[2:])
-    means: Array = whole.reshape(shape).mean(axis=(1, 3), dtype=np.float64)
-    return means
+    return np.asarray(whole.reshape(shape).mean(axis=(1, 3), dtype=np.float64))

@@ -245,8 +245,7 @@ def _between(image: npt.NDArray[np.float32], x: Array, y: Array) -> Array:
     upper, lower = (
         pixels[row] + across * (pixels[row + 1] - pixels[row]) for row in (first, first + width)
     )
-    between: Array = upper + down * (lower - upper)
-    return between
+    return np.asarray(upper + down * (lower - upper))
 
 
 def _centres(

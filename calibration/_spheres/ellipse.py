@@ -66,8 +66,7 @@ class Ellipse:
             return np.array([[self.semi_axes_px[0], 0.0], [0.0, self.semi_axes_px[0]]])
         angle = np.radians(self.angle_deg)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        matrix: Array = turn @ np.diag(self.semi_axes_px) @ turn.T
-        return matrix
+        return np.asarray(turn @ np.diag(self.semi_axes_px) @ turn.T)
 
     def moved(self, change: Array) -> Ellipse:
         """Return the ellipse with changed centre x, centre y and radius, in pixels."""
@@ -85,8 +84,7 @@ class Ellipse:
         """Return the pixels ``(..., 2)`` at these angles (radians) and multiples of the radius."""
         angle, scale = np.broadcast_arrays(np.asarray(angle), np.asarray(scale))
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * scale[..., None]
-        pixels: Array = circle @ self.matrix + self.centre_px
-        return pixels
+        return np.asarray(circle @ self.matrix + self.centre_px)
 
     def distance_px(self, pixels: npt.ArrayLike) -> Array:
         """Return the approximate distance of points ``(..., 2)`` outside (+) or inside (-).
@@ -100,8 +98,7 @@ class Ellipse:
         radius = np.linalg.norm(unit, axis=-1)
         # First order: deviation of |unit| from 1, divided by the length of its gradient.
         gradient = np.linalg.norm(unit @ np.linalg.inv(self.matrix), axis=-1)
-        distance: Array = (radius - 1) * radius / np.maximum(gradient, 1e-12)
-        return distance
+        return np.asarray((radius - 1) * radius / np.maximum(gradient, 1e-12))
 
 
 def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse, Array]:

@@ -66,8 +66,7 @@ class Candidates:
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
         """``(N,)`` whether there is any."""
-        seen: npt.NDArray[np.bool_] = np.any(np.isfinite(self.pixels[..., 0]), axis=1)
-        return seen
+        return np.asarray(np.any(np.isfinite(self.pixels[..., 0]), axis=1), np.bool_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +118,7 @@ class Highlights:
     def ambiguous(self) -> npt.NDArray[np.bool_]:
         """``(N,)`` whether several places may be the highlight, and none was chosen."""
         several = np.isfinite(self.candidates.pixels[..., 0]).sum(axis=1) > 1
-        undecided: npt.NDArray[np.bool_] = several & ~self.found
-        return undecided
+        return np.asarray(several & ~self.found, np.bool_)
 
     def chosen(self, picks: npt.NDArray[np.intp]) -> Highlights:
         """Return these highlights with the candidate ``picks (N,)`` of each light; -1 for none."""

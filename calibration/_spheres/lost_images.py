@@ -278,8 +278,7 @@ def left_out(
 
 
 def _sigma_deg(covariances: Array) -> Array:
-    sigma: Array = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2))
-    return sigma
+    return np.asarray(np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2)))
 
 
 def named(names: Sequence[str], which: Sequence[int] | Lights, most: int = 4) -> str:

@@ -189,8 +189,7 @@ def _centres(cluster: SpotCluster, radius: float) -> Array:
     x, y = (v.ravel() for v in np.meshgrid(steps, steps))
     centres = cluster.centre_px + np.column_stack([x, y])
     gaps = np.linalg.norm(centres[:, None] - cluster.spots_px, axis=2)
-    kept: Array = centres[np.quantile(gaps, _TRUE_SPOTS, axis=1) < reach]
-    return kept
+    return np.asarray(centres[np.quantile(gaps, _TRUE_SPOTS, axis=1) < reach])
 
 
 def _climb(plane: MirroredPlane, start: Balls) -> tuple[Balls, Likeness]:

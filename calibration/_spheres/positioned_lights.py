@@ -265,5 +265,4 @@ def _errors(camera: CameraModel, spheres: KnownSpheres, pixels: Array) -> Array:
             proposals.append(pair_positions(*pair))
     positions = np.concatenate(proposals) if proposals else np.zeros((0, 3))
     predicted = predicted_highlights(camera, spheres.centres_mm, spheres.radii_mm, positions)
-    errors: Array = np.linalg.norm(predicted[:, :, None] - pixels, axis=-1)
-    return errors
+    return np.asarray(np.linalg.norm(predicted[:, :, None] - pixels, axis=-1))

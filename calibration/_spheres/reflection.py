@@ -107,8 +107,7 @@ def mirror_points(eye: Array, light: Array, centre: Array, radius: Array) -> Arr
             break
         phi = step
     normal = np.cos(phi)[..., None] * first + np.sin(phi)[..., None] * second
-    points: Array = centre + np.asarray(radius)[..., None] * normal
-    return points
+    return np.asarray(centre + np.asarray(radius)[..., None] * normal)
 
 
 def _incidence(distance: Array, angle: Array, radius: Array) -> Array:

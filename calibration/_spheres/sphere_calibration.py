@@ -125,5 +125,4 @@ class SeenTogether:
 def rms_deg(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:
     """Return the root mean square ``(N,)`` of the used angles among ``(N, K)``."""
     square = np.where(use, angle_deg, 0.0) ** 2
-    rms: Array = np.sqrt(square.sum(axis=1) / np.maximum(use.sum(axis=1), 1))
-    return rms
+    return np.asarray(np.sqrt(square.sum(axis=1) / np.maximum(use.sum(axis=1), 1)))

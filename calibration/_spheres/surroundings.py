@@ -291,8 +291,7 @@ def _sines(camera: CameraModel, balls: Balls) -> Array:
     """Return the sines ``(H,)`` of the angles between the axes of balls and their outlines."""
     rays = camera.rays(balls.axes_px)
     cosine = -rays[:, 2] / np.linalg.norm(rays, axis=-1)
-    sines: Array = balls.radii_px * cosine / np.hypot(camera.focal_px, balls.radii_px)
-    return sines
+    return np.asarray(balls.radii_px * cosine / np.hypot(camera.focal_px, balls.radii_px))
 
 
 def _depths_of(shares: Array, sine: float) -> Array:
@@ -303,8 +302,7 @@ def _depths_of(shares: Array, sine: float) -> Array:
     outline = np.arcsin(sine)
     angle = np.arctan(shares * np.tan(outline))
     incidence = np.arcsin(np.sin(angle) / sine)
-    depths: Array = np.sin(incidence - angle) / np.cos(outline)
-    return depths
+    return np.asarray(np.sin(incidence - angle) / np.cos(outline))
 
 
 def _points(
@@ -358,8 +356,7 @@ def _points(
 
 def _dot(a: Array, b: Array) -> Array:
     """Return the products of vectors along the first axis."""
-    product: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-    return product
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 class Quads:

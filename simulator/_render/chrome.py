@@ -349,8 +349,7 @@ def image_depth_mm(
     normals = (points - np.array(sphere.centre_mm)) / sphere.radius_mm
     cosine = np.maximum((leaving * normals).sum(axis=1), 1e-6)
     behind = 1 / (1 / np.asarray(distance_mm) + 2 / (sphere.radius_mm * cosine))
-    depth: Array = lens.camera_z_mm - points[:, 2] + behind * leaving[:, 2]
-    return depth
+    return np.asarray(lens.camera_z_mm - points[:, 2] + behind * leaving[:, 2])
 
 
 def mm_per_pixel(
@@ -400,14 +399,12 @@ def toward(lights: Array, points: Array, *, near: bool) -> Array:
     if not near:
         return lights
     way = lights - points
-    direction: Array = way / np.linalg.norm(way, axis=1, keepdims=True)
-    return direction
+    return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
 
 def _angle(a: Array, b: Array) -> Array:
     cross = np.linalg.norm(np.cross(a, b), axis=1)
-    angle: Array = np.arctan2(cross, (a * b).sum(axis=1))
-    return angle
+    return np.asarray(np.arctan2(cross, (a * b).sum(axis=1)))
 
 
 def between(start: Array, way: Array, length: Array | float, sphere: ChromeSphere) -> Flags:

@@ -199,8 +199,7 @@ def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Array:
     index = np.arange(count)
     reach = radius_mm * np.sqrt((index + 0.5) / count)
     u, v = reach * np.cos(index * _GOLDEN_ANGLE), reach * np.sin(index * _GOLDEN_ANGLE)
-    parts: Array = places[:, None] + u[:, None] * first[:, None] + v[:, None] * second[:, None]
-    return parts
+    return np.asarray(places[:, None] + u[:, None] * first[:, None] + v[:, None] * second[:, None])
 
 
 def irradiance(lamps: Array, points_mm: Array, normals: Array, *, near: bool) -> Values:

@@ -298,8 +298,7 @@ class Lens:
         if self.camera is None:
             return np.broadcast_to([0.0, 0.0, 1.0], points_mm.shape)
         toward = np.array([0.0, 0.0, self.camera_z_mm]) - points_mm
-        direction: Array = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
-        return direction
+        return np.asarray(toward / np.linalg.norm(toward, axis=-1, keepdims=True))
 
     def window(self, centre_mm: npt.ArrayLike, radius_mm: float) -> tuple[slice, slice]:
         """Return the rows and columns that contain a ball's outline, with a margin of one pixel.

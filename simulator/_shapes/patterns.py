@@ -153,8 +153,7 @@ class Paint(Pattern):
         waves = random_waves(self.wavelength_mm, self.seed, count=5)
         swing = sum(np.cos(kx * x_mm + ky * y_mm + phase) for kx, ky, phase in waves)
         # The sum of five waves is rarely near its extremes: tanh expands it to the bounds.
-        albedo: Array = self.low + (self.high - self.low) * (0.5 + 0.5 * np.tanh(0.7 * swing))
-        return albedo
+        return np.asarray(self.low + (self.high - self.low) * (0.5 + 0.5 * np.tanh(0.7 * swing)))
 
 
 @dataclass(frozen=True)
@@ -284,5 +283,4 @@ def blend(first: Albedo, second: Albedo, share: Array) -> Array:
     """Return ``first`` where the share is 0 and ``second`` where it is 1."""
     a, b = np.broadcast_arrays(np.asarray(first, np.float64), np.asarray(second, np.float64))
     weight = share[..., None] if a.ndim else share
-    blended: Array = a + (b - a) * weight
-    return blended
+    return np.asarray(a + (b - a) * weight)
