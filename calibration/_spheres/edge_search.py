@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._errors import EstimateError
+from calibration._errors import or_none
 from calibration._radiance.linear_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights, find_highlights
@@ -113,13 +113,10 @@ def _refined(
     it cannot replace its rivals, it may be inexact.
     """
     reach = max(_REACH_PX, _REACH_SHARE * circle.radius_px)
-    try:
-        outline, points, coverage = refine_sharpest(pictures, circle, reach, rivals)
-    except EstimateError:
+    found = or_none(refine_sharpest, pictures, circle, reach, rivals)
+    if found is None or found[2] < LEAST_COVERAGE:
         return None
-    if coverage < LEAST_COVERAGE or abs(outline.radius_px / circle.radius_px - 1) > 0.15:
-        return None
-    return outline, points, coverage
+    return None if abs(found[0].radius_px / circle.radius_px - 1) > 0.15 else found
 
 
 def mirroring(

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._errors import EstimateError
+from calibration._errors import EstimateError, or_none
 from calibration._spheres.robust import (
     FINEST_PX,
     ROUNDS,
@@ -221,9 +221,8 @@ def _least_median_ellipse(points: Array) -> Ellipse:
     samples, judges = _samples(points)
     best: tuple[float, Ellipse] | None = None
     for sample in samples:
-        try:
-            trial = _plain_ellipse(sample, np.ones(_SAMPLE))
-        except EstimateError:
+        trial = or_none(_plain_ellipse, sample, np.ones(_SAMPLE))
+        if trial is None:
             continue
         median = float(np.median(np.abs(trial.distance_px(judges))))
         if best is None or median < best[0]:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from calibration._errors import EstimateError
+from calibration._errors import or_none
 from calibration._radiance.linear_stack import Images
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
@@ -197,10 +197,7 @@ class _Sized:
         """Return the outline next to another one, from few angles or all; None if none is seen."""
         if (trial, quick) not in self._refined:
             few = (2, _QUICK_ANGLES) if quick else ()
-            try:
-                self._refined[trial, quick] = joint_outline(self.images, trial, *few)
-            except EstimateError:
-                self._refined[trial, quick] = None
+            self._refined[trial, quick] = or_none(joint_outline, self.images, trial, *few)
         return self._refined[trial, quick]
 
     def with_covariance(self, found: list[JointOutline]) -> JointNear:
@@ -274,11 +271,8 @@ def _at(values: Images, outline: Ellipse) -> tuple[float, Array]:
         return 0.0, np.zeros(3)
     crop, low = part
     guess = _shifted(outline, -low)
-    try:
-        joint = joint_outline(crop, guess, 1, _QUICK_ANGLES)
-    except EstimateError:
-        return 0.0, np.zeros(3)
-    return joint.support, change_of(guess, joint.outline)
+    joint = or_none(joint_outline, crop, guess, 1, _QUICK_ANGLES)
+    return (joint.support, change_of(guess, joint.outline)) if joint else (0.0, np.zeros(3))
 
 
 def _cut(values: Images, around: Ellipse) -> tuple[Images, Array] | None:

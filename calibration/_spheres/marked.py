@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
-from calibration._errors import EstimateError
+from calibration._errors import EstimateError, or_none
 from calibration._radiance.linear_stack import Images
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.confirmed import confirmed_near
@@ -273,13 +273,10 @@ def _seen_near(
     reach = mask_reach_px(radius)
     seen, is_sure = mirroring, True
     if seen is None:
-        try:
-            near = outline_near(pictures, outline, reach)
-        except EstimateError:
+        near = or_none(outline_near, pictures, outline, reach)
+        if near is None or (not near.is_sharp and radius < _SMALL_PX):
             return None, False, False
         is_sure = near.is_sharp
-        if not is_sure and radius < _SMALL_PX:
-            return None, False, False
         seen = _sphere(values, near)
     off = np.hypot(*np.subtract(seen.outline.centre_px, outline.centre_px))
     far = max(float(off), abs(seen.outline.radius_px - radius)) > 1.5 * reach

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration._errors import EstimateError
+from calibration._errors import EstimateError, or_none
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.confirmed import LEAST_SUPPORT, found_near, is_border
 from calibration._spheres.edges_around import EdgesAround
@@ -115,11 +115,8 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
         radius, or if another outline around it shows that it may be the mirrored horizon.
     """
     found: list[_Found] = []
-    try:
-        first = refine_sharpest(pictures, circle, reach_px)
-    except EstimateError:
-        pass
-    else:
+    first = or_none(refine_sharpest, pictures, circle, reach_px)
+    if first is not None:
         if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
             _check_inside(pictures, first[0], first[2])
             sharp = NearOutline(*first, None, is_sharp=True)
@@ -134,11 +131,8 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     for picture in (pictures.upper, pictures.median):
         edges = EdgesAround([picture], circle, _WIDER * reach_px)
         for trial in [*trials, *edges.leaders()]:
-            try:
-                refined = refine_outline(picture, trial, 3.0)
-            except EstimateError:
-                continue
-            if _change(circle, refined[0]).max() <= 1.2 * _WIDER * reach_px:
+            refined = or_none(refine_outline, picture, trial, 3.0)
+            if refined and _change(circle, refined[0]).max() <= 1.2 * _WIDER * reach_px:
                 found.append((_support(*refined), *refined))
     if not found:
         raise no_outline(circle)
@@ -212,9 +206,8 @@ def _check_inside(pictures: OutlineImages, outline: Ellipse, coverage: float) ->
     for trial in edges.leaders():
         if edges.support(trial) < 0.5 * _OUTER_COVERAGE:
             continue
-        try:
-            other = refine_outline(pictures.upper, trial, 3.0)
-        except EstimateError:
+        other = or_none(refine_outline, pictures.upper, trial, 3.0)
+        if other is None:
             continue
         offset = np.hypot(*np.subtract(other[0].centre_px, outline.centre_px))
         apart = other[0].radius_px - radius

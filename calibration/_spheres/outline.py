@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._errors import EstimateError
+from calibration._errors import EstimateError, or_none
 from calibration._radiance.linear_stack import Images
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.limb import (
@@ -217,9 +217,8 @@ def refine_sharpest(
     found = refine_outline(images.upper, guess, reach_px, rivals)
     if scatter_px(found[0], found[1]) < SHARP_PX:
         return found
-    try:
-        other = refine_outline(images.median, guess, reach_px, rivals)
-    except EstimateError:
+    other = or_none(refine_outline, images.median, guess, reach_px, rivals)
+    if other is None:
         return found
     sharper = scatter_px(other[0], other[1]) < 0.5 * scatter_px(found[0], found[1])
     return other if sharper and other[2] > _NEARLY * found[2] else found
