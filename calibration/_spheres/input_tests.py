@@ -12,7 +12,7 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError
 from calibration._spheres.cone import fit_cone
 from calibration._spheres.joint_refinement import (
-    KnownSpheres,
+    Observation,
     Refined,
     linearise,
     predicted_highlights,
@@ -74,14 +74,7 @@ class InputTest:
         return abs(self.change) / self.sigma
 
 
-def check_inputs(
-    camera: CameraModel,
-    spheres: KnownSpheres,
-    outlines_px: list[Array],
-    refined: Refined,
-    highlights_px: Array,
-    sigma_px: Array,
-) -> list[InputTest]:
+def check_inputs(seen: Observation, outlines_px: list[Array], refined: Refined) -> list[InputTest]:
     """Estimate how the given values would have to change, each one alone.
 
     To the least squares of `refine`, the heights of the spheres are added: they rest on the working
@@ -91,27 +84,20 @@ def check_inputs(
 
     Parameters
     ----------
-    camera
-        Camera with a working distance.
-    spheres
-        K spheres as their outlines show them.
+    seen
+        Highlights and spheres.
     outlines_px
         K arrays ``(M, 2)`` of outline points.
     refined
         Result of `refine`.
-    highlights_px
-        ``(N, K, 2)``.
-    sigma_px
-        ``(N, K)``; infinite for highlights that do not count.
 
     Returns
     -------
     list of InputTest
         The changes of ratio, focal length and distortion, most significant first.
     """
-    system = linearise(
-        camera, spheres, refined.positions_mm, refined.centres_mm, highlights_px, sigma_px
-    )
+    camera, spheres, sigma_px = seen.camera, seen.spheres, seen.sigma_px
+    system = linearise(seen, refined.positions_mm, refined.centres_mm)
     centres, radii = refined.centres_mm, spheres.radii_mm
     count = len(centres)
     up = np.kron(np.eye(count), [[0.0, 0.0, 1.0]])
@@ -132,7 +118,7 @@ def check_inputs(
     off = (centres - spheres.centres_mm).ravel()
     use = np.isfinite(sigma_px)[..., None] & np.ones(2, bool)
     weight = np.where(use, np.where(use, sigma_px[..., None], 1.0) ** -2, 0.0)
-    error = np.where(use, _predict(camera, refined, radii) - np.nan_to_num(highlights_px), 0.0)
+    error = np.where(use, _predict(camera, refined, radii) - np.nan_to_num(seen.highlights_px), 0.0)
     move_light, _ = system.steps()
     tests = []
     for name in (RATIO, FOCAL, DISTORTION):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -13,6 +13,7 @@ from calibration._errors import EstimateError
 from calibration._spheres.joint_refinement import (
     EXPECTED,
     KnownSpheres,
+    Observation,
     Refined,
     Slopes,
     degrees_of_freedom,
@@ -62,10 +63,7 @@ class LocatedLights:
 
 
 def locate_lights(
-    camera: CameraModel,
-    spheres: KnownSpheres,
-    highlights_px: Array,
-    sigma_px: Array,
+    given: Observation,
     ids: tuple[str, ...],
     *,
     peaks: bool = False,
@@ -81,14 +79,8 @@ def locate_lights(
 
     Parameters
     ----------
-    camera
-        Camera with a working distance.
-    spheres
-        K spheres.
-    highlights_px
-        ``(N, K, 2)``; NaN if a light has no highlight on a sphere.
-    sigma_px
-        ``(N, K)`` standard deviations of each coordinate of the highlights.
+    given
+        Highlights and spheres.
     ids
         N names of the lights, for messages.
     peaks
@@ -103,6 +95,7 @@ def locate_lights(
         If a light has highlights on fewer than two spheres, its rays do not meet in front of them,
         or the standard deviation of its position exceeds a quarter of its distance.
     """
+    camera, spheres, highlights_px = given.camera, given.spheres, given.highlights_px
     points, directions = observed_rays(camera, spheres, highlights_px)
     seen = np.isfinite(directions[..., 0])
     few = [name for name, count in zip(ids, seen.sum(axis=1), strict=True) if count < 2]
@@ -128,22 +121,22 @@ def locate_lights(
         best = int(np.argmin(np.median(errors, axis=1)))
         limit = max(_INLIER_PX, _INLIER_RATIO * float(np.median(errors[best])))
         positions[i] = proposals[best]
-        used[i, at] = errors[best] <= np.maximum(limit, _INLIER_SIGMAS * sigma_px[i, at])
-    sigma_px = np.where(used, sigma_px, np.inf)
-    refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids, peaks=peaks)
+        used[i, at] = errors[best] <= np.maximum(limit, _INLIER_SIGMAS * given.sigma_px[i, at])
+    given = replace(given, sigma_px=np.where(used, given.sigma_px, np.inf))
+    refined = refine(given, positions, ids, peaks=peaks)
     if peaks and photon_px2 is not None:
         positions, centres = refined.positions_mm, refined.centres_mm
-        slopes = slopes_at(camera, spheres, positions, centres, highlights_px, used)
-        weighed_px = with_photon_noise(slopes, sigma_px, photon_px2)
-        if weighed_px is not sigma_px:
-            sigma_px = weighed_px
-            refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids, peaks=peaks)
+        slopes = slopes_at(given, positions, centres)
+        weighed_px = with_photon_noise(slopes, given.sigma_px, photon_px2)
+        if weighed_px is not given.sigma_px:
+            given = replace(given, sigma_px=weighed_px)
+            refined = refine(given, positions, ids, peaks=peaks)
     predicted = predicted_highlights(
         camera, refined.centres_mm, spheres.radii_mm, refined.positions_mm
     )
     square = np.where(used, np.sum((predicted - highlights_px) ** 2, axis=-1), 0.0)
     residuals_px = np.sqrt(square.sum(axis=1) / used.sum(axis=1))
-    return LocatedLights(refined, used, residuals_px, sigma_px)
+    return LocatedLights(refined, used, residuals_px, given.sigma_px)
 
 
 def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Array:

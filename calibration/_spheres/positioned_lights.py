@@ -13,7 +13,7 @@ from acquisition import CameraModel, LightErrors, Lights, angle_deg
 from calibration._spheres.cone import Cone
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.input_tests import check_inputs, doubts
-from calibration._spheres.joint_refinement import KnownSpheres, predicted_highlights
+from calibration._spheres.joint_refinement import KnownSpheres, Observation, predicted_highlights
 from calibration._spheres.light_positions import (
     LocatedLights,
     locate_lights,
@@ -67,15 +67,9 @@ def positioned_lights(
     sigma_px = np.stack([one.sigma_px for one in chosen], axis=1)
     peaks = not any(one.saturated.any() for one in chosen)
     photons = [one.photon_px2 for one in chosen if one.photon_px2 is not None]
-    located = locate_lights(
-        camera,
-        placed,
-        highlights,
-        sigma_px,
-        names,
-        peaks=peaks,
-        photon_px2=np.stack(photons, axis=1) if len(photons) == len(chosen) else None,
-    )
+    photon_px2 = np.stack(photons, axis=1) if len(photons) == len(chosen) else None
+    given = Observation(camera, placed, highlights, sigma_px)
+    located = locate_lights(given, names, peaks=peaks, photon_px2=photon_px2)
     positions, centres = located.refined.positions_mm, located.refined.centres_mm
     used = located.used
     seen = np.isfinite(highlights[..., 0])
@@ -109,8 +103,8 @@ def positioned_lights(
         warnings.append(Notice("spheres-disagree", text))
     if disagreement <= _UNTRUSTED_DEG:
         outlines = [image.points_px for image in images]
-        weighed_px = located.sigma_px
-        tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed_px)
+        weighed = replace(given, sigma_px=located.sigma_px)
+        tests = check_inputs(weighed, outlines, located.refined)
         warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
     doubtful = _doubtful(located)
     warnings += _doubts_about_lights(names, located, doubtful, undecided)
