@@ -35,7 +35,6 @@ DICTIONARIES: Final = tuple(f"{bits}_{count}" for bits in _BITS for count in _CO
 _MARKER_SHARE: Final = 0.75
 _FEWEST, _MOST = 3, 60
 _MOST_MM: Final = 5000.0
-_FILE_VERSION: Final = 1
 _Positive = Annotated[float, Field(gt=0)]
 _SAME_PX: Final = 1.0
 
@@ -209,11 +208,9 @@ class BoardView:
         return np.pad(self.board.corners_mm[self.ids], ((0, 0), (0, 1)))
 
 
-class _Table(BaseModel):
+class _BoardFile(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-
-class _BoardFile(_Table):
     format: Literal["sgp-board"]
     version: Literal[1]
     columns: int
@@ -277,7 +274,7 @@ def write_board(path: str | Path, board: CharucoBoard) -> None:
     path = Path(path)
     if path.suffix.lower() != ".json":
         raise DataError(f"{path}: calibration boards are written as .json: give such a name")
-    content = {"format": "sgp-board", "version": _FILE_VERSION, **asdict(board)}
+    content = {"format": "sgp-board", "version": 1, **asdict(board)}
     write_durably(path, (json.dumps(content) + "\n").encode())
 
 

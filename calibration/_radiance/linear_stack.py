@@ -119,8 +119,6 @@ class RawStack:
 
 
 Images = FloatImage | RawStack
-
-
 """Linear grey images ``(N, H, W)``."""
 
 

@@ -20,7 +20,6 @@ _BLACK = 0.01
 _ALL_MOVED = 0.5
 _LISTED = 3
 _AGAIN = "record {} again"
-_CODES: dict[str, str] = {"blank": "image-blank", "moved": "image-displaced"}
 Lights = npt.NDArray[np.intp]
 """Indices of lights."""
 # Directions with larger standard deviations are no calibration.
@@ -51,14 +50,14 @@ class LostImages:
         return sorted({*self.black, *self.white, *self.moved})
 
     def reasons(self, names: Sequence[str]) -> list[tuple[str, Sequence[int], str]]:
-        """Return kinds of reasons (see `_CODES`), lights, and texts."""
+        """Return codes of notices, lights, and texts."""
         reasons: list[tuple[str, Sequence[int], str]] = []
         for which, what in ((self.black, "black"), (self.white, "completely saturated")):
             if which:
                 images = "the image is" if len(which) == 1 else "the images are"
-                reasons.append(("blank", which, f"{named(names, which)}: {images} {what}"))
+                reasons.append(("image-blank", which, f"{named(names, which)}: {images} {what}"))
         for k, text in self.moved.items():
-            reasons.append(("moved", [k], f"{named(names, [k])}: {text}"))
+            reasons.append(("image-displaced", [k], f"{named(names, [k])}: {text}"))
         return reasons
 
     def check(self, names: Sequence[str]) -> None:
@@ -170,10 +169,10 @@ def lost_lights(
         )
     notices = []
     for one, where in zip(lost, recordings, strict=True):
-        for kind, lights, text in one.reasons(names):
+        for code, lights, text in one.reasons(names):
             unused = _unused(names, lights, missing)
             again = _AGAIN.format(_it(lights))
-            notices.append(Notice(_CODES[kind], f"{text}; {unused}: {again}", where))
+            notices.append(Notice(code, f"{text}; {unused}: {again}", where))
     if unknown:
         text = (
             f"left out {named(names, unknown)}: no highlight on {on}: check that the light was on, "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -78,12 +78,12 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
     """
     fitted = fit_mirror(plane, mirror)
     if fitted is None:
-        size = mirror.outline(plane.camera).radius_px
-        fitted = FittedBall(mirror.ball, np.eye(3) * (_SEARCH_SHARE * size) ** 2)
-    ball, covariance = fitted.ball, fitted.covariance_px2
+        size = outline_of(plane.camera, mirror.ball).radius_px
+        fitted = mirror.ball, np.eye(3) * (_SEARCH_SHARE * size) ** 2
+    ball, covariance = fitted
     edge = fit_limb(values, plane, ball)
     if edge is not None:
-        ball, covariance = _combined(fitted, edge)
+        ball, covariance = _combined(*fitted, edge)
     outline = outline_of(plane.camera, ball)
     count = int(np.clip(2 * np.pi * outline.radius_px, 90, 720))
     points = outlines_of(plane.camera, ball, count)[0]
@@ -97,7 +97,7 @@ def outlined_mirror(values: Images, plane: MirroredPlane, mirror: Mirror) -> Sph
         find_highlights(values, outline),
         covariance_px2=own,
         systematic_px=systematic,
-        on_plane=_faces_the_camera(plane, fitted.ball),
+        on_plane=_faces_the_camera(plane, fitted[0]),
     )
 
 
@@ -113,9 +113,8 @@ def _faces_the_camera(plane: MirroredPlane, ball: Balls) -> bool:
     return bool(enough and slope <= _SURE_SLOPE)
 
 
-def _combined(fitted: FittedBall, edge: LimbFit) -> tuple[Balls, Array]:
+def _combined(ball: Balls, covariance: Array, edge: LimbFit) -> tuple[Balls, Array]:
     """Return the mean of a ball and its edge, with the covariance of its outline."""
-    ball, covariance = fitted.ball, fitted.covariance_px2
     if edge.blur_px > _MOST_BLUR_PX:
         covariance = covariance + np.eye(3) * (_OUT_OF_FOCUS * edge.blur_px) ** 2
     moved = edge.ball.axes_px[0] - ball.axes_px[0]
@@ -148,30 +147,19 @@ def _parted(covariance: Array) -> tuple[Array, float]:
     return own, systematic
 
 
-@dataclass(frozen=True, eq=False)
-class FittedBall:
-    """A ball whose outline is known to a few hundredths of a pixel.
-
-    Parameters
-    ----------
-    ball
-        The ball.
-    covariance_px2
-        ``(3, 3)`` covariance of centre x, centre y and radius of its outline.
-    """
-
-    ball: Balls
-    covariance_px2: Array
-
-
-def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> FittedBall | None:
+def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> tuple[Balls, Array] | None:
     """Fit place and radius of a ball to what it mirrors, by robust least squares.
 
     Unknowns are also the slopes of the plane, which make up for a board that is not at a right
     angle to the camera's axis, or for an unknown camera. The blur is the one with the smallest
     differences. The covariance contains errors of the model: neighbouring spokes of the ball share
-    them, so groups of spokes, not samples, count as independent. Returns None if the fit moves the
-    ball by more than a twentieth of its radius, or makes it worse.
+    them, so groups of spokes, not samples, count as independent.
+
+    Returns
+    -------
+    ball, covariance_px2
+        The ball, and the ``(3, 3)`` covariance of centre x, centre y and radius of its outline.
+        None if the fit moves the ball by more than a twentieth of its radius, or makes it worse.
     """
     size = float(mirror.ball.radii_px[0])
     start = np.concatenate([mirror.ball.axes_px[0], mirror.ball.radii_px, [0.0, 0.0]])
@@ -200,7 +188,7 @@ def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> FittedBall | None:
     if not plane.compare(ball).share[0] > mirror.share - 0.1:
         return None
     tails = _TAILS_PX * min(1.0, _TAILS_UP_TO_PX / size) ** 2
-    return FittedBall(replace(ball, radii_px=ball.radii_px + tails), covariance)
+    return replace(ball, radii_px=ball.radii_px + tails), covariance
 
 
 class _MirrorFit:

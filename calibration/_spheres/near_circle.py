@@ -114,7 +114,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
         If there is no edge near the circle, if the edges do not determine the outline to 2 % of the
         radius, or if another outline around it shows that it may be the mirrored horizon.
     """
-    found: list[_Found] = []
+    trials = []
     first = or_none(refine_sharpest, pictures, circle, reach_px)
     if first is not None:
         if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
@@ -125,9 +125,8 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
                 # An ellipse agrees with more edges than a circle does, also where it is wrong.
                 joints += found_near(pictures.values, circle)
             return _decided(sharp, best_of([joint for joint in joints if joint]))
-        found.append((0.0, *first))
-    trials = [one[1] for one in found]
-    found = []
+        trials.append(first[0])
+    found: list[_Found] = []
     for picture in (pictures.upper, pictures.median):
         edges = EdgesAround([picture], circle, _WIDER * reach_px)
         for trial in [*trials, *edges.leaders()]:
@@ -145,8 +144,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     joint = joint_near(pictures.values, best.outline, reach_px)
     if doubtful:
         # The outline in one picture may be farther away than the circle.
-        found_joint = [*found_near(pictures.values, circle), *([joint] if joint else [])]
-        joint = best_of(found_joint)
+        joint = best_of([*found_near(pictures.values, circle), *([joint] if joint else [])])
         if joint is None or not _is_clear(joint, circle, reach_px):
             (x, y), radius = circle.centre_px, circle.radius_px
             raise EstimateError(

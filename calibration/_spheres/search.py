@@ -24,7 +24,7 @@ from calibration._spheres.edge_search import (
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.joint_search import change_of
 from calibration._spheres.mirror_outline import outlined_mirror
-from calibration._spheres.mirrors import Mirror, find_mirror
+from calibration._spheres.mirrors import Mirror, find_mirror, outline_of
 from calibration._spheres.outline import SHARP_PX
 from calibration._spheres.placed import radius_on_plane_mm
 from calibration._spheres.robust import Array
@@ -153,18 +153,15 @@ def _parted(images: list[SphereImage]) -> tuple[list[SphereImage], list[SphereIm
 def _left_out(
     reduced: ReducedStack, found: list[SphereImage], blurred: list[SphereImage]
 ) -> list[Notice]:
-    return [*_blurred_notices(blurred), *cut_spheres(reduced, [*found, *blurred])]
-
-
-def _blurred_notices(images: list[SphereImage]) -> list[Notice]:
-    return [
+    notices = [
         Notice(
             "sphere-blurred",
             f"{places([image])} was left out: the outline scatters by {image.rms_px:.1f} px, too "
             "much for a mirror sphere",
         )
-        for image in images
+        for image in blurred
     ]
+    return notices + cut_spheres(reduced, [*found, *blurred])
 
 
 def cut_spheres(stack: ReducedStack, found: list[SphereImage]) -> list[Notice]:
@@ -284,7 +281,7 @@ def find_spheres(
             mirror = find_mirror(plane, cluster, radii_px)
         if mirror is None:
             undecided.append(cluster)
-        elif expected(mirror.outline(plane.camera), radii_px):
+        elif expected(outline_of(plane.camera, mirror.ball), radii_px):
             sphere = outlined_mirror(values, plane, mirror)
             if not rivals_of(sphere.outline, known):
                 mirroring.append(sphere)
@@ -321,7 +318,7 @@ def _ball_around(
         if inside(cluster, edge):
             ball = find_mirror(plane, cluster, [edge.radius_px / _HORIZON])
             if ball is not None:
-                outline = ball.outline(plane.camera)
+                outline = outline_of(plane.camera, ball.ball)
                 offset = np.subtract(outline.centre_px, edge.centre_px)
                 if np.hypot(*offset) < _CONCENTRIC * outline.radius_px:
                     return ball

@@ -118,8 +118,9 @@ def table(value: Any) -> dict[str, Any]:
     """
     entries: dict[str, Any] = {}
     for item in dataclasses.fields(value):
-        content = getattr(value, item.name)
-        if content is not None and (item.name == "seed" or not _same(content, item.default)):
+        content, default = getattr(value, item.name), item.default
+        same = type(content) is type(default) and bool(content == default)
+        if content is not None and (item.name == "seed" or not same):
             entries[item.name] = content
     return entries
 
@@ -146,10 +147,6 @@ def _model(maker: Callable[..., Any]) -> type[BaseModel]:
         required = parameter.default is inspect.Parameter.empty
         parts[name] = (hints[name], ... if required else parameter.default)
     return create_model(maker.__name__, __config__=_CONFIG, **parts)
-
-
-def _same(content: Any, default: Any) -> bool:
-    return type(content) is type(default) and bool(content == default)
 
 
 def dome(
