@@ -247,10 +247,9 @@ def _explanations(test: InputTest, camera: CameraModel, radii_mm: Array) -> list
 def _changed(camera: CameraModel, name: str) -> tuple[CameraModel, float]:
     """Return a camera with one value changed, and the size of the change."""
     if name == FOCAL:
-        scale = np.diag([1 + _STEP, 1 + _STEP, 1.0])
         # Only the focal lengths: the principal point keeps its place.
         K = camera.K.copy()
-        K[:2, :2] = (scale @ camera.K)[:2, :2]
+        K[:2, :2] *= 1 + _STEP
         return replace(camera, K=K), _STEP
     if name == DISTORTION:
         step = 10 * _STEP

@@ -38,6 +38,11 @@ _MOST_ANGLES = 720
 IMMERKAER = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 # So many pixels show the noise of an image.
 _SHOW_NOISE = 40_000
+_BLOCK, _FEW_IMAGES, _MIDDLE_PX, _EVERY = 8, 4, 1024, 5
+# In the 12 images of the University of Washington's chrome ball: 1.0 without compression, 1.4 with
+# quality 95, 1.7 with 90, 2.2 with 85, 3.5 with 75, 5.3 with 60; without colour 1.6 with 85, 1.8
+# with 75, 2.3 with 60.
+_VISIBLE = 1.7
 
 
 def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
@@ -311,15 +316,6 @@ def image_noise(image: npt.NDArray[np.float32], every: int | None = None) -> flo
     residue = cv2.filter2D(image, -1, IMMERKAER)
     every = every or max(int(np.sqrt(residue.size / _SHOW_NOISE)), 1)
     return float(np.percentile(np.abs(residue[::every, ::every]), 75)) / 6.9
-
-
-_BLOCK, _FEW_IMAGES, _MIDDLE_PX, _EVERY = 8, 4, 1024, 5
-
-
-# In the 12 images of the University of Washington's chrome ball: 1.0 without compression, 1.4 with
-# quality 95, 1.7 with 90, 2.2 with 85, 3.5 with 75, 5.3 with 60; without colour 1.6 with 85, 1.8
-# with 75, 2.3 with 60.
-_VISIBLE = 1.7
 
 
 def shows_blocks(values: Images) -> bool:

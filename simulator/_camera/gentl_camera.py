@@ -26,15 +26,8 @@ Automatic = Literal["exposure", "gain", "white", "gamma"]
 FAULTS = 256
 MAX_LEDS = 1024
 MAX_PATH = 1024
-FAULT_KINDS = {
-    "lost": 1,
-    "late": 2,
-    "incomplete": 3,
-    "doubled": 4,
-    "missed": 5,
-    "unplug": 6,
-    "underrun": 7,
-}
+# Kinds have the numbers of `simulator/gentl/control.h`.
+FAULT_KINDS = {kind: number for number, kind in enumerate(get_args(GentlFault), start=1)}
 AUTOMATICS = {"exposure": 1, "gain": 2, "white": 4, "gamma": 8}
 CONTENT_PLANES, CONTENT_FRAMES = 1, 2
 _CONTROL_VERSION = 1
@@ -313,7 +306,7 @@ class GentlCamera:
         CameraError
             If there are too many faults that have not occurred yet.
         """
-        self._check(kind in get_args(GentlFault), f"unknown fault {kind!r}")
+        self._check(kind in FAULT_KINDS, f"unknown fault {kind!r}")
         for fault in self._fields.faults:
             if not fault.armed:
                 fault.at = -1 if frame == "next" else frame

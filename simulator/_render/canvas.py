@@ -99,13 +99,10 @@ class Canvas:
         self._height[y, x] = seen.points_mm[on, 2]
         self._albedo[y, x] = albedo[on]
         for high, wide in self._windows:
-            if max(high.start, top) < min(high.stop, bottom):
-                self._draw_finely(slice(max(high.start, top), min(high.stop, bottom)), wide)
-
-    def _draw_finely(self, rows: slice, columns: slice) -> None:
-        """Draw again, with 16 samples, the pixels of a window that sphere or clutter touches."""
-        y, x = (v.ravel() for v in np.mgrid[rows, columns])
-        self._draw_again(y, x, only_met=True)
+            first, last = max(high.start, top), min(high.stop, bottom)
+            if first < last:
+                y, x = (v.ravel() for v in np.mgrid[first:last, wide])
+                self._draw_again(y, x, only_met=True)
 
     def _draw_again(self, all_y: Whole, all_x: Whole, *, only_met: bool) -> None:
         """Draw pixels with 16 samples: all, or those that sphere or clutter touches."""
@@ -148,7 +145,7 @@ class Canvas:
 
     def _integrate_shadows(self, allowed: Mask) -> None:
         """Average the edges of shadows over their pixels."""
-        edges = [shadow_edges(dark, self._label) & allowed for dark in self._shadows]
+        edges = [_beside(dark, self._label) & allowed for dark in self._shadows]
         y, x = np.nonzero(np.logical_or.reduce(edges)) if edges else _NOWHERE
         for start in range(0, len(x), POINTS // 4):
             part = slice(start, start + POINTS // 4)
@@ -259,18 +256,10 @@ def silhouettes(label: npt.NDArray[np.int16], depth_mm: Array, step_mm: Array | 
     return edge
 
 
-def shadow_edges(dark: Mask, label: npt.NDArray[np.int16]) -> Mask:
-    """Return the pixels on both sides of an edge of one light's shadow, ``(H, W)`` like ``dark``.
-
-    Edges between objects are left out.
-    """
-    return _beside(dark, label)
-
-
 def _beside(
     values: npt.NDArray[np.int16] | Mask, same: npt.NDArray[np.int16] | None = None
 ) -> Mask:
-    """Return the pixels with a neighbour of another value, and of the same object if given."""
+    """Return the pixels on both sides of an edge; if objects are given, not of one between them."""
     edge = np.zeros(values.shape, np.bool_)
     for axis in range(2):
         first: list[slice] = [slice(None), slice(None)]

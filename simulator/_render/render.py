@@ -83,7 +83,8 @@ class StoredRendering:
         for kept, plane in zip(self._planes, part.planes, strict=True):
             kept[rows] = plane
         for name, values in part.maps.items():
-            self._kept[name][rows] = _packed(values[:]) if _is_shadow(name) else values[:]
+            packed = np.packbits(values[:], axis=1) if _is_shadow(name) else values[:]
+            self._kept[name][rows] = packed
 
     def plane(self, led: int | None) -> BandFile:
         """Return the image of one LED alone, or of the ambient light for None; see `Rendering`."""
@@ -200,10 +201,6 @@ def render_stored(
 
 def _is_shadow(name: str) -> bool:
     return name.startswith("shadows/")
-
-
-def _packed(mask: Mask) -> npt.NDArray[np.uint8]:
-    return np.packbits(mask, axis=1)
 
 
 def _temporary_folder(folder: Path) -> tempfile.TemporaryDirectory[str]:
