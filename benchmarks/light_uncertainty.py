@@ -23,7 +23,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import chi2
 
 from acquisition import CameraModel
-from calibration._spheres.joint_refinement import predicted_highlights
+from calibration._spheres.joint_refinement import Observation, predicted_highlights
 from calibration._spheres.light_positions import LocatedLights, locate_lights
 from calibration._spheres.outline_noise import viewing_cone
 from calibration._spheres.placed import place
@@ -142,7 +142,8 @@ def observe(layout: Layout, seed: int, stated: float = 1.0) -> tuple[LocatedLigh
     highlights = highlights + rng.normal(0, 1, highlights.shape) * sigma_px[..., None]
     ids = tuple(f"L{i:02d}" for i in range(len(truth)))
     placed = place(cones, radii, model)
-    return locate_lights(model, placed, highlights, stated * sigma_px, ids, peaks=True), truth
+    seen = Observation(model, placed, highlights, stated * sigma_px)
+    return locate_lights(seen, ids, peaks=True), truth
 
 
 @dataclass(frozen=True, eq=False)

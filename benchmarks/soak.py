@@ -32,7 +32,7 @@ from simulator._bench_state import BenchState
 from simulator._board.faults import BoardFault
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.sensor import ImageFormation
 
 LEDS = 36
 BITS = 8

@@ -41,7 +41,12 @@ from random_layouts import Array, Layout, layout_of, outline, radius_px, scene_o
 from calibration import EstimateError, SphereCalibration, calibrate_spheres, find_spheres
 from calibration._spheres.cone import OUTLINE_SIGMA_PX, Cone
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.joint_refinement import KnownSpheres, linearise, predicted_highlights
+from calibration._spheres.joint_refinement import (
+    KnownSpheres,
+    Observation,
+    linearise,
+    predicted_highlights,
+)
 from calibration._spheres.placed import place
 from simulator import ChromeSphere
 
@@ -73,7 +78,7 @@ def expected_mm(layout: Layout, spheres: list[ChromeSphere]) -> float:
     if seen.sum(axis=1).min() < 2:
         return np.inf
     sigma_px = np.where(seen, HIGHLIGHT_PX, np.inf)
-    system = linearise(camera, known, layout.lights_mm, centres, highlights, sigma_px)
+    system = linearise(Observation(camera, known, highlights, sigma_px), layout.lights_mm, centres)
     return rms_mm(system.covariance())
 
 

@@ -18,7 +18,7 @@ from light_uncertainty import COMMON_PX, HIGHLIGHT_PX, camera, dome, outline_poi
 
 from acquisition import CameraModel, angle_deg
 from calibration import EstimateError
-from calibration._spheres.joint_refinement import predicted_highlights
+from calibration._spheres.joint_refinement import Observation, predicted_highlights
 from calibration._spheres.light_positions import locate_lights
 from calibration._spheres.outline_noise import viewing_cone
 from calibration._spheres.placed import place
@@ -71,7 +71,8 @@ def lights_of(
         highlights = highlights + rng.normal(0, 1, highlights.shape) * sigma_px[..., None]
     given = np.full(len(centres), assumed_radius_mm or radius_mm)
     ids = tuple(f"L{i:02d}" for i in range(len(truth)))
-    located = locate_lights(assumed, place(cones, given, assumed), highlights, sigma_px, ids)
+    seen = Observation(assumed, place(cones, given, assumed), highlights, sigma_px)
+    located = locate_lights(seen, ids)
     found: Array = located.refined.positions_mm
     return found
 

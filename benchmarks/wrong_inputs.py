@@ -19,7 +19,7 @@ from harness import command_line
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from calibration._spheres.input_tests import InputTest, check_inputs, doubtful
-from calibration._spheres.joint_refinement import predicted_highlights
+from calibration._spheres.joint_refinement import Observation, predicted_highlights
 from calibration._spheres.light_positions import locate_lights
 from calibration._spheres.outline_noise import viewing_cone
 from calibration._spheres.placed import place
@@ -69,9 +69,10 @@ def trial(count: int, kind: str, size: float, seed: int) -> list[InputTest]:
     stated = radii * (1 + size) if kind == "ratio" else radii
     placed = place(cones, stated, given)
     ids = tuple(f"L{i:02d}" for i in range(len(truth)))
-    located = locate_lights(given, placed, highlights, sigma_px, ids)
+    seen = Observation(given, placed, highlights, sigma_px)
+    located = locate_lights(seen, ids)
     weights = np.where(located.used, sigma_px, np.inf)
-    return check_inputs(given, placed, points, located.refined, highlights, weights)
+    return check_inputs(replace(seen, sigma_px=weights), points, located.refined)
 
 
 def main() -> None:

@@ -1,9 +1,17 @@
 """The errors that calibration raises."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
 from acquisition import DataError
 from rig import SgpError
 
-__all__ = ["DataError", "EstimateError"]
+P = ParamSpec("P")
+T = TypeVar("T")
+
+__all__ = ["DataError", "EstimateError", "or_none"]
 
 
 class EstimateError(SgpError, ValueError):
@@ -19,3 +27,11 @@ class EstimateError(SgpError, ValueError):
 
     lights: tuple[str, ...] = ()
     spheres: tuple[tuple[float, float, float], ...] = ()
+
+
+def or_none(estimate: Callable[P, T], *args: P.args, **options: P.kwargs) -> T | None:
+    """Return what a function estimates; None if it raises `EstimateError`."""
+    try:
+        return estimate(*args, **options)
+    except EstimateError:
+        return None

@@ -9,15 +9,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel
 from rig import Rig, RigConfig, RigConfigError, validation_message
-from simulator._camera.image_formation import ImageFormation
-from simulator._render.render import render
+from simulator._camera.sensor import ImageFormation
+from simulator._render.render import StoredRendering, render
 from simulator._render.rendering import Rendering
-from simulator._render.stored import StoredRendering
 from simulator._scene.lamps import Lamps
 from simulator._scene.rig_scenes import SCENES, scene_named
 from simulator._scene.scene import Scene
 from simulator._scene.scene_file import read_scene
-from simulator._scene.scene_tables import build
+from simulator._scene.scene_parts import build
 from simulator._simulated_rig import FRAME_RATE_HZ, CameraKind, simulated_rig
 from simulator._wiring import Wiring
 

@@ -13,8 +13,7 @@ from rig import Board, Camera, Rig, RigConfig, RigConfigError, open_genicam
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
-from simulator._camera.sensor import pixel_format
+from simulator._camera.sensor import ImageFormation, pixel_format
 from simulator._camera.virtual_camera import Planes, VirtualCamera
 from simulator._wiring import Wiring
 from simulator.gentl import CompilerError, build

@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import math
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from acquisition import missing_path, write_durably
 from calibration._errors import DataError
-from rig import short_repr
+from rig import (
+    Notice,
+    UnreadableError,
+    check_text,
+    pluralize,
+    read_bounded,
+    short_repr,
+    validation_message,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -22,6 +35,8 @@ DICTIONARIES: Final = tuple(f"{bits}_{count}" for bits in _BITS for count in _CO
 _MARKER_SHARE: Final = 0.75
 _FEWEST, _MOST = 3, 60
 _MOST_MM: Final = 5000.0
+_Positive = Annotated[float, Field(gt=0)]
+_SAME_PX: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -102,8 +117,7 @@ class CharucoBoard:
     def corners_mm(self) -> Array:
         """``(n, 2)`` inner corners, x right and y down from the upper left of the first square."""
         x, y = (np.arange(1.0, count) * self.square_mm for count in (self.columns, self.rows))
-        corners: Array = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        return corners
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     def black_mm(self) -> tuple[Array, Array]:
         """Return what to print: black rectangles, and white ones on them.
@@ -159,3 +173,146 @@ def _runs(cells: npt.NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
                 run = (begin, i, 1, end - begin) if transposed else (i, begin, end - begin, 1)
                 found.append(run)
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class BoardView:
+    """Corners of a calibration board in one image.
+
+    Parameters
+    ----------
+    name
+        Name of the image, for messages.
+    board
+        The board that was found.
+    size
+        (height, width) of the image.
+    ids
+        ``(n,)`` indices into `CharucoBoard.corners_mm`.
+    corners_px
+        ``(n, 2)`` positions (x, y) in the image; the centre of the first pixel is at (0, 0).
+    """
+
+    name: str
+    board: CharucoBoard
+    size: tuple[int, int]
+    ids: npt.NDArray[np.int64]
+    corners_px: Array
+
+    def __repr__(self) -> str:
+        return f"BoardView({self.name}, {pluralize(len(self.ids), 'corner')})"
+
+    @property
+    def points_mm(self) -> Array:
+        """``(n, 3)`` the same corners on the board, with z = 0."""
+        return np.pad(self.board.corners_mm[self.ids], ((0, 0), (0, 1)))
+
+
+class _BoardFile(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    format: Literal["sgp-board"]
+    version: Literal[1]
+    columns: int
+    rows: int
+    square_mm: _Positive
+    marker_mm: _Positive
+    dictionary: str
+
+
+def read_board(path: str | Path) -> CharucoBoard:
+    """Read a calibration board from board.json.
+
+    Raises
+    ------
+    MissingPathError
+        If the file does not exist.
+    DataError
+        If it is not a board.json of this version, or a value is out of range.
+
+    Examples
+    --------
+    >>> from calibration import CharucoBoard, read_board, write_board
+    >>> write_board("board.json", CharucoBoard(11, 8, 15))
+    >>> read_board("board.json").square_mm
+    15.0
+    """
+    path = Path(path)
+    try:
+        text = read_bounded(path).decode("utf-8-sig")
+        check_text(text)
+        file = _BoardFile.model_validate_json(text)
+        return CharucoBoard(**file.model_dump(exclude={"format", "version"}))
+    except FileNotFoundError as error:
+        raise missing_path(path, "file") from error
+    except ValidationError as error:
+        raise DataError(f"{path}: not a board.json: {validation_message(error)}") from error
+    except UnicodeDecodeError as error:
+        raise DataError(f"{path}: not a board.json: it is not text") from error
+    except (UnreadableError, DataError) as error:
+        raise DataError(f"{path}: {error}") from error
+
+
+def write_board(path: str | Path, board: CharucoBoard) -> None:
+    """Write a calibration board as board.json.
+
+    Raises
+    ------
+    DataError
+        If the file has another suffix.
+    StorageError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from calibration import CharucoBoard, write_board
+    >>> write_board("board.json", CharucoBoard(5, 4, 20))
+    >>> Path("board.json").read_text()[:40]
+    '{"format": "sgp-board", "version": 1, "c'
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".json":
+        raise DataError(f"{path}: calibration boards are written as .json: give such a name")
+    content = {"format": "sgp-board", "version": 1, **asdict(board)}
+    write_durably(path, (json.dumps(content) + "\n").encode())
+
+
+def merge_same_places(views: Sequence[BoardView]) -> tuple[list[BoardView], list[Notice]]:
+    """Average views whose corners are within a pixel of each other; return them with a notice."""
+    groups: list[list[BoardView]] = []
+    for view in views:
+        group = next((group for group in groups if _same(group[0], view)), None)
+        if group is None:
+            groups.append([view])
+        else:
+            group.append(view)
+    notices = []
+    for group in groups:
+        if len(group) > 1:
+            text = (
+                f"shows the calibration board at the same place as "
+                f"{pluralize(len(group) - 1, 'other image')}: they count as one view"
+            )
+            notices.append(Notice("views-alike", text, group[0].name, "info"))
+    return [_mean(group) for group in groups], notices
+
+
+def _same(one: BoardView, other: BoardView) -> bool:
+    ids, first, second = np.intersect1d(one.ids, other.ids, return_indices=True)
+    if 2 * len(ids) < min(len(one.ids), len(other.ids)):
+        return False
+    apart = np.linalg.norm(one.corners_px[first] - other.corners_px[second], axis=1)
+    return bool(np.median(apart) < _SAME_PX)
+
+
+def _mean(group: Sequence[BoardView]) -> BoardView:
+    if len(group) == 1:
+        return group[0]
+    ids = np.unique(np.concatenate([view.ids for view in group]))
+    total, count = np.zeros((len(ids), 2)), np.zeros((len(ids), 1))
+    for view in group:
+        at = np.searchsorted(ids, view.ids)
+        total[at] += view.corners_px
+        count[at] += 1
+    return replace(group[0], ids=ids, corners_px=total / count)

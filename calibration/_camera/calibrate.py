@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import cv2
@@ -11,16 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
-from calibration._camera.camera_calibration import CalibratedView, CameraCalibration
-from calibration._camera.coverage import bare_corners, covered_field
+from calibration._camera.board import BoardView, merge_same_places
 from calibration._camera.find_board import FEWEST_CORNERS
-from calibration._camera.fit import PARAMETERS, Fit, fit
-from calibration._camera.pose import pose_of
-from calibration._camera.residual_pattern import residual_pattern
-from calibration._camera.same_place import merge_same_places
-from calibration._camera.view import BoardView
+from calibration._camera.fit import PARAMETERS, Fit, fit, pose_of, residual_pattern
 from calibration._errors import DataError, EstimateError
-from rig import Notice, Progress, no_progress, pluralize
+from rig import Notice, Progress, no_progress, pluralize, short_repr
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -45,6 +40,15 @@ _UNEXPLAINED: Final = 0.001
 # Variance of residuals that vary smoothly over a view, relative to that of the others.
 _PATTERN: Final = 4.0
 _GAUSSIAN_MAD: Final = 1.4826
+_CELLS: Final = 60  # across the larger side of the image
+_CORNER: Final = 1 / 6  # of a side of the image
+_ENOUGH: Final = 0.25
+_CORNERS: Final = {
+    "upper left": (0, 0),
+    "upper right": (0, -1),
+    "lower left": (-1, 0),
+    "lower right": (-1, -1),
+}
 
 
 def calibrate_camera(
@@ -302,3 +306,118 @@ def _doubts(best: Fit, bare: Sequence[str]) -> list[Notice]:
         )
         notices.append(Notice("pixels-not-square", text))
     return notices
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedView:
+    """A view of the board after the calibration.
+
+    Parameters
+    ----------
+    view
+        The corners that were found.
+    kept
+        ``(n,)`` False for corners that were left out as outliers; all False for a view that was
+        left out.
+    residuals_px
+        ``(n, 2)`` seen minus predicted corners.
+    tilt_deg
+        Angle between the board and the image plane.
+    distance_mm
+        Distance of the middle of its corners from the camera, along the optical axis.
+    """
+
+    view: BoardView
+    kept: npt.NDArray[np.bool_]
+    residuals_px: Array
+    tilt_deg: float
+    distance_mm: float
+
+    __repr__ = short_repr
+
+    @property
+    def used(self) -> bool:
+        """Whether the view was used."""
+        return bool(self.kept.any())
+
+    @property
+    def rms_px(self) -> float:
+        """Rms distance between seen and predicted corners: of the kept ones, if it was used."""
+        shown = self.residuals_px[self.kept] if self.used else self.residuals_px
+        return float(np.sqrt(np.mean(np.sum(shown**2, axis=1))))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """A camera with its standard deviations.
+
+    Parameters
+    ----------
+    camera
+        The camera, without a working distance.
+    sigma
+        Standard deviations of fx, fy, cx, cy in pixels and of the coefficients k1, k2, p1, p2, k3
+        that the views determine; the other coefficients are 0.
+    covariance
+        ``(9, 9)`` covariance of fx, fy, cx, cy, k1, k2, p1, p2, k3; 0 for those that are not
+        determined.
+    sigma_px
+        Standard deviation of a coordinate of a corner, from the residuals.
+    views
+        All views, in their order; views of the same place are one view.
+    covered
+        ``(rows, columns)`` True for cells of the field of view that lie within the corners of a
+        view.
+    bare_corners
+        Corners of the image that are hardly covered, such as ``upper left``.
+    warnings
+        Notices, each with its code.
+    """
+
+    camera: CameraModel
+    sigma: Mapping[str, float]
+    covariance: Array
+    sigma_px: float
+    views: tuple[CalibratedView, ...]
+    covered: npt.NDArray[np.bool_]
+    bare_corners: tuple[str, ...]
+    warnings: tuple[Notice, ...] = ()
+
+    __repr__ = short_repr
+
+    @property
+    def coverage(self) -> float:
+        """Share of the field of view that lies within the corners of a view, 0 to 1."""
+        return float(self.covered.mean())
+
+
+def covered_field(views: Sequence[BoardView]) -> Mask:
+    """Return the cells of the field of view that lie within the corners of a view.
+
+    Returns
+    -------
+    Mask
+        ``(rows, columns)``, 60 square cells across the larger side of the image.
+    """
+    height, width = views[0].size
+    cell = max(height, width) / _CELLS
+    rows, columns = max(round(height / cell), 1), max(round(width / cell), 1)
+    covered = np.zeros((rows, columns), np.uint8)
+    scale = np.array([columns / width, rows / height])
+    for view in views:
+        places = ((view.corners_px + 0.5) * scale - 0.5).astype(np.float32)
+        hull = cv2.convexHull(places).reshape(-1, 2)
+        cv2.fillConvexPoly(covered, np.rint(hull).astype(np.int32), 1)
+    return covered > 0
+
+
+def bare_corners(covered: Mask) -> tuple[str, ...]:
+    """Return the names of the corners of the image that are hardly covered."""
+    rows, columns = (max(round(side * _CORNER), 1) for side in covered.shape)
+    bare = []
+    for name, (down, right) in _CORNERS.items():
+        part = covered[:rows] if down == 0 else covered[-rows:]
+        part = part[:, :columns] if right == 0 else part[:, -columns:]
+        if part.mean() < _ENOUGH:
+            bare.append(name)
+    return tuple(bare)

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._camera.view import BoardView
+from calibration._camera.board import BoardView
 from calibration._errors import EstimateError
 
 Array = npt.NDArray[np.float64]
@@ -31,6 +31,7 @@ _CRITERIA: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 300, 1e-12)
 # Focal lengths relative to the larger side of the image that are tried if the views give no start.
 _STARTS: Final = (0.8, 1.6, 3.2)
 _SINGULAR: Final = 1e-13
+_POSE_PARAMETERS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +117,7 @@ def projected(
 
 
 def _vector(values: npt.ArrayLike) -> Array:
-    vector: Array = np.asarray(values, np.float64).ravel()
-    return vector
+    return np.asarray(values, np.float64).ravel()
 
 
 def _with_covariance(
@@ -153,5 +153,56 @@ def _inverse(normal: Array) -> Array:
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     if values[0] < _SINGULAR:
         return np.full(normal.shape, np.inf)
-    inverse: Array = (vectors / values) @ vectors.T / np.outer(scale, scale)
-    return inverse
+    return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
+
+
+def pose_of(view: BoardView, K: Array, distortion: Array) -> tuple[Array, Array]:
+    """Return rotation vector and translation of the board in OpenCV's camera frame.
+
+    Raises
+    ------
+    EstimateError
+        If the corners have no pose.
+    """
+    found, turn, shift = cv2.solvePnP(
+        view.points_mm, view.corners_px[:, None], K, distortion, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not found or not np.isfinite(turn).all() or not np.isfinite(shift).all():
+        raise EstimateError(f"{view.name}: the corners of the calibration board have no pose")
+    turn, shift = cv2.solvePnPRefineLM(
+        view.points_mm, view.corners_px[:, None], K, distortion, turn, shift
+    )
+    return np.ravel(turn), np.ravel(shift)
+
+
+def residual_pattern(views: Sequence[BoardView], residuals_px: Sequence[Array]) -> float:
+    """Return how much residuals follow a quadratic function of the place in each view.
+
+    Parameters
+    ----------
+    views
+        Views with their corners.
+    residuals_px
+        ``(n, 2)`` residuals of each view after a fit of camera and poses.
+
+    Returns
+    -------
+    float
+        Variance of the part that is quadratic over that of the rest, per degree of freedom: 1 for
+        independent errors of the corners, more if the camera's model does not fit.
+    """
+    smooth = rest = 0.0
+    freedom = [0, 0]
+    for view, residual in zip(views, residuals_px, strict=True):
+        places = view.corners_px - view.corners_px.mean(axis=0)
+        x, y = (places / np.abs(places).max()).T
+        basis, _ = np.linalg.qr(np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1))
+        part = basis @ (basis.T @ residual)
+        smooth += float(np.sum(part**2))
+        rest += float(np.sum((residual - part) ** 2))
+        # The pose of the view has removed six of the twelve coefficients.
+        freedom[0] += 2 * basis.shape[1] - _POSE_PARAMETERS
+        freedom[1] += residual.size - 2 * basis.shape[1]
+    if freedom[1] <= 0 or rest == 0:
+        return 1.0
+    return (smooth / freedom[0]) / (rest / freedom[1])

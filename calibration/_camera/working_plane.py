@@ -10,10 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel
-from calibration._camera.camera_calibration import CameraCalibration
-from calibration._camera.fit import projected
-from calibration._camera.pose import pose_of
-from calibration._camera.view import BoardView
+from calibration._camera.board import BoardView
+from calibration._camera.calibrate import CameraCalibration
+from calibration._camera.fit import pose_of, projected
 from calibration._errors import DataError
 from rig import Notice, short_repr
 

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import chdtri
 
-from acquisition import DataError, Lights, angle_deg
-from calibration._comparison.difference import covariances_3d, deviations
-from calibration._comparison.matched import matched_lights
-from calibration._comparison.motion import Array, Motion
+from acquisition import (
+    DataError,
+    LightErrors,
+    Lights,
+    angle_deg,
+    led_of,
+    lights_of_rig,
+    tangent_basis,
+)
 from calibration._comparison.notices import explanation_notices
-from calibration._comparison.order import Mirror, explain
-from rig import Notice, check_type, pluralize, short_repr
+from calibration._comparison.order import Array, Mirror, Motion, explain
+from rig import Notice, RigConfig, check_type, pluralize, short_repr
 
 # Differences below a micrometre, or the angle that it spans at half a metre, do not count.
 _FLOOR_MM, _FLOOR_RAD = 1e-3, 2e-6
@@ -24,6 +29,11 @@ _EQUAL_MM, _EQUAL_DEG, _EQUAL_PERCENT = 3.0, 0.35, 1.0
 # Probability of naming a light although all covariances are right.
 _FALSE_ALARM = 1e-3
 _NAMED = 6
+# Eigenvalues of a covariance below this share of the largest one count as zero.
+_SINGULAR = 1e-9
+# Spheres up to 150 mm from the origin see a light at 450 mm in directions that differ by this.
+_PARALLAX_DEG = 20.0
+_MISSING_NAMED = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,3 +250,182 @@ def _changed(ids: Sequence[str], sigmas: Array, freedom: int) -> Iterator[Notice
         f"{pluralize(len(beyond), 'light')} of {len(ids)} {verb} by more than the errors of both "
         f"calibrations explain ({limit:.1f} standard deviations): {listed}{more}",
     )
+
+
+def covariances_3d(lights: Lights) -> Array | None:
+    """Return covariances ``(N, 3, 3)`` in the house frame, of positions or of unit directions."""
+    if lights.errors is None or lights.errors.covariances is None:
+        return None
+    if lights.near:
+        return lights.errors.covariances
+    basis = tangent_basis(lights.unit_directions)
+    return basis.transpose(0, 2, 1) @ lights.errors.covariances @ basis
+
+
+def deviations(difference: Array, covariances: Array, across: Array | None) -> Array:
+    """Return Mahalanobis distances ``(N,)`` of differences ``(N, 3)``; NaN without a covariance.
+
+    ``sqrt(d^T C^-1 d)``: with d coordinates, its square has the mean d if the covariance is right.
+    A difference that the covariance excludes is infinitely many standard deviations long.
+
+    Parameters
+    ----------
+    difference, covariances
+        Differences, and the sums of the covariances of both calibrations.
+    across
+        ``(N, 3)`` unit directions at right angles to which directions differ; None for positions.
+    """
+    if across is not None:
+        basis = tangent_basis(across)
+        difference = np.einsum("nij,nj->ni", basis, difference)
+        covariances = basis @ covariances @ basis.transpose(0, 2, 1)
+    found = np.full(len(difference), np.nan)
+    for n, (vector, matrix) in enumerate(zip(difference, covariances, strict=True)):
+        if np.isnan(matrix).any():
+            continue
+        values, vectors = np.linalg.eigh(matrix)
+        along = vectors.T @ vector
+        regular = values > _SINGULAR * float(values.max())
+        excluded = np.abs(along[~regular]) > _SINGULAR * float(np.linalg.norm(vector))
+        total = np.sum(along[regular] ** 2 / values[regular])
+        found[n] = np.inf if excluded.any() else np.sqrt(total)
+    return found
+
+
+def compare_with_rig(lights: Lights, config: RigConfig) -> LightComparison:
+    """Compare calibrated lights with the positions of the LEDs in a rig file.
+
+    The positions of a rig file have the standard deviation ``led_positions_sigma_mm`` in x, y and
+    z, by default that of a tape measure. A calibration without errors is exact in comparison. Of
+    directions only the order is judged, and rotations of the whole by more than 20 degrees: they
+    were measured at the spheres, not at the origin.
+
+    Parameters
+    ----------
+    lights
+        Lights with the ids of LEDs (``L07``), positions or directions; not all LEDs are required.
+    config
+        Configuration of the rig, with ``led_positions_mm``.
+
+    Returns
+    -------
+    LightComparison
+        Differences of the lights from the rig file. ``lights-changed`` names the lights that
+        contradict it.
+
+    Raises
+    ------
+    DataError
+        If the rig file has no positions, or a light is not one of its LEDs.
+
+    Examples
+    --------
+    >>> from acquisition import Lights
+    >>> from calibration import compare_with_rig
+    >>> from rig import RigConfig
+    >>> places = [[300, 0, 300], [0, 310, 300], [-280, 0, 300]]
+    >>> config = RigConfig(name="arc", driver="bench", leds=3, led_positions_mm=places)
+    >>> compare_with_rig(Lights(positions_mm=[places[n] for n in (0, 2, 1)]), config).exchanged
+    (('L01', 'L02'),)
+    """
+    check_type("lights", lights, Lights, "acquisition.read_lights(path) returns one")
+    check_type("config", config, RigConfig, "rig.find_rig_config(name) returns one")
+    stated = replace(lights_of_rig(config), calibrated=None)
+    leds = []
+    for name in lights.ids:
+        led = led_of(name)
+        if led is None or led >= config.leds:
+            raise DataError(
+                f"light {name} is not one of the {pluralize(config.leds, 'LED')} of the rig "
+                f"{config.name}: give lights of this rig"
+            )
+        leds.append(led)
+    if len(set(leds)) < len(leds):
+        twice = next(led for led in leds if leds.count(led) > 1)
+        raise DataError(f"two lights belong to LED {twice}: give lights with one id per LED")
+    measured = replace(stated.take(leds), intensities=lights.intensities)
+    if not lights.near:
+        return _of_directions(lights, measured)
+    return compare_lights(measured, replace(lights, ids=measured.ids, errors=_stated(lights)))
+
+
+def _of_directions(lights: Lights, places: Lights) -> LightComparison:
+    """Compare directions, which were not measured at the origin, but at the spheres.
+
+    They may differ from those of the rig file by many degrees, in part like a common rotation.
+    """
+    measured = replace(places, errors=None).distant()
+    compared = compare_lights(measured, replace(lights, ids=places.ids, errors=None))
+    if compared.motion is None or compared.motion.angle_deg > _PARALLAX_DEG:
+        return compared
+    kept = (one for one in compared.warnings if one.code != "lights-moved-together")
+    return replace(compared, warnings=tuple(kept))
+
+
+def _stated(lights: Lights) -> LightErrors:
+    """Return the errors of near lights with zero for covariances that are not known."""
+    errors = lights.errors or LightErrors()
+    zero = np.zeros((len(lights), 3, 3))
+    known = zero if errors.covariances is None else np.nan_to_num(errors.covariances)
+    return replace(errors, covariances=known)
+
+
+def matched_lights(a: Lights, b: Lights) -> tuple[Lights, Lights, tuple[Notice, ...]]:
+    """Return the lights that both have, in the order of ``a``, and notices about the others.
+
+    A calibration may have left out lights. So if it names the frames of its lights, the other one
+    may have more of them.
+
+    Raises
+    ------
+    DataError
+        If the numbers or names of the lights differ, and not because a calibration left out lights.
+    """
+    if len(a) == len(b):
+        try:
+            order, by_name = b.match(a.ids)
+        except DataError:
+            pass
+        else:
+            if by_name:
+                return a, b.take(order), ()
+            text = (
+                "lights with different names are matched by order "
+                f"({b.ids[0]} to {a.ids[0]} and so on)"
+            )
+            return a, b, (Notice("lights-matched-by-order", text),)
+    places = [_place(name, b) for name in a.ids]
+    both = [n for n, place in enumerate(places) if place is not None]
+    order = [place for place in places if place is not None]
+    only_a = [name for name, place in zip(a.ids, places, strict=True) if place is None]
+    only_b = [name for n, name in enumerate(b.ids) if n not in order]
+    left_out = (not only_a or b.calibrated is not None) and (not only_b or a.calibrated is not None)
+    if not left_out or len(set(order)) < len(order) or 2 * len(both) < max(len(a), len(b)):
+        raise _different(a, b, only_a)
+    return a.take(both), b.take(order), tuple(_missing(only_a, only_b))
+
+
+def _place(name: str, lights: Lights) -> int | None:
+    """Return the index of the light with a name, or None."""
+    try:
+        (place,), by_name = lights.match([name])
+    except DataError:
+        return None
+    return place if by_name else None
+
+
+def _missing(only_a: list[str], only_b: list[str]) -> Iterator[Notice]:
+    for names, other in ((only_a, "second"), (only_b, "first")):
+        if names:
+            more = f" and {len(names) - _MISSING_NAMED} more" if len(names) > _MISSING_NAMED else ""
+            text = f"the {other} calibration has no light {', '.join(names[:_MISSING_NAMED])}{more}"
+            yield Notice("lights-not-compared", f"{text}: not compared")
+
+
+def _different(a: Lights, b: Lights, only_a: list[str]) -> DataError:
+    if len(a) != len(b):
+        text = f"the first calibration has {pluralize(len(a), 'light')}, the second {len(b)}"
+    else:
+        missing = only_a[0] if only_a else a.ids[0]
+        text = f"the calibrations name their lights differently: the second has no {missing}"
+    return DataError(f"{text}: compare calibrations of the same lights")

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from acquisition import led_of
-from calibration._comparison.motion import Array, Motion
-from calibration._comparison.order import Explanation
+from calibration._comparison.order import Array, Explanation, Motion
 from rig import Notice
 
 _REMEDY = "check the order of wires, images or led_positions_mm"

@@ -15,7 +15,7 @@ from calibration._flat.card import CardField, measure_card
 from calibration._flat.combine import combine
 from calibration._flat.sites import Sites
 from calibration._flat.smooth import smooth_part
-from calibration._spheres.recordings_agree import check_recordings
+from calibration._spheres.apply import check_recordings
 from rig import Notice, Progress, check_type, no_progress, pluralize
 
 # A card that leaves less than this open is as large as the image.

@@ -51,8 +51,7 @@ class Sites:
         order = ["RGB".index(name) for name in self.cfa]
         tile = values[..., order].reshape(*values.shape[:-1], 2, 2)
         at = np.arange(*rows.indices(height)) % 2
-        spread: Array = tile[..., at, :][..., np.arange(width) % 2]
-        return spread
+        return tile[..., at, :][..., np.arange(width) % 2]
 
     def colour(self, image: npt.NDArray[Sample], colour: int) -> npt.NDArray[Sample]:
         """Return the plane of a colour of a frame; of a mosaic, all sites."""
@@ -75,5 +74,4 @@ def block_means(values: npt.NDArray[np.floating], where: Bools, side: int) -> Ar
     count = where[cut].reshape(shape).sum(axis=(1, 3))
     total = np.where(where, values, 0.0)[cut].reshape(shape).sum(axis=(1, 3), dtype=np.float64)
     least = max(1, int(count.max()) // 2)
-    means: Array = np.where(count >= least, total / np.maximum(count, 1), np.nan)
-    return means
+    return np.where(count >= least, total / np.maximum(count, 1), np.nan)

@@ -96,8 +96,7 @@ def _powers(places: Array) -> Array:
 
 
 def _design(basis: Array, u: Array, v: Array) -> Array:
-    design: Array = np.einsum("pi,mij,pj->pm", _powers(u), basis, _powers(v), optimize=True)
-    return design
+    return np.asarray(np.einsum("pi,mij,pj->pm", _powers(u), basis, _powers(v), optimize=True))
 
 
 def _robust(design: Array, target: Array) -> Array:

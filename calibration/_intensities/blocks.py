@@ -152,8 +152,7 @@ def _lit(values: npt.NDArray[np.float32], usable: npt.NDArray[np.bool_]) -> npt.
     shows = usable & (lit >= 2)
     if shows.any():
         shows &= mean > _DARK * np.percentile(mean[shows], 95)
-    result: npt.NDArray[np.bool_] = shows
-    return result
+    return shows
 
 
 def _cosines(lights: Lights, points: Array, normals: Array) -> tuple[Array, Array]:
@@ -178,5 +177,4 @@ def _means(image: npt.NDArray[np.floating], side: int) -> Array:
     rows, columns = image.shape[0] // side, image.shape[1] // side
     whole = image[: rows * side, : columns * side]
     shape = (rows, side, columns, side, *image.shape[2:])
-    means: Array = whole.reshape(shape).mean(axis=(1, 3), dtype=np.float64)
-    return means
+    return np.asarray(whole.reshape(shape).mean(axis=(1, 3), dtype=np.float64))

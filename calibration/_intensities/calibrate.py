@@ -11,10 +11,9 @@ import numpy.typing as npt
 from acquisition import DataError, LightErrors, Lights, tangent_basis
 from calibration._intensities.blocks import Blocks, blocks_of
 from calibration._intensities.doubts import doubts
-from calibration._intensities.fit import Fit, covariance_of
+from calibration._intensities.fit import Fit, Vignetting, covariance_of, fit_vignetting
 from calibration._intensities.model import Geometry, position_slopes
 from calibration._intensities.surface import Array, MatteSurface
-from calibration._intensities.vignetting import Vignetting, fit_vignetting
 from rig import Notice, check_type, pluralize
 
 

@@ -8,8 +8,7 @@ from scipy.special import stdtrit
 from acquisition import Lights
 from calibration._intensities.blocks import Blocks
 from calibration._intensities.fit import Fit
-from calibration._intensities.model import Geometry
-from calibration._intensities.normal_equations import NormalEquations
+from calibration._intensities.model import Geometry, NormalEquations
 from rig import Notice
 
 # A gloss or a shape that moves samples by 1 % moves intensities by nearly as much.

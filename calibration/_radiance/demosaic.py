@@ -11,6 +11,9 @@ from acquisition import DataError
 _PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 _RED_BLUE = np.array([[0.25, 0.5, 0.25], [0.5, 1, 0.5], [0.25, 0.5, 0.25]], np.float32)
 _GREEN = np.array([[0, 0.25, 0], [0.25, 1, 0.25], [0, 0.25, 0]], np.float32)
+FloatImage = npt.NDArray[np.float32]
+# ITU-R BT.601 luma, as in the published results on DiLiGenT.
+LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
 
 
 def demosaic(mosaic: npt.NDArray[np.float32], pattern: str) -> npt.NDArray[np.float32]:
@@ -106,3 +109,16 @@ def check_pattern(pattern: str) -> None:
         raise DataError(
             f"the colour filter pattern {pattern} is not supported: use {', '.join(_PATTERNS)}"
         )
+
+
+def luma(colour: FloatImage) -> FloatImage:
+    """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from calibration import luma
+    >>> luma(np.array([[1, 0, 0], [1, 1, 1]], np.float32)).round(4)
+    array([0.2989, 0.9999], dtype=float32)
+    """
+    return np.asarray(colour @ LUMA, np.float32)

@@ -9,20 +9,20 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Frame, Linearizer, RowReader, Source, row_bands
-from calibration._radiance.bracket_ratios import BracketRatios
+from calibration._errors import EstimateError
 from calibration._radiance.brackets import (
     BLOOMING_PX,
+    BracketRatios,
     Law,
     bits,
     clear_of_white,
     grown,
     merge,
 )
-from calibration._radiance.image_form import ImageForm, divided
+from calibration._radiance.image_form import Channel, ImageForm, divided
 from calibration._radiance.references import References
-from calibration._radiance.signal_noise import signal_noise
+from calibration._radiance.signal_noise import SignalNoise, signal_noise
 from calibration._radiance.stack_noise import StackNoise
-from calibration._radiance.stack_tasks import Channel, Task
 from rig import Notice
 
 FloatImage = npt.NDArray[np.float32]
@@ -31,6 +31,9 @@ Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | FloatImage
 Index = slice | npt.NDArray[np.intp]
 Bools = npt.NDArray[np.bool_]
 
+# The frames of a light and its intensity in each colour.
+Task = tuple[list[Frame], Array]
+_LEAST_GREY_VALUES = 100.0
 # A bracket of at least this share of the exposure time replaces samples close to white.
 _REPLACES = 1 / 16
 _ALL = slice(None)
@@ -39,19 +42,27 @@ _ALL = slice(None)
 class Developer:
     """Converts the frames of one light to its linear image; may be used by several threads.
 
+    Attributes
+    ----------
+    tasks
+        The frames of each light and its intensity in each colour.
+
     Raises
     ------
     DataError
-        If an image has no valid exposure time although other images have one.
+        If no frame has a light, black and white level contradict each other, or an image has no
+        valid exposure time although other images have one.
     """
 
-    def __init__(
-        self,
-        source: Source,
-        lit: list[Frame],
-        channel: Channel,
-        reader: RowReader | None = None,
-    ) -> None:
+    def __init__(self, source: Source, channel: Channel, reader: RowReader | None = None) -> None:
+        lit = [frame for frame in source.frames if frame.role == "light"]
+        if not lit:
+            raise DataError(f"{source.path}: no image with a light")
+        if not source.white_level > source.black_level >= 0:
+            raise DataError(
+                f"{source.path}: the white level of {source.white_level} must be above the black "
+                f"level of {source.black_level}, which must not be negative"
+            )
         self._source = source
         self._form = ImageForm(source, channel)
         exposures = [frame.exposure_us for frame in lit]
@@ -69,16 +80,21 @@ class Developer:
         self._clear_of_white = clear_of_white(white)
         self._references = References(source, self._linear, sorted(set(known)))
         self._ratios = BracketRatios()
+        lights = source.lights
+        self.tasks: list[Task] = [
+            (
+                [frame for frame in lit if frame.light_id == name],
+                np.ones(3)
+                if lights is None or lights.intensities is None
+                else lights.intensities[i],
+            )
+            for i, name in enumerate(source.light_ids)
+        ]
 
     @property
     def hot_pixels(self) -> npt.NDArray[np.intp]:
         """Row and column ``(M, 2)`` of the pixels of a frame that are hot in some exposure."""
         return self._references.hot_pixels
-
-    @property
-    def reference_level(self) -> float:
-        """Largest median signal of the references that are subtracted."""
-        return self._references.level
 
     @property
     def notices(self) -> tuple[Notice, ...]:
@@ -90,51 +106,84 @@ class Developer:
         """Colours of the first 2 x 2 pixels of the images of a mosaic, row by row."""
         return self._form.pattern
 
-    def used(self, tasks: Sequence[Task], rows: slice) -> npt.NDArray[np.uint8] | None:
+    def used(self, rows: slice) -> npt.NDArray[np.uint8] | None:
         """Return an array for the brackets in use at some rows, if the noise depends on them."""
-        most = max(len(_brackets(frames)) for frames, _ in tasks)
+        most = max(len(_brackets(frames)) for frames, _ in self.tasks)
         if self._noise is None or not self._form.independent or not 1 < most <= 8:
             return None
-        width_and_colours = tasks[0][0][0].shape[1:]
-        return np.zeros((len(tasks), rows.stop - rows.start, *width_and_colours), np.uint8)
+        width_and_colours = self.tasks[0][0][0].shape[1:]
+        return np.zeros((len(self.tasks), rows.stop - rows.start, *width_and_colours), np.uint8)
 
-    def noise(self, tasks: Sequence[Task], used: npt.NDArray[np.uint8] | None) -> StackNoise | None:
-        """Return the law of the noise of the images of some lights; None if it is unknown."""
+    def noise(self, used: npt.NDArray[np.uint8] | None) -> StackNoise | None:
+        """Return the law of the noise of the images; None if it is unknown."""
         if self._noise is None:
             return None
-        groups = [_brackets(frames) for frames, _ in tasks]
+        groups = [_brackets(frames) for frames, _ in self.tasks]
         shape = (len(groups), max(map(len, groups)))
         slope, floor = np.zeros(shape), np.full(shape, np.inf)
         limit = np.full(shape, np.inf)
         for i, brackets in enumerate(groups):
             for b, repeats in enumerate(brackets):
-                law = self._law(repeats)
+                law = self._law(self._noise, repeats)
                 slope[i, b], floor[i, b] = law.slope, law.floor
                 if b < len(brackets) - 1:
                     level, _ = self._linear.reference_level(repeats[0].exposure_us)
                     clear = self._replaced(repeats, brackets[b + 1 :])
                     highest = self._clear_of_white if clear else 1.0
                     limit[i, b] = (highest - level) / self._share(repeats[0])
-        intensities = np.array([intensity for _, intensity in tasks])
+        intensities = np.array([intensity for _, intensity in self.tasks])
         return StackNoise(
             slope,
             floor,
             limit,
             intensities,
             self._form.site_factor(),
-            self._form.colour(tasks[0][0][0]),
+            self._form.colour(self.tasks[0][0][0]),
             self._noise.origin,
             used,
             self.pattern,
             self._form.response(),
         )
 
-    def _law(self, repeats: list[Frame]) -> Law:
+    def check_usable(self, images: Sequence[np.float32]) -> None:
+        """Refuse images that show nothing.
+
+        Parameters
+        ----------
+        images
+            The brightest sample of each, or of parts of them; NaN if all are saturated.
+
+        Raises
+        ------
+        EstimateError
+            If all samples are saturated or black.
+        """
+        path, count = self._source.path, len(self.tasks)
+        every = "the image" if count == 1 else f"all {count} images"
+        # fmax skips images without any sample; max could return their NaN.
+        brightest = np.fmax.reduce(images)
+        if np.isnan(brightest):
+            raise EstimateError(
+                f"{path}: every sample of {every} is saturated: record with a shorter exposure time"
+            )
+        # Rounding and an inaccurate black level leave up to two grey values in a dark image.
+        span = self._source.white_level - self._source.black_level
+        least = float(self._source.transfer.light(2 / span)) if span >= _LEAST_GREY_VALUES else 0.0
+        if not brightest > least and self._references.level > least:
+            raise EstimateError(
+                f"{path}: the dark or ambient frames are as bright as {every}: check "
+                "which frames are dark, and that the LEDs were off"
+            )
+        if not brightest > least:
+            raise EstimateError(
+                f"{path}: {every} {'is' if count == 1 else 'are'} black or "
+                "saturated: check the lights and the exposure"
+            )
+
+    def _law(self, noise: SignalNoise, repeats: list[Frame]) -> Law:
         """Return the law of the mean of repeats, in units of radiance."""
-        if self._noise is None:
-            raise AssertionError("without noise there is no law")
         level, references = self._linear.reference_level(repeats[0].exposure_us)
-        return self._noise.law(self._share(repeats[0]), len(repeats), level, references)
+        return noise.law(self._share(repeats[0]), len(repeats), level, references)
 
     def _share(self, frame: Frame) -> float:
         """Return the exposure time relative to the longest."""
@@ -142,8 +191,7 @@ class Developer:
 
     def __call__(
         self,
-        frames: list[Frame],
-        intensity: Array,
+        index: int,
         rows: slice | None = None,
         out: FloatImage | None = None,
         used: npt.NDArray[np.uint8] | None = None,
@@ -153,6 +201,7 @@ class Developer:
         The default is all rows. They are written to `out`. Bit b of `used`, whose rows are the same
         ones of the frames, says whether bracket b counts at a sample.
         """
+        frames, intensity = self.tasks[index]
         wanted = slice(0, self._source.size[0]) if rows is None else rows
         if len(frames) == 1 and self._form.independent:
             if used is not None:
@@ -194,19 +243,20 @@ class Developer:
         radiance[unusable] = np.nan
         return radiance
 
-    def keeps_raw(self, frames: list[Frame]) -> bool:
-        """Return whether a light has one frame of grey pixels, which are independent."""
+    def raw(self, index: int) -> Pixels | None:
+        """Read the pixels of a light with one frame of grey pixels, which are independent.
+
+        None for other lights. Raises as `acquisition.Linearizer.signal`.
+        """
+        frames, _ = self.tasks[index]
         single = len(frames) == 1 and len(frames[0].shape) == 2
-        return single and self._source.cfa is None and self._source.reduction is None
+        if single and self._source.cfa is None and self._source.reduction is None:
+            return self._linear.pixels(frames[0])
+        return None
 
-    def raw(self, frame: Frame) -> Pixels:
-        """Read the pixels of a frame, for `part`; raises as `acquisition.Linearizer.signal`."""
-        return self._linear.pixels(frame)
-
-    def part(
-        self, frame: Frame, pixels: Pixels, intensity: Array, part: tuple[Index, Index]
-    ) -> FloatImage:
-        """Return the linear values of a part of a frame that `keeps_raw`, as in its image."""
+    def part(self, index: int, pixels: Pixels, part: tuple[Index, Index]) -> FloatImage:
+        """Return the linear values of a part of a frame that `raw` read, as in its image."""
+        (frame,), intensity = self.tasks[index]
         return divided(self._alone(frame, pixels, part), intensity)
 
     def _merged(
@@ -234,7 +284,8 @@ class Developer:
         first_of_each = [repeats[0] for repeats in brackets]
         shares = [self._share(frame) for frame in first_of_each]
         exposure = [sum(map(self._share, repeats)) for repeats in brackets]
-        laws = None if self._noise is None else [self._law(repeats) for repeats in brackets]
+        noise = self._noise
+        laws = None if noise is None else [self._law(noise, repeats) for repeats in brackets]
         out: FloatImage = np.zeros(samples[0][0].shape, np.float32)
         for band in row_bands(len(out)):
             radiance = [
@@ -305,3 +356,8 @@ def _brackets(frames: list[Frame]) -> list[list[Frame]]:
     for frame in sorted(frames, key=lambda frame: frame.exposure_us or 0.0, reverse=True):
         brackets.setdefault(frame.bracket, []).append(frame)
     return list(brackets.values())
+
+
+def brightest_sample(image: FloatImage) -> np.float32:
+    """Return the largest sample that is not NaN; NaN without any."""
+    return np.float32(np.fmax.reduce(image, axis=None))

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Frame, Reduction, Source
-from calibration._radiance.demosaic import check_pattern, demosaic, site_factors
-from calibration._radiance.luma import luma
-from calibration._radiance.stack_tasks import Channel
+from calibration._radiance.demosaic import check_pattern, demosaic, luma, site_factors
 
 FloatImage = npt.NDArray[np.float32]
 Array = npt.NDArray[np.float64]
+# What the images of a stack show: gray values, colours, or the colour of each site of a mosaic.
+Channel = Literal["gray", "rgb", "mosaic"]
 
 _SITES = ((0, 0), (0, 1), (1, 0), (1, 1))
 

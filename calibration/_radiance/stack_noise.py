@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from calibration._radiance.luma import LUMA
+from calibration._radiance.demosaic import LUMA
 from rig import short_repr
 
 Array = npt.NDArray[np.float64]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -12,11 +13,12 @@ from acquisition import RowReader, row_bands
 from calibration._errors import DataError, EstimateError
 from calibration._sensor.dark_frames import DarkFrames
 from calibration._sensor.recorded_series import Repeats, Series
-from calibration._sensor.zones import BOX, Labels, relative_pattern, zone_labels
 
 Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.float32]
 
+# Side of the box whose mean is the light at its middle, in pixels of one colour.
+BOX = 11
 # Levels relative to the brightest exposure: of the image that shows the zones, and of those from
 # which the pattern of the pixels is taken.
 _ZONES_AT = 0.5
@@ -26,6 +28,12 @@ _PATTERN_FROM, _PATTERN_TO = 0.2, 0.75
 _PATTERN_ROWS, _MARGIN = 512, 2 * (BOX // 2 + 3)
 # A lamp that varies more cannot be corrected reliably.
 _MOST_FLICKER = 0.1
+Labels = npt.NDArray[np.int16]
+_MOST_ZONES = 12
+_FEWEST_PIXELS = 400
+_NO_ZONE = -1
+# Rows with about this number of pixels show the distribution of the light.
+_SAMPLE = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,3 +243,72 @@ class _Pattern:
             window = slice(max(first - _MARGIN, 0), min(last + _MARGIN, height))
             pattern = relative_pattern(self.signal[window], self._dark.good[window], self._cfa)
             yield slice(first, last), pattern[first - window.start : last - window.start]
+
+
+def site_slices(cfa: str | None) -> list[tuple[slice, slice]]:
+    """Return the pixels of each colour filter of a mosaic; all pixels without a mosaic."""
+    if cfa is None:
+        return [(slice(None), slice(None))]
+    return [(slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1)]
+
+
+def zone_labels(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None) -> tuple[Labels, int]:
+    """Divide the pixels into zones by the light that they get.
+
+    Parameters
+    ----------
+    signal
+        ``(H, W)`` image of the field, above dark.
+    good
+        ``(H, W)`` pixels to use.
+    cfa
+        Colour filter; pixels of different filters are in different zones.
+
+    Returns
+    -------
+    labels
+        ``(H, W)`` zone of each pixel; -1 for pixels that are not used: not good, or near the edge.
+    count
+        Number of zones.
+    """
+    labels = np.full(signal.shape, _NO_ZONE, np.int16)
+    count = 0
+    for site in site_slices(cfa):
+        light = smooth(signal[site])
+        inner = np.zeros(light.shape, np.bool_)
+        margin = BOX // 2
+        inner[margin:-margin, margin:-margin] = True
+        inner &= good[site]
+        pixels = int(inner.sum())
+        zones = max(1, min(_MOST_ZONES, pixels // _FEWEST_PIXELS))
+        step = max(1, pixels // _SAMPLE)
+        edges = np.quantile(light[::step][inner[::step]], np.arange(1, zones) / zones)
+        of_site = labels[site]
+        for rows in row_bands(len(light)):
+            found = count + np.searchsorted(edges, light[rows])
+            of_site[rows] = np.where(inner[rows], found, _NO_ZONE)
+        count += zones
+    return labels, count
+
+
+def smooth(image: Image) -> Image:
+    """Return the mean of a box around each pixel."""
+    compact = np.ascontiguousarray(image)
+    smoothed = cv2.blur(compact, (BOX, BOX), borderType=cv2.BORDER_REFLECT)
+    return np.asarray(smoothed, np.float32)
+
+
+def relative_pattern(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None) -> Image:
+    """Return the relative deviation of each pixel from the mean of the box around it.
+
+    The box removes the field of the light. White noise of variance s^2 in the pixels has the
+    variance (1 - 1 / box^2) s^2 in the result. Pixels that are not good count as the median of
+    their neighbours.
+    """
+    pattern = np.zeros_like(signal)
+    for site in site_slices(cfa):
+        raw = np.ascontiguousarray(signal[site])
+        values: Image = np.where(good[site], raw, cv2.medianBlur(raw, 5)).astype(np.float32)
+        light = smooth(values)
+        pattern[site] = values / np.maximum(light, np.float32(1e-6)) - 1
+    return pattern

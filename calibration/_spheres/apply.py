@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, LightErrors, Lights, Source, exclude, with_time_errors
+from acquisition import (
+    Calibrated,
+    DataError,
+    LightErrors,
+    Lights,
+    Source,
+    UsedSphere,
+    exclude,
+    setup_differences,
+    source_setup,
+    with_time_errors,
+)
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.sphere_calibration import SphereCalibration
-from rig import check_type
+from rig import check_type, pluralize
 
 # The bright rim of an outline, blurred by the lens, and the contact shadow extend beyond it.
 _MARGIN, _MARGIN_PX = 0.05, 3.0
+# A focal length wrong by .1 % moves lights by .6 mm, as much as the errors of good spheres.
+_SAME = 0.001
+_LISTED = 4
 
 
 def apply_spheres(source: Source, spheres: SphereCalibration) -> Source:
@@ -101,3 +118,121 @@ def _fill(covered: npt.NDArray[np.uint8], outline: Ellipse) -> None:
     angles = np.linspace(0, 2 * np.pi, 360, endpoint=False)
     edge = outline.point(angles, 1 + margin / outline.radius_px)
     cv2.fillPoly(covered, [np.rint(edge).astype(np.int32)], 1)
+
+
+def record_setup(estimate: SphereCalibration, source: Source, *others: Source) -> SphereCalibration:
+    """Return a calibration whose lights state time, rig, camera, lens and spheres.
+
+    The time is the start of the (first) recording, or now if the recording does not state it. Only
+    sessions of a rig know their rig. `write_lights` writes all of it to lights.json, and
+    `acquisition.setup_notices` compares it with a recording.
+
+    Parameters
+    ----------
+    estimate
+        Result of `calibrate_spheres` or `calibrate_moved_spheres`.
+    source
+        The recording that shows the spheres.
+    others
+        Further recordings with the balls elsewhere, in the order in which they were calibrated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import read_source, write_png
+    >>> from calibration import calibrate_spheres, record_setup
+    >>> from simulator import render, scene_named
+    >>> rendering = render(scene_named("spheres", width=160, height=128, leds=3))
+    >>> write_png("L00.png", np.rint(9e3 * rendering.planes[0]).astype(np.uint16))
+    >>> masks = list(rendering.truth.sphere_masks)
+    >>> estimate = calibrate_spheres(rendering.planes, masks=masks)
+    >>> len(record_setup(estimate, read_source("L00.png")).lights.calibrated.spheres)
+    4
+    """
+    check_type("estimate", estimate, SphereCalibration, "calibrate_spheres(stack) returns one")
+    sources = (source, *others)
+    spheres = tuple(
+        UsedSphere(
+            sphere.outline.centre_px,
+            math.sqrt(math.prod(sphere.outline.semi_axes_px)),
+            sphere.centre_mm,
+            sphere.radius_mm,
+            str(sources[sphere.recording].path) if others else "",
+        )
+        for sphere in estimate.spheres
+    )
+    time = source.recorded_utc or datetime.now(UTC).replace(microsecond=0)
+    calibrated = Calibrated(time, source_setup(source), spheres)
+    return replace(estimate, lights=replace(estimate.lights, calibrated=calibrated))
+
+
+def check_recordings(sources: Sequence[Source]) -> None:
+    """Refuse recordings of moved spheres under different rigs, cameras, lenses or lights.
+
+    What one of them does not state is not compared. Lenses are the same if their rays agree to .1 %
+    of half the field of view.
+
+    Parameters
+    ----------
+    sources
+        Recordings of the same lights; each is compared with the first.
+
+    Raises
+    ------
+    DataError
+        One line that names both recordings and what differs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import CameraModel, read_source, write_png
+    >>> from calibration import check_recordings
+    >>> write_png("L00.png", np.full((40, 50), 700, np.uint16))
+    >>> cameras = [CameraModel([[f, 0, 25], [0, f, 20], [0, 0, 1]], 50, 40) for f in (90, 95)]
+    >>> try:
+    ...     check_recordings([read_source("L00.png", camera=camera) for camera in cameras])
+    ... except ValueError as error:
+    ...     print(str(error)[:59])
+    L00.png differs from L00.png: focal length 90 px at 50 x 40
+    """
+    for source in sources:
+        check_type("source", source, Source, "acquisition.read_source(path) returns one")
+    first = sources[0]
+    setup = source_setup(first)
+    for other in sources[1:]:
+        if other.size != first.size:
+            (h, w), (height, width) = first.size, other.size
+            raise DataError(
+                f"{other.path} has images of {width} x {height} pixels, {first.path} of {w} x {h}: "
+                "the recordings must be of one camera, with images of one size"
+            )
+        differences = setup_differences(setup, source_setup(other), _SAME)
+        if differences:
+            raise DataError(
+                f"{other.path} differs from {first.path}: {', '.join(differences)}; recordings "
+                "with moved spheres need one rig and one camera"
+            )
+        different = light_difference(
+            str(first.path), first.light_ids, str(other.path), other.light_ids
+        )
+        if different:
+            raise DataError(different)
+
+
+def light_difference(
+    first: str, first_ids: Sequence[str], other: str, other_ids: Sequence[str]
+) -> str:
+    """Return one line if two recordings do not show the same lights, in any order; else ""."""
+    if sorted(first_ids) == sorted(other_ids):
+        return ""
+    if len(first_ids) != len(other_ids):
+        return (
+            f"{other} shows {pluralize(len(other_ids), 'light')}, {first} "
+            f"{len(first_ids)}: the recordings must show the same lights"
+        )
+    rest = [name for name in other_ids if name not in first_ids]
+    shown = ", ".join(rest[:_LISTED]) + (", ..." if len(rest) > _LISTED else "")
+    return (
+        f"{first} has no light {shown}, which {other} shows: the same light must have the same "
+        "name in all recordings"
+    )

@@ -9,20 +9,18 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Stack
-from calibration._radiance.raw_stack import Images, RawStack
+from calibration._radiance.linear_stack import Images, RawStack, Stack
+from calibration._spheres.apply import light_difference
 from calibration._spheres.average_directions import orthographic_lights, perspective_lights
-from calibration._spheres.known_places import known_places
+from calibration._spheres.input_tests import known_places
 from calibration._spheres.lost_images import lost_lights
 from calibration._spheres.marked import Mask
 from calibration._spheres.outline_noise import cone_of
 from calibration._spheres.placed import off_the_plane, one_off_the_plane, place
 from calibration._spheres.positioned_lights import positioned_lights
 from calibration._spheres.recording import Circle, SeenSpheres, seen_in
-from calibration._spheres.recordings_agree import light_difference
 from calibration._spheres.robust import Array
-from calibration._spheres.seen_together import SeenTogether
-from calibration._spheres.sphere_calibration import SphereCalibration
+from calibration._spheres.sphere_calibration import SeenTogether, SphereCalibration
 from calibration._spheres.sphere_image import SphereImage, circles_of
 from rig import Notice, pluralize
 

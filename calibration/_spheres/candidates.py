@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import CameraModel
-from calibration._radiance.linear_stack import Stack, check_linear
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images, Stack, check_linear
 from calibration._spheres.edge_search import inside, round_edges, spheres_by_edges
 from calibration._spheres.mirrors import LEAST_SHARE, accepted, best_mirror, outline_of
 from calibration._spheres.recording import gray_values

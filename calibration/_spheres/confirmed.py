@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_search import (

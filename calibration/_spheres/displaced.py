@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.profiles import Profiles, stack_profiles
+from calibration._spheres.limb import Profiles, stack_profiles
 from calibration._spheres.robust import Array
 
 # Profiles around an outline, their reach to both sides, and the distance of their samples in radii.
@@ -198,5 +198,4 @@ class _Shifts:
 
 
 def _angles() -> Array:
-    angles: Array = np.arange(_ANGLES, dtype=np.float64) * (2 * np.pi / _ANGLES)
-    return angles
+    return np.arange(_ANGLES, dtype=np.float64) * (2 * np.pi / _ANGLES)

@@ -142,5 +142,4 @@ class EdgesAround:
         place *= np.float32(1 / _OFFSET_STEP_PX)
         index = np.clip(np.rint(place, out=place), 0, near.shape[1] - 1).astype(np.intp)
         index += np.arange(len(near)) * near.shape[1]
-        supports: Array = near.take(index, mode="clip").mean(axis=1)
-        return supports
+        return np.asarray(near.take(index, mode="clip").mean(axis=1))

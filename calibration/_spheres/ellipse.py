@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._errors import EstimateError
+from calibration._errors import EstimateError, or_none
 from calibration._spheres.robust import (
     FINEST_PX,
     ROUNDS,
@@ -66,8 +66,7 @@ class Ellipse:
             return np.array([[self.semi_axes_px[0], 0.0], [0.0, self.semi_axes_px[0]]])
         angle = np.radians(self.angle_deg)
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        matrix: Array = turn @ np.diag(self.semi_axes_px) @ turn.T
-        return matrix
+        return np.asarray(turn @ np.diag(self.semi_axes_px) @ turn.T)
 
     def moved(self, change: Array) -> Ellipse:
         """Return the ellipse with changed centre x, centre y and radius, in pixels."""
@@ -79,15 +78,13 @@ class Ellipse:
     def unit(self, pixels: npt.ArrayLike) -> Array:
         """Return pixels ``(..., 2)`` in the frame in which the ellipse is the unit circle."""
         offset = np.asarray(pixels, np.float64) - self.centre_px
-        unit: Array = offset @ np.linalg.inv(self.matrix)  # symmetric: no transpose required
-        return unit
+        return offset @ np.linalg.inv(self.matrix)  # symmetric: no transpose required
 
     def point(self, angle: npt.ArrayLike, scale: npt.ArrayLike = 1.0) -> Array:
         """Return the pixels ``(..., 2)`` at these angles (radians) and multiples of the radius."""
         angle, scale = np.broadcast_arrays(np.asarray(angle), np.asarray(scale))
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * scale[..., None]
-        pixels: Array = circle @ self.matrix + self.centre_px
-        return pixels
+        return np.asarray(circle @ self.matrix + self.centre_px)
 
     def distance_px(self, pixels: npt.ArrayLike) -> Array:
         """Return the approximate distance of points ``(..., 2)`` outside (+) or inside (-).
@@ -101,8 +98,7 @@ class Ellipse:
         radius = np.linalg.norm(unit, axis=-1)
         # First order: deviation of |unit| from 1, divided by the length of its gradient.
         gradient = np.linalg.norm(unit @ np.linalg.inv(self.matrix), axis=-1)
-        distance: Array = (radius - 1) * radius / np.maximum(gradient, 1e-12)
-        return distance
+        return np.asarray((radius - 1) * radius / np.maximum(gradient, 1e-12))
 
 
 def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse, Array]:
@@ -225,9 +221,8 @@ def _least_median_ellipse(points: Array) -> Ellipse:
     samples, judges = _samples(points)
     best: tuple[float, Ellipse] | None = None
     for sample in samples:
-        try:
-            trial = _plain_ellipse(sample, np.ones(_SAMPLE))
-        except EstimateError:
+        trial = or_none(_plain_ellipse, sample, np.ones(_SAMPLE))
+        if trial is None:
             continue
         median = float(np.median(np.abs(trial.distance_px(judges))))
         if best is None or median < best[0]:

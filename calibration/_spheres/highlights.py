@@ -9,12 +9,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from calibration._radiance.raw_stack import Images
-from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs
+from calibration._radiance.linear_stack import Images
+from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs, usual_size
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 from calibration._spheres.spot import Spot
-from calibration._spheres.unlike import usual_size
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.
@@ -67,8 +66,7 @@ class Candidates:
     @property
     def seen(self) -> npt.NDArray[np.bool_]:
         """``(N,)`` whether there is any."""
-        seen: npt.NDArray[np.bool_] = np.any(np.isfinite(self.pixels[..., 0]), axis=1)
-        return seen
+        return np.asarray(np.any(np.isfinite(self.pixels[..., 0]), axis=1), np.bool_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +118,7 @@ class Highlights:
     def ambiguous(self) -> npt.NDArray[np.bool_]:
         """``(N,)`` whether several places may be the highlight, and none was chosen."""
         several = np.isfinite(self.candidates.pixels[..., 0]).sum(axis=1) > 1
-        undecided: npt.NDArray[np.bool_] = several & ~self.found
-        return undecided
+        return np.asarray(several & ~self.found, np.bool_)
 
     def chosen(self, picks: npt.NDArray[np.intp]) -> Highlights:
         """Return these highlights with the candidate ``picks (N,)`` of each light; -1 for none."""
@@ -389,8 +386,7 @@ def _even_top(image: npt.NDArray[np.float32], within: Region) -> Region | None:
     even, equal = (np.count_nonzero(bright >= at * largest) for at in (_EVEN, _EQUAL))
     if even < _EVEN_SHARE * len(bright) or equal < max(_EQUAL_SHARE * even, _EQUAL_PX):
         return None
-    top: Region = within & (image >= _EVEN * largest)
-    return top
+    return within & (image >= _EVEN * largest)
 
 
 def _uncut(image: npt.NDArray[np.float32], clipped: Region, region: Region, white: float) -> bool:

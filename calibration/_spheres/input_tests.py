@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
-from acquisition import CameraModel
+from acquisition import CameraModel, DataError
 from calibration._spheres.cone import fit_cone
 from calibration._spheres.joint_refinement import (
-    KnownSpheres,
+    Observation,
     Refined,
     linearise,
     predicted_highlights,
 )
-from calibration._spheres.known_places import Factor, factor_of
 from calibration._spheres.robust import Array
 from rig import Notice, short_repr
 
@@ -35,6 +36,13 @@ _CODES: Final = {
     FOCAL: "focal-length-contradicted",
     DISTORTION: "distortion-contradicted",
 }
+# Error that all positions of a rig file have in common, as a share: a dome has its nominal radius
+# to about 1 mm, and a tape measures to the lens of an LED, not to its chip.
+_COMMON_SHARE = 3e-3
+# Fewer places do not determine their own scatter.
+_FEWEST = 4
+# A larger scatter, relative to the distances from the middle, means another order or another rig.
+_LARGEST_SCATTER = 0.1
 
 
 @dataclass(frozen=True)
@@ -66,14 +74,7 @@ class InputTest:
         return abs(self.change) / self.sigma
 
 
-def check_inputs(
-    camera: CameraModel,
-    spheres: KnownSpheres,
-    outlines_px: list[Array],
-    refined: Refined,
-    highlights_px: Array,
-    sigma_px: Array,
-) -> list[InputTest]:
+def check_inputs(seen: Observation, outlines_px: list[Array], refined: Refined) -> list[InputTest]:
     """Estimate how the given values would have to change, each one alone.
 
     To the least squares of `refine`, the heights of the spheres are added: they rest on the working
@@ -83,27 +84,20 @@ def check_inputs(
 
     Parameters
     ----------
-    camera
-        Camera with a working distance.
-    spheres
-        K spheres as their outlines show them.
+    seen
+        Highlights and spheres.
     outlines_px
         K arrays ``(M, 2)`` of outline points.
     refined
         Result of `refine`.
-    highlights_px
-        ``(N, K, 2)``.
-    sigma_px
-        ``(N, K)``; infinite for highlights that do not count.
 
     Returns
     -------
     list of InputTest
         The changes of ratio, focal length and distortion, most significant first.
     """
-    system = linearise(
-        camera, spheres, refined.positions_mm, refined.centres_mm, highlights_px, sigma_px
-    )
+    camera, spheres, sigma_px = seen.camera, seen.spheres, seen.sigma_px
+    system = linearise(seen, refined.positions_mm, refined.centres_mm)
     centres, radii = refined.centres_mm, spheres.radii_mm
     count = len(centres)
     up = np.kron(np.eye(count), [[0.0, 0.0, 1.0]])
@@ -124,7 +118,7 @@ def check_inputs(
     off = (centres - spheres.centres_mm).ravel()
     use = np.isfinite(sigma_px)[..., None] & np.ones(2, bool)
     weight = np.where(use, np.where(use, sigma_px[..., None], 1.0) ** -2, 0.0)
-    error = np.where(use, _predict(camera, refined, radii) - np.nan_to_num(highlights_px), 0.0)
+    error = np.where(use, _predict(camera, refined, radii) - np.nan_to_num(seen.highlights_px), 0.0)
     move_light, _ = system.steps()
     tests = []
     for name in (RATIO, FOCAL, DISTORTION):
@@ -253,10 +247,9 @@ def _explanations(test: InputTest, camera: CameraModel, radii_mm: Array) -> list
 def _changed(camera: CameraModel, name: str) -> tuple[CameraModel, float]:
     """Return a camera with one value changed, and the size of the change."""
     if name == FOCAL:
-        scale = np.diag([1 + _STEP, 1 + _STEP, 1.0])
         # Only the focal lengths: the principal point keeps its place.
         K = camera.K.copy()
-        K[:2, :2] = (scale @ camera.K)[:2, :2]
+        K[:2, :2] *= 1 + _STEP
         return replace(camera, K=K), _STEP
     if name == DISTORTION:
         step = 10 * _STEP
@@ -279,3 +272,78 @@ def _placed(camera: CameraModel, radii: Array, outlines_px: list[Array]) -> Arra
         for cone, radius in zip(cones, radii, strict=True)
     ]
     return np.concatenate(centres)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """How many times as far apart lights are as the known places, with its standard deviation."""
+
+    factor: float
+    sigma: float
+
+    __repr__ = short_repr
+
+    @property
+    def chi_square(self) -> float:
+        """Deviation from 1 in standard deviations, squared."""
+        return float((np.log(self.factor) / self.sigma) ** 2)
+
+
+def known_places(
+    led_positions_mm: Mapping[str, Sequence[float]] | None, names: tuple[str, ...]
+) -> Array:
+    """Return the known places ``(N, 3)`` of lights; NaN where a place is not known.
+
+    Raises
+    ------
+    DataError
+        If a place is not three finite numbers.
+    """
+    places = np.full((len(names), 3), np.nan)
+    for name, place in (led_positions_mm or {}).items():
+        point: npt.NDArray[np.float64] = np.asarray(place, np.float64)
+        if point.shape != (3,) or not np.isfinite(point).all():
+            raise DataError(f"the position of LED {name} must be 3 finite numbers in mm")
+        if name in names:
+            places[names.index(name)] = point
+    return places
+
+
+def factor_of(lights_mm: Array, places_mm: Array) -> Factor | None:
+    """Return how many times as far apart lights are as their known places.
+
+    The places may be rotated and shifted as a whole. Their scatter about the lights is estimated
+    from the residuals (Umeyama, Least-squares estimation of transformation parameters between two
+    point patterns, 1991), so that places from a drawing decide more than places from a tape
+    measure.
+
+    Parameters
+    ----------
+    lights_mm
+        ``(N, 3)`` positions.
+    places_mm
+        ``(N, 3)``; NaN where a place is not known.
+
+    Returns
+    -------
+    Factor or None
+        None if fewer than 4 places are known, or if their scatter exceeds a tenth of the size of
+        the set: they are those of another rig, or in another order.
+    """
+    known = np.isfinite(places_mm).all(axis=1)
+    count = int(known.sum())
+    if count < _FEWEST:
+        return None
+    lights = lights_mm[known] - lights_mm[known].mean(axis=0)
+    places = places_mm[known] - places_mm[known].mean(axis=0)
+    size = float(np.sum(lights**2))
+    left, values, right = np.linalg.svd(places.T @ lights)
+    # A rotation, no reflection.
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    scale = float(values @ sign) / max(size, 1e-30)
+    off = places - scale * lights @ (left * sign @ right).T
+    scatter = float(np.sum(off**2)) / (3 * count - 7)
+    if not scatter < _LARGEST_SCATTER**2 * float(np.sum(places**2)) / (3 * count):
+        return None
+    sigma = np.sqrt(scatter / size) / scale
+    return Factor(1 / scale, float(np.hypot(sigma, _COMMON_SHARE)))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
@@ -39,6 +38,29 @@ class KnownSpheres:
     covariance_mm2: Array
 
     __repr__ = short_repr
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Highlights of N lights on K spheres, as a camera sees them.
+
+    Parameters
+    ----------
+    camera
+        Camera with a working distance.
+    spheres
+        K spheres as their outlines show them.
+    highlights_px
+        ``(N, K, 2)``; NaN if a light has no highlight on a sphere.
+    sigma_px
+        ``(N, K)`` standard deviations of each coordinate of a highlight; infinite for highlights
+        that do not count.
+    """
+
+    camera: CameraModel
+    spheres: KnownSpheres
+    highlights_px: Array
+    sigma_px: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +100,7 @@ def predicted_highlights(
 
 
 def refine(
-    camera: CameraModel,
-    spheres: KnownSpheres,
-    positions_mm: Array,
-    highlights_px: Array,
-    sigma_px: Array,
-    ids: tuple[str, ...],
-    *,
-    peaks: bool = False,
+    seen: Observation, positions_mm: Array, ids: tuple[str, ...], *, peaks: bool = False
 ) -> Refined:
     """Refine all lights and sphere centres by Gauss-Newton with a Schur complement.
 
@@ -98,17 +113,10 @@ def refine(
 
     Parameters
     ----------
-    camera
-        Camera with a working distance.
-    spheres
-        K spheres as their outlines show them.
+    seen
+        Highlights and spheres.
     positions_mm
         ``(N, 3)`` start values.
-    highlights_px
-        ``(N, K, 2)``.
-    sigma_px
-        ``(N, K)`` standard deviations of each coordinate of a highlight; infinite for highlights
-        that do not count.
     ids
         N names of the lights, for messages.
     peaks
@@ -120,9 +128,9 @@ def refine(
     EstimateError
         If the standard deviation of a position exceeds a quarter of its distance.
     """
-    lights, centres = positions_mm, spheres.centres_mm.copy()
+    lights, centres = positions_mm, seen.spheres.centres_mm.copy()
     for _ in range(_ROUNDS):
-        system = linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
+        system = linearise(seen, lights, centres)
         _check_determined(system.of_light, lights, ids)
         move_light, move_centre = system.steps()
         # Limit the step to a fifth of the distance, where the linear model is valid.
@@ -132,13 +140,13 @@ def refine(
         centres = centres + move_centre
         if max(float(length.max()), float(np.abs(move_centre).max())) < _CONVERGED_MM:
             break
-    system = linearise(camera, spheres, lights, centres, highlights_px, sigma_px)
-    freedom = degrees_of_freedom(sigma_px)
+    system = linearise(seen, lights, centres)
+    freedom = degrees_of_freedom(seen.sigma_px)
     chi_square = system.square / freedom if freedom > 0 else float("nan")
     share = max(chi_square, 1.0) if freedom > 0 else 1.0
     if peaks and share == 1:
         share = min((system.square + EXPECTED) / (freedom + EXPECTED), 1.0)
-    outlines_share = system.outlines_share((centres - spheres.centres_mm).ravel())
+    outlines_share = system.outlines_share((centres - seen.spheres.centres_mm).ravel())
     outlines_share = outlines_share if peaks else max(outlines_share, 1.0)
     covariance = system.covariance(share, outlines_share)
     own: Array = np.asarray(np.linalg.inv(system.of_light), np.float64)
@@ -233,8 +241,7 @@ class System:
         outlines = inverse @ self.of_outlines @ inverse
         of_outlines: Array = np.einsum("nap,pq,nbq->nab", gain, outlines, gain)
         inside: Array = np.linalg.inv(self.of_light) + shared
-        covariance: Array = share * inside + (outlines_share - share) * of_outlines
-        return covariance
+        return share * inside + (outlines_share - share) * of_outlines
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,19 +286,13 @@ class Slopes:
         )
 
 
-def slopes_at(
-    camera: CameraModel,
-    spheres: KnownSpheres,
-    lights: Array,
-    centres: Array,
-    highlights_px: Array,
-    use: npt.NDArray[np.bool_],
-) -> Slopes:
+def slopes_at(seen: Observation, lights: Array, centres: Array) -> Slopes:
     """Return errors and derivatives of the highlights ``(N, K)`` that count, as in `refine`."""
-    observed = np.where(use[..., None], highlights_px, 0.0)
+    spheres, use = seen.spheres, np.isfinite(seen.sigma_px)
+    observed = np.where(use[..., None], seen.highlights_px, 0.0)
 
     def errors(at_lights: Array, at_centres: Array) -> Array:
-        predicted = predicted_highlights(camera, at_centres, spheres.radii_mm, at_lights)
+        predicted = predicted_highlights(seen.camera, at_centres, spheres.radii_mm, at_lights)
         return np.where(use[..., None], predicted - observed, 0.0)
 
     steps = np.eye(3) * _STEP_MM
@@ -310,18 +311,9 @@ def slopes_at(
     )
 
 
-def linearise(
-    camera: CameraModel,
-    spheres: KnownSpheres,
-    lights: Array,
-    centres: Array,
-    highlights_px: Array,
-    sigma_px: Array,
-) -> System:
+def linearise(seen: Observation, lights: Array, centres: Array) -> System:
     """Return the normal equations of the errors that `refine` minimises, with its parameters."""
-    use = np.isfinite(sigma_px)
-    slopes = slopes_at(camera, spheres, lights, centres, highlights_px, use)
-    return slopes.weighted(sigma_px)
+    return slopes_at(seen, lights, centres).weighted(seen.sigma_px)
 
 
 def _check_determined(of_light: Array, positions: Array, ids: tuple[str, ...]) -> None:

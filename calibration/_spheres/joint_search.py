@@ -9,16 +9,19 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images
-from calibration._spheres.bright_side import bright_support
+from calibration._errors import or_none
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.image_noise import image_noise
-from calibration._spheres.joint_edge import JointOutline, joint_outline, part_covariance
+from calibration._spheres.joint_edge import (
+    JointOutline,
+    bright_support,
+    joint_outline,
+    part_covariance,
+)
 from calibration._spheres.limb import LARGEST_BLUR_PX
-from calibration._spheres.outline import SHARP_PX, scatter_px
+from calibration._spheres.outline import SHARP_PX, image_noise, scatter_px
 from calibration._spheres.outline_noise import circle_covariance
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import reduced_image
@@ -194,10 +197,7 @@ class _Sized:
         """Return the outline next to another one, from few angles or all; None if none is seen."""
         if (trial, quick) not in self._refined:
             few = (2, _QUICK_ANGLES) if quick else ()
-            try:
-                self._refined[trial, quick] = joint_outline(self.images, trial, *few)
-            except EstimateError:
-                self._refined[trial, quick] = None
+            self._refined[trial, quick] = or_none(joint_outline, self.images, trial, *few)
         return self._refined[trial, quick]
 
     def with_covariance(self, found: list[JointOutline]) -> JointNear:
@@ -271,11 +271,8 @@ def _at(values: Images, outline: Ellipse) -> tuple[float, Array]:
         return 0.0, np.zeros(3)
     crop, low = part
     guess = _shifted(outline, -low)
-    try:
-        joint = joint_outline(crop, guess, 1, _QUICK_ANGLES)
-    except EstimateError:
-        return 0.0, np.zeros(3)
-    return joint.support, change_of(guess, joint.outline)
+    joint = or_none(joint_outline, crop, guess, 1, _QUICK_ANGLES)
+    return (joint.support, change_of(guess, joint.outline)) if joint else (0.0, np.zeros(3))
 
 
 def _cut(values: Images, around: Ellipse) -> tuple[Images, Array] | None:
@@ -297,11 +294,27 @@ def _covariance(found: list[JointOutline]) -> Array:
     covariance = circle_covariance(best.points_px, best.outline)
     covariance -= np.eye(3) * OUTLINE_SIGMA_PX**2
     length = 2 * np.pi * best.outline.radius_px / _INDEPENDENT_PX
+    changes = [change_of(best.outline, one.outline) for one in found]
+    less = [length * (one.support - best.support) for one in found]
+    return with_others(covariance, changes, less)
+
+
+def with_others(covariance: Array, changes: Sequence[Array], less: Sequence[float]) -> Array:
+    """Return a covariance that contains the others of several outlines, the best one first.
+
+    Parameters
+    ----------
+    covariance
+        ``(3, 3)``, of centre x, centre y and radius of the best outline.
+    changes
+        Changes from the best outline to each, that of the best one among them.
+    less
+        Logarithms of how plausible they are, relative to the best one.
+    """
     others: list[tuple[float, Array]] = []
-    for one in found:
-        change = change_of(best.outline, one.outline)
+    for change, log in zip(changes, less, strict=True):
         if all(np.abs(change - other).max() > _SAME_PX for _, other in others):
-            others.append((float(np.exp(length * (one.support - best.support))), change))
+            others.append((float(np.exp(log)), change))
     total = sum(weight for weight, _ in others)
     for weight, change in others:
         covariance = covariance + weight / total * np.outer(change, change)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -10,20 +11,30 @@ import numpy.typing as npt
 from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._spheres.joint_refinement import (
+    EXPECTED,
     KnownSpheres,
+    Observation,
     Refined,
+    Slopes,
+    degrees_of_freedom,
     predicted_highlights,
     refine,
     slopes_at,
 )
-from calibration._spheres.photon_noise import with_photon_noise
-from calibration._spheres.ray_positions import observed_rays, pair_positions
+from calibration._spheres.lost_images import named
+from calibration._spheres.reflection import reflected_rays
 from calibration._spheres.robust import Array
+from calibration._spheres.spot import PEAK_SIGMA_PX
 from rig import short_repr
 
 _INLIER_PX = 1.5
 _INLIER_RATIO = 5.0
 _INLIER_SIGMAS = 4.0
+# What remains of the standard deviation of a peak with many photons.
+_FLOOR_PX = 0.003
+# The gain is searched for around the one that explains the stated deviation. Of a visible peak,
+# photons do not explain errors ten times as large: outlines or given values are wrong.
+_LEAST_GAIN, _LARGEST_GAIN, _HALVINGS = -12.0, 2 * np.log(10), 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +63,7 @@ class LocatedLights:
 
 
 def locate_lights(
-    camera: CameraModel,
-    spheres: KnownSpheres,
-    highlights_px: Array,
-    sigma_px: Array,
+    given: Observation,
     ids: tuple[str, ...],
     *,
     peaks: bool = False,
@@ -71,14 +79,8 @@ def locate_lights(
 
     Parameters
     ----------
-    camera
-        Camera with a working distance.
-    spheres
-        K spheres.
-    highlights_px
-        ``(N, K, 2)``; NaN if a light has no highlight on a sphere.
-    sigma_px
-        ``(N, K)`` standard deviations of each coordinate of the highlights.
+    given
+        Highlights and spheres.
     ids
         N names of the lights, for messages.
     peaks
@@ -93,13 +95,14 @@ def locate_lights(
         If a light has highlights on fewer than two spheres, its rays do not meet in front of them,
         or the standard deviation of its position exceeds a quarter of its distance.
     """
+    camera, spheres, highlights_px = given.camera, given.spheres, given.highlights_px
     points, directions = observed_rays(camera, spheres, highlights_px)
     seen = np.isfinite(directions[..., 0])
     few = [name for name, count in zip(ids, seen.sum(axis=1), strict=True) if count < 2]
     if few:
         raise EstimateError(
-            f"{_names(few)}: highlights on fewer than 2 of {seen.shape[1]} spheres; positions "
-            "require two: leave out the radius to get directions"
+            f"{named(few, range(len(few)))}: highlights on fewer than 2 of {seen.shape[1]} "
+            "spheres; positions require two: leave out the radius to get directions"
         )
     positions = np.zeros((len(ids), 3))
     used = np.zeros_like(seen)
@@ -118,24 +121,118 @@ def locate_lights(
         best = int(np.argmin(np.median(errors, axis=1)))
         limit = max(_INLIER_PX, _INLIER_RATIO * float(np.median(errors[best])))
         positions[i] = proposals[best]
-        used[i, at] = errors[best] <= np.maximum(limit, _INLIER_SIGMAS * sigma_px[i, at])
-    sigma_px = np.where(used, sigma_px, np.inf)
-    refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids, peaks=peaks)
+        used[i, at] = errors[best] <= np.maximum(limit, _INLIER_SIGMAS * given.sigma_px[i, at])
+    given = replace(given, sigma_px=np.where(used, given.sigma_px, np.inf))
+    refined = refine(given, positions, ids, peaks=peaks)
     if peaks and photon_px2 is not None:
         positions, centres = refined.positions_mm, refined.centres_mm
-        slopes = slopes_at(camera, spheres, positions, centres, highlights_px, used)
-        weighed_px = with_photon_noise(slopes, sigma_px, photon_px2)
-        if weighed_px is not sigma_px:
-            sigma_px = weighed_px
-            refined = refine(camera, spheres, positions, highlights_px, sigma_px, ids, peaks=peaks)
+        slopes = slopes_at(given, positions, centres)
+        weighed_px = with_photon_noise(slopes, given.sigma_px, photon_px2)
+        if weighed_px is not given.sigma_px:
+            given = replace(given, sigma_px=weighed_px)
+            refined = refine(given, positions, ids, peaks=peaks)
     predicted = predicted_highlights(
         camera, refined.centres_mm, spheres.radii_mm, refined.positions_mm
     )
     square = np.where(used, np.sum((predicted - highlights_px) ** 2, axis=-1), 0.0)
     residuals_px = np.sqrt(square.sum(axis=1) / used.sum(axis=1))
-    return LocatedLights(refined, used, residuals_px, sigma_px)
+    return LocatedLights(refined, used, residuals_px, given.sigma_px)
 
 
-def _names(ids: list[str]) -> str:
-    shown = ", ".join(ids[:4]) + (f" and {len(ids) - 4} more" if len(ids) > 4 else "")
-    return f"light {shown}" if len(ids) == 1 else f"lights {shown}"
+def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Array:
+    """Return standard deviations of unsaturated highlights that fall with their photons.
+
+    A small or dark sphere reflects fewer photons, and its highlights are less certain. How bright a
+    photon is, the images do not say: stated standard deviations suppose 0.01 px for all. So the
+    gain is the one with which the residuals are as large as expected; a few more residuals,
+    as large as stated, keep it from vanishing if there are few. The result is this law, or that all
+    stated deviations are wrong by one factor, whichever the residuals make more likely.
+
+    Parameters
+    ----------
+    slopes
+        Errors of the highlights at the solution with the stated deviations.
+    sigma_px
+        ``(N, K)`` stated deviations; infinite for highlights that do not count.
+    photon_px2
+        ``(N, K)`` variances of a coordinate, if a photon had the brightness 1.
+    """
+    use = np.isfinite(sigma_px)
+    freedom = degrees_of_freedom(sigma_px)
+    photons = photon_px2[use]
+    if freedom <= 0 or not np.all(photons > 0):
+        return sigma_px
+    stated = sigma_px[use] ** 2
+    others = np.maximum(stated - PEAK_SIGMA_PX**2, 0.0) + _FLOOR_PX**2
+    usual = PEAK_SIGMA_PX**2 / float(np.median(photons))
+
+    def law(power: float) -> Array:
+        sigma = sigma_px.copy()
+        sigma[use] = np.sqrt(others + usual * np.exp(power) * photons)
+        return sigma
+
+    def surplus(sigma: Array) -> float:
+        as_stated = EXPECTED * float(np.mean(stated / sigma[use] ** 2))
+        square = slopes.weighted(sigma).square_at_minimum()
+        return square + as_stated - freedom - EXPECTED
+
+    low, high = _LEAST_GAIN, _LARGEST_GAIN
+    if surplus(law(low)) < 0 or surplus(law(high)) > 0:
+        return sigma_px
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if surplus(law(middle)) > 0 else (low, middle)
+    by_law = law(high)
+    square = slopes.weighted(sigma_px).square_at_minimum()
+    by_factor = sigma_px * np.sqrt((square + EXPECTED) / (freedom + EXPECTED))
+    return by_law if _unlikely(slopes, by_law) < _unlikely(slopes, by_factor) else sigma_px
+
+
+def _unlikely(slopes: Slopes, sigma_px: Array) -> float:
+    """Return minus twice the logarithm of the restricted likelihood (Patterson, Thompson 1971)."""
+    system = slopes.weighted(sigma_px)
+    variances = 4 * float(np.sum(np.log(sigma_px[np.isfinite(sigma_px)])))
+    return variances + system.log_determinant() + system.square_at_minimum()
+
+
+def observed_rays(
+    camera: CameraModel, spheres: KnownSpheres, highlights_px: Array
+) -> tuple[Array, Array]:
+    """Return the points of the highlights and the directions of the incident light.
+
+    Parameters
+    ----------
+    camera
+        Camera with a working distance.
+    spheres
+        K spheres.
+    highlights_px
+        ``(N, K, 2)``; NaN if a light has no highlight on a sphere.
+
+    Returns
+    -------
+    points_mm
+        ``(N, K, 3)`` on the spheres, house frame; NaN without a highlight.
+    directions
+        ``(N, K, 3)`` unit vectors toward the light.
+    """
+    eye = camera.centre_mm
+    rays = camera.rays(highlights_px)
+    points, directions = reflected_rays(rays, spheres.centres_mm - eye, spheres.radii_mm)
+    return points + eye, directions
+
+
+def pair_positions(points: Array, directions: Array) -> Array:
+    """Return the points closest to each pair of rays that are in front of both spheres."""
+    proposals = []
+    for a, b in combinations(range(len(points)), 2):
+        cosine = directions[a] @ directions[b]
+        parallel = 1 - cosine**2
+        if parallel < 1e-9:
+            continue
+        gap = points[b] - points[a]
+        s = (gap @ directions[a] - cosine * (gap @ directions[b])) / parallel
+        t = (cosine * (gap @ directions[a]) - gap @ directions[b]) / parallel
+        if s > 0 and t > 0:
+            proposals.append(0.5 * (points[a] + s * directions[a] + points[b] + t * directions[b]))
+    return np.array(proposals).reshape(-1, 3)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._spheres.profiles import Profiles, gaussian
+from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.robust import Array
 
 REACH_PX = 2.5
@@ -23,13 +25,14 @@ SHIFT_STEP_PX = 0.05
 # of one product: OpenBLAS computes larger ones in several threads, which cost more than they save.
 _PARAMETERS, _AT_ONCE, _OF_PRODUCT = 4, 2048, 64
 _LEAST_POWER = 1e-30
+Profiles = npt.NDArray[np.floating]
+"""Samples ``(S, ...)`` across an outline, from inside to outside; the last axis is the angle."""
 
 
 def profile_offsets() -> Array:
     """Return the distances from the approximate outline at which `edge_offsets` needs samples."""
     count = round(2 * REACH_PX / STEP_PX) + 1
-    offsets: Array = (np.arange(count, dtype=np.float64) - count // 2) * STEP_PX
-    return offsets
+    return (np.arange(count, dtype=np.float64) - count // 2) * STEP_PX
 
 
 def edge_offsets(profiles: Profiles, blur_px: float) -> Array:
@@ -55,7 +58,8 @@ def edge_offsets(profiles: Profiles, blur_px: float) -> Array:
     Array
         ``(M,)`` offset of the edge in pixels, positive outwards; within 1 px.
     """
-    return _offsets(edge_costs(profiles, blur_px))
+    costs = edge_costs(profiles, blur_px)
+    return interpolated_shifts(costs, np.argmin(costs, axis=0))
 
 
 def estimate_blur(profiles: Profiles) -> float:
@@ -101,11 +105,6 @@ def edge_costs(profiles: Profiles, blur_px: float) -> Profiles:
     return np.maximum(costs, 0.0, out=costs)
 
 
-def _offsets(costs: Profiles) -> Array:
-    """Return the shift ``(M,)`` with the least cost in ``(shifts, M)``."""
-    return interpolated_shifts(costs, np.argmin(costs, axis=0))
-
-
 def interpolated_shifts(costs: Profiles, best: npt.NDArray[np.intp]) -> Array:
     """Return the shifts with the least cost in ``(shifts, M)``, next to the trial shifts given."""
     shifts = trial_shifts()
@@ -113,15 +112,13 @@ def interpolated_shifts(costs: Profiles, best: npt.NDArray[np.intp]) -> Array:
     before, least, after = (costs[middle + step, column].astype(np.float64) for step in (-1, 0, 1))
     curve = before - 2 * least + after
     part = np.where(curve > 0, 0.5 * (before - after) / np.maximum(curve, 1e-300), 0.0)
-    offsets: Array = shifts[middle] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
-    return offsets
+    return shifts[middle] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
 
 
 def trial_shifts() -> Array:
     """Return the trial positions of the edge in pixels, those of `edge_costs`."""
     count = round(_LONGEST_SHIFT_PX / SHIFT_STEP_PX)
-    shifts: Array = np.arange(-count, count + 1, dtype=np.float64) * SHIFT_STEP_PX
-    return shifts
+    return np.arange(-count, count + 1, dtype=np.float64) * SHIFT_STEP_PX
 
 
 @cache
@@ -142,3 +139,44 @@ def _bases(blur_px: float, dtype: np.dtype[np.floating]) -> Profiles:
         bases.append(np.linalg.qr(np.stack(blurred, axis=1))[0])
     by_parameter = np.stack(bases).transpose(2, 0, 1).reshape(-1, len(offsets))
     return np.ascontiguousarray(by_parameter, dtype)
+
+
+def stack_profiles(
+    images: Sequence[npt.NDArray[np.float32]], ellipse: Ellipse, angles: Array, offsets: Array
+) -> Profiles:
+    """Return images sampled along radii, ``(offsets, images, angles)``."""
+    scale = (1 + offsets / ellipse.radius_px).astype(np.float32)[:, None]
+    outward = (ellipse.point(angles) - ellipse.centre_px).T.astype(np.float32)
+    x, y = (scale * outward[k] + np.float32(ellipse.centre_px[k]) for k in (0, 1))
+    sampled = np.zeros((len(offsets), len(images), len(angles)), np.float32)
+    for k, image in enumerate(images):
+        part = sampled[:, k]
+        cv2.remap(image, x, y, cv2.INTER_LINEAR, dst=part, borderMode=cv2.BORDER_REPLICATE)
+    return sampled
+
+
+def smooth_along(profiles: Profiles, sigma: float) -> Profiles:
+    """Return profiles that are smoothed along the outline, which is closed."""
+    kernel = gaussian(sigma)
+    reach = len(kernel) // 2
+    rows = profiles.reshape(-1, profiles.shape[-1])
+    closed = cv2.copyMakeBorder(rows, 0, 0, reach, reach, cv2.BORDER_WRAP)
+    smooth = cv2.sepFilter2D(closed, -1, kernel, np.ones(1))[:, reach:-reach]
+    return np.ascontiguousarray(smooth, profiles.dtype).reshape(profiles.shape)
+
+
+def slopes_across(profiles: Profiles, sigma: float) -> Profiles:
+    """Return the slopes of profiles ``(S, M)`` from sample to sample, smoothed."""
+    kernel = gaussian(sigma)
+    reach = len(kernel) // 2
+    kernel *= np.arange(-reach, reach + 1) / sigma**2
+    slopes = cv2.sepFilter2D(profiles, -1, np.ones(1), kernel, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(slopes, np.float32)
+
+
+def gaussian(sigma: float) -> Array:
+    """Return the weights of a Gaussian filter, to four standard deviations."""
+    reach = int(4 * sigma + 0.5)
+    weights: Array = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    weights /= weights.sum()
+    return weights

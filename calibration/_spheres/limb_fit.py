@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._radiance.raw_stack import Images
+from calibration._radiance.linear_stack import Images
 from calibration._spheres.robust import Array
 from calibration._spheres.spots import without_nan
 from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
@@ -137,8 +137,7 @@ class _Profiles:
 
     def model_errors_px(self) -> Array:
         """Return the errors ``(3,)`` of place and radius by print and texture."""
-        errors: Array = np.hypot(_MODEL_PX, np.array(_BY_TEXTURE_PX) * self._texture)
-        return errors
+        return np.hypot(_MODEL_PX, np.array(_BY_TEXTURE_PX) * self._texture)
 
     def normal(self, ball: Balls, blur: float, reflectance: float) -> tuple[Array, Array] | None:
         """Return the normal equations of place, radius, blur and reflectance.
@@ -219,8 +218,7 @@ def _weights(residuals: Array, seen: Array, use: npt.NDArray[np.bool_]) -> Array
     # A low light may have the edge of its shadow along most of the outline.
     usual = np.clip(each, _FINEST, max(_MOST_UNUSUAL * float(np.median(each)), _FINEST))[:, None]
     fits = np.clip(1 - (misfit / (_TUKEY * usual)) ** 2, 0, None) ** 2
-    weights: Array = np.where(lit, fits / (usual * level) ** 2, 0.0)
-    return weights
+    return np.where(lit, fits / (usual * level) ** 2, 0.0)
 
 
 def _texture(residuals: Array, seen: Array, weights: Array) -> float:

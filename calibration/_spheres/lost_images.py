@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images, RawStack
+from calibration._radiance.linear_stack import Images, RawStack
+from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
-from calibration._spheres.undetermined import LEAST_SHARE, named
 from rig import Notice, pluralize
 
 # The brightest pixel of a black image, relative to that of the others: rounding leaves a little.
@@ -19,7 +20,13 @@ _BLACK = 0.01
 _ALL_MOVED = 0.5
 _LISTED = 3
 _AGAIN = "record {} again"
-_CODES: dict[str, str] = {"blank": "image-blank", "moved": "image-displaced"}
+Lights = npt.NDArray[np.intp]
+"""Indices of lights."""
+# Directions with larger standard deviations are no calibration.
+_LARGEST_SIGMA_DEG = 10.0
+# If more lights are not known, reflections hide so much that other highlights may be wrong, too.
+LEAST_SHARE = 0.85
+_REMEDY = "cover what shines, or add a short exposure"
 
 
 @dataclass(frozen=True)
@@ -43,14 +50,14 @@ class LostImages:
         return sorted({*self.black, *self.white, *self.moved})
 
     def reasons(self, names: Sequence[str]) -> list[tuple[str, Sequence[int], str]]:
-        """Return kinds of reasons (see `_CODES`), lights, and texts."""
+        """Return codes of notices, lights, and texts."""
         reasons: list[tuple[str, Sequence[int], str]] = []
         for which, what in ((self.black, "black"), (self.white, "completely saturated")):
             if which:
                 images = "the image is" if len(which) == 1 else "the images are"
-                reasons.append(("blank", which, f"{named(names, which)}: {images} {what}"))
+                reasons.append(("image-blank", which, f"{named(names, which)}: {images} {what}"))
         for k, text in self.moved.items():
-            reasons.append(("moved", [k], f"{named(names, [k])}: {text}"))
+            reasons.append(("image-displaced", [k], f"{named(names, [k])}: {text}"))
         return reasons
 
     def check(self, names: Sequence[str]) -> None:
@@ -162,10 +169,10 @@ def lost_lights(
         )
     notices = []
     for one, where in zip(lost, recordings, strict=True):
-        for kind, lights, text in one.reasons(names):
+        for code, lights, text in one.reasons(names):
             unused = _unused(names, lights, missing)
             again = _AGAIN.format(_it(lights))
-            notices.append(Notice(_CODES[kind], f"{text}; {unused}: {again}", where))
+            notices.append(Notice(code, f"{text}; {unused}: {again}", where))
     if unknown:
         text = (
             f"left out {named(names, unknown)}: no highlight on {on}: check that the light was on, "
@@ -194,3 +201,96 @@ def _lost(text: str, names: Sequence[str], lights: Sequence[int]) -> EstimateErr
     if 2 * len(lights) < len(names):
         error.lights = tuple(names[k] for k in lights)
     return error
+
+
+def undecided(images: Sequence[SphereImage]) -> Lights:
+    """Return the lights that show several possible highlights on a sphere, and one on no sphere."""
+    found = np.any([image.highlights.found for image in images], axis=0)
+    several = np.any([image.highlights.ambiguous for image in images], axis=0)
+    return np.flatnonzero(several & ~found)
+
+
+def imprecise(covariances: Array, images: Sequence[SphereImage]) -> Lights:
+    """Return the lights whose directions are known to 10 degrees or worse.
+
+    Raises
+    ------
+    EstimateError
+        If this is so for most of them: then it is the outline that is not determined.
+    """
+    sigma_deg = _sigma_deg(covariances)
+    if np.isfinite(sigma_deg).any():
+        middle = float(np.nanmedian(sigma_deg))
+        if middle > _LARGEST_SIGMA_DEG:
+            raise EstimateError(
+                f"{places(list(images))}: outline and highlights determine the directions only to "
+                f"{middle:.0f} degrees: give a mask or a circle, or light the background evenly"
+            )
+    return np.flatnonzero(sigma_deg > _LARGEST_SIGMA_DEG)
+
+
+def left_out(
+    names: Sequence[str], several: Lights, poor: Lights, images: Sequence[SphereImage]
+) -> list[Notice]:
+    """Return notices about lights that are left out.
+
+    Parameters
+    ----------
+    names
+        Of all lights.
+    several, poor
+        Lights with several possible highlights, and with directions that are known to 10 degrees
+        or worse.
+    images
+        The spheres.
+
+    Raises
+    ------
+    EstimateError
+        If less than 85 % of all lights would be left.
+    """
+    reasons: list[tuple[Lights, str]] = []
+    if len(several):
+        text = (
+            f"{named(names, several)}: several bright spots on {places(list(images))} may be the "
+            f"highlight{_where(several, images)}"
+        )
+        reasons.append((several, text))
+    if len(poor):
+        text = (
+            f"{named(names, poor)}: the highlight on {places(list(images))} determines the "
+            f"direction only to {_LARGEST_SIGMA_DEG:.0f} degrees or worse, because a reflection "
+            "may hide it"
+        )
+        reasons.append((poor, text))
+    left = len(names) - len(several) - len(poor)
+    if reasons and left < LEAST_SHARE * len(names):
+        texts = "; ".join(text for _, text in reasons)
+        unused = "its image" if len(several) + len(poor) == 1 else "their images"
+        raise EstimateError(f"{texts}: {_REMEDY}, or leave out {unused}")
+    notices = []
+    for which, text in reasons:
+        unused = "its image" if len(which) == 1 else "their images"
+        text = f"left out {text}; {unused} cannot be used with this calibration: {_REMEDY}"
+        notices.append(Notice("lights-left-out", text))
+    return notices
+
+
+def _sigma_deg(covariances: Array) -> Array:
+    return np.asarray(np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2)))
+
+
+def named(names: Sequence[str], which: Sequence[int] | Lights, most: int = 4) -> str:
+    """Return a text that names lights, at most so many."""
+    more = f" and {len(which) - most} more" if len(which) > most else ""
+    some = ", ".join(names[k] for k in which[:most])
+    return f"light{'s' if len(which) > 1 else ''} {some}{more}"
+
+
+def _where(several: Lights, images: Sequence[SphereImage]) -> str:
+    """Return the places of the possible highlights of the first light."""
+    for image in images:
+        if image.highlights.ambiguous[several[0]]:
+            first = image.highlights.candidates.pixels[several[0], :2]
+            return ", at " + " and ".join(f"({x:.0f}, {y:.0f})" for x, y in first) + " px"
+    return ""

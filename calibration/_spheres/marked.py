@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
-from calibration._errors import EstimateError
-from calibration._radiance.raw_stack import Images
+from calibration._errors import EstimateError, or_none
+from calibration._radiance.linear_stack import Images
+from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.confirmed import confirmed_near
+from calibration._spheres.edge_search import is_painted
 from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.masked import mask_reach_px, sphere_in_mask
-from calibration._spheres.near_circle import outline_near
+from calibration._spheres.joint_search import change_of
+from calibration._spheres.near_circle import NearOutline, outline_near
 from calibration._spheres.outline import OutlineImages, mask_outlines
-from calibration._spheres.robust import Array
+from calibration._spheres.outline_noise import circle_covariance
+from calibration._spheres.robust import Array, tukey_weights
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.spots import reduce_stack
 from calibration._spheres.surroundings import MirroredPlane
@@ -26,6 +30,20 @@ Mask = npt.NDArray[np.bool_] | npt.NDArray[np.floating]
 # Largest ratio of the axes of a sphere's outline; perspective and non-square pixels cause less.
 _LONGEST_RATIO = 1.5
 _ROUGHEST_SHARE, _EXACT_SHARE = 0.05, 0.01
+# Largest errors of masks that are painted by hand, at least 3 px, and how many standard deviations
+# they are. A person who paints a small ball sees smaller errors: the limit in radii.
+_REACH_PX, _REACH_SHARE = 3.0, 0.03
+_REACH_SIGMAS, _PAINTED_SHARE = 3.0, 0.03
+# The images confirm a mask if they reduce its standard deviation by this factor.
+_CONFIRMED = 0.5
+_FINEST_PX = 0.15
+# Noise supports parts of smaller outlines.
+_SMALL_PX = 25.0
+# The pixels of a mask are accurate to half a pixel: a smaller difference does not contradict it.
+_SAME_PX = 0.5
+# The 99.9 % and 95 % quantiles of chi-square with 3 degrees of freedom: larger differences are not
+# chance, and show that the errors are larger than stated.
+_SAME_OUTLINE, _CHANCE = 16.3, 7.8
 
 
 def masked_spheres(
@@ -100,14 +118,14 @@ def circled_spheres(
         if mirroring is not None:
             images.append(mirroring)
             continue
-        near = outline_near(pictures, guess, reach)
-        highlights = find_highlights(values, near.outline)
-        images.append(
-            SphereImage(
-                near.outline, near.points_px, near.coverage, highlights, near.covariance_px2
-            )
-        )
+        images.append(_sphere(values, outline_near(pictures, guess, reach)))
     return images
+
+
+def _sphere(values: Images, near: NearOutline) -> SphereImage:
+    """Return the sphere with an outline that was found near a guess."""
+    highlights = find_highlights(values, near.outline)
+    return SphereImage(near.outline, near.points_px, near.coverage, highlights, near.covariance_px2)
 
 
 def _coverage(outline: Ellipse, points: Array) -> float:
@@ -131,3 +149,135 @@ def _check_disc(outline: Ellipse, points: Array) -> None:
             f"semi-axes of {axes[0]:.0f} x {axes[1]:.0f} px, from which its edge deviates by "
             f"{scatter:.1f} px"
         )
+
+
+def mask_reach_px(radius_px: float) -> float:
+    """Return by how much the mask of a sphere may be wrong."""
+    return max(_REACH_PX, _REACH_SHARE * radius_px)
+
+
+def sphere_in_mask(
+    values: Images,
+    pictures: OutlineImages,
+    mirroring: SphereImage | None,
+    outline: Ellipse,
+    points_px: Array,
+    coverage: float,
+) -> SphereImage:
+    """Return the sphere in a mask, with the outline of the images if the mask contradicts them.
+
+    The images show an outline if a ball that mirrors the plane is within 3 px or 3 % of the radius,
+    or a sharp edge over 60 % of its length. A mask that differs from it by less than half a pixel,
+    or by less than the errors of both, is kept, with the difference in its covariance if it is
+    larger than the errors. If the edges of all images determine an outline less well, its mean with
+    the mask is used, weighted by the inverse covariances; that of the mask is `painted_covariance`.
+    A mask is also kept if the images show no outline there; then this is its covariance.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)`` linear images, NaN where saturated.
+    pictures
+        The same images, in which edges are searched for.
+    mirroring
+        The sphere near the mask that mirrors the plane; None without one.
+    outline, points_px, coverage
+        Outline of the mask, as for `SphereImage`.
+    """
+    highlights = find_highlights(values, outline)
+    seen, mirrors, is_sure = _seen_near(values, pictures, mirroring, outline)
+    painted = not mirrors and is_painted(values, outline, highlights)
+    given = SphereImage(outline, points_px, coverage, highlights, painted=painted)
+    if seen is None:
+        own = painted_covariance(points_px, outline)
+        return replace(given, covariance_px2=own, unconfirmed=True)
+    if not is_sure and seen.covariance_px2 is not None:
+        return _between(values, given, seen, seen.covariance_px2)
+    change = change_of(outline, seen.outline)
+    own = circle_covariance(points_px, outline)
+    both = own + (
+        circle_covariance(seen.points_px, seen.outline)
+        if seen.covariance_px2 is None
+        else seen.covariance_px2
+    )
+    chi_square = change @ np.linalg.solve(both, change)
+    if chi_square < _CHANCE:
+        return given
+    if chi_square < _SAME_OUTLINE or np.abs(change).max() < _SAME_PX:
+        covariance = own - np.eye(3) * OUTLINE_SIGMA_PX**2 + np.outer(change, change)
+        return replace(given, covariance_px2=covariance)
+    return replace(seen, mask_off_px=float(np.abs(change).max()), painted=painted)
+
+
+def painted_covariance(points_px: Array, outline: Ellipse) -> Array:
+    """Return the covariance ``(3, 3)`` of an outline that a person painted, in px^2.
+
+    Of centre x, centre y and radius. A hand that is off along a part of the outline is off as a
+    whole, too: the scatter about a circle counts as an error of each. It does not show that a mask
+    is shifted or too large; 3 px or 3 % of the radius, the largest errors, are three standard
+    deviations.
+
+    Parameters
+    ----------
+    points_px
+        ``(M, 2)`` outline points of the mask.
+    outline
+        The ellipse that was fitted to them.
+    """
+    radius = outline.radius_px
+    residuals = np.hypot(*(points_px - outline.centre_px).T) - radius
+    weights = tukey_weights(residuals, _FINEST_PX)
+    scatter = float(np.sum(weights * residuals**2) / np.sum(weights))
+    own_px = min(mask_reach_px(radius) / _REACH_SIGMAS, _PAINTED_SHARE * radius)
+    return np.eye(3) * (own_px**2 + scatter)
+
+
+def _between(values: Images, given: SphereImage, seen: SphereImage, edges: Array) -> SphereImage:
+    """Return the mean of a mask and of an outline in the images, with the covariance ``edges``."""
+    mask = painted_covariance(given.points_px, given.outline)
+    change = change_of(given.outline, seen.outline)
+    both = mask + edges
+    if change @ np.linalg.solve(both, change) > _SAME_OUTLINE:
+        return replace(given, covariance_px2=mask + np.outer(change, change), unconfirmed=True)
+    back = -edges @ np.linalg.solve(both, change)
+    outline = seen.outline.moved(back)
+    outward = (seen.points_px - seen.outline.centre_px) / seen.outline.radius_px
+    points = seen.points_px + back[:2] + back[2] * outward
+    covariance = mask - mask @ np.linalg.solve(both, mask)
+    largest = np.linalg.eigvalsh(covariance)[-1]
+    is_confirmed = largest < _CONFIRMED**2 * np.linalg.eigvalsh(mask)[-1]
+    off_px = float(np.abs(change + back).max())
+    return SphereImage(
+        outline,
+        points,
+        seen.coverage,
+        find_highlights(values, outline),
+        covariance,
+        mask_off_px=off_px if is_confirmed and off_px > _SAME_PX else 0.0,
+        unconfirmed=not is_confirmed,
+        painted=given.painted,
+    )
+
+
+def _seen_near(
+    values: Images,
+    pictures: OutlineImages,
+    mirroring: SphereImage | None,
+    outline: Ellipse,
+) -> tuple[SphereImage | None, bool, bool]:
+    """Return the sphere that the images show near an outline, or None.
+
+    The other results are whether it mirrors the plane, and whether its outline is without doubt.
+    """
+    radius = outline.radius_px
+    reach = mask_reach_px(radius)
+    seen, is_sure = mirroring, True
+    if seen is None:
+        near = or_none(outline_near, pictures, outline, reach)
+        if near is None or (not near.is_sharp and radius < _SMALL_PX):
+            return None, False, False
+        is_sure = near.is_sharp
+        seen = _sphere(values, near)
+    off = np.hypot(*np.subtract(seen.outline.centre_px, outline.centre_px))
+    far = max(float(off), abs(seen.outline.radius_px - radius)) > 1.5 * reach
+    return None if far else seen, mirroring is not None and not far, is_sure

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.image_noise import image_noise
-from calibration._spheres.profiles import gaussian
+from calibration._spheres.limb import gaussian
+from calibration._spheres.outline import image_noise
 from calibration._spheres.robust import Array
 
 _COUNT, _ALONG = 180, 5.0

@@ -53,10 +53,6 @@ class Mirror:
     ball: Balls
     share: float
 
-    def outline(self, camera: CameraModel) -> Ellipse:
-        """Return the outline of the ball."""
-        return outline_of(camera, self.ball)
-
 
 def find_mirror(
     plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[float] = ()
@@ -117,12 +113,7 @@ def mirror_near(plane: MirroredPlane, circle: Ellipse, reach_px: float) -> Mirro
     grid = start + np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     # Balls that are compared together must be of similar size.
     tables = [grid[grid[:, 2] == radius] for radius in np.unique(grid[:, 2]) if radius > 2]
-    scores = [
-        np.where(compared.seen > _LEAST_SEEN, compared.share, -np.inf)
-        for compared in (
-            plane.compare(Balls(table[:, :2], table[:, 2]), _COARSE_SPOKES) for table in tables
-        )
-    ]
+    scores = [_scores(plane, Balls(table[:, :2], table[:, 2])) for table in tables]
     if not tables:
         return None
     best = np.concatenate(tables)[int(np.argmax(np.concatenate(scores)))]
@@ -149,9 +140,8 @@ def _leaders(plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[floa
         centres = _centres(cluster, radius)
         if not len(centres):
             continue
-        likeness = plane.compare(Balls(centres, np.full(len(centres), radius)), _COARSE_SPOKES)
-        score = np.where(likeness.seen > _LEAST_SEEN, likeness.share, -np.inf)
-        rows.append(np.column_stack([centres, np.full(len(centres), radius), score]))
+        radii = np.full(len(centres), radius)
+        rows.append(np.column_stack([centres, radii, _scores(plane, Balls(centres, radii))]))
     if not rows:
         return []
     table = np.concatenate(rows)
@@ -189,8 +179,7 @@ def _centres(cluster: SpotCluster, radius: float) -> Array:
     x, y = (v.ravel() for v in np.meshgrid(steps, steps))
     centres = cluster.centre_px + np.column_stack([x, y])
     gaps = np.linalg.norm(centres[:, None] - cluster.spots_px, axis=2)
-    kept: Array = centres[np.quantile(gaps, _TRUE_SPOTS, axis=1) < reach]
-    return kept
+    return np.asarray(centres[np.quantile(gaps, _TRUE_SPOTS, axis=1) < reach])
 
 
 def _climb(plane: MirroredPlane, start: Balls) -> tuple[Balls, Likeness]:
@@ -199,8 +188,7 @@ def _climb(plane: MirroredPlane, start: Balls) -> tuple[Balls, Likeness]:
     ball, step = np.append(start.axes_px[0], start.radii_px[0]), 0.04
     for _ in range(_MOST_MOVES):
         trial = ball + grid * step * ball[2]
-        compared = plane.compare(Balls(trial[:, :2], trial[:, 2]), _COARSE_SPOKES)
-        best = int(np.argmax(np.where(compared.seen > _LEAST_SEEN, compared.share, -np.inf)))
+        best = int(np.argmax(_scores(plane, Balls(trial[:, :2], trial[:, 2]))))
         ball = trial[best]
         if not grid[best].any():
             step /= 2
@@ -208,6 +196,12 @@ def _climb(plane: MirroredPlane, start: Balls) -> tuple[Balls, Likeness]:
                 break
     found = Balls(ball[None, :2], ball[None, 2])
     return found, plane.compare(found)
+
+
+def _scores(plane: MirroredPlane, balls: Balls) -> Array:
+    """Return what the mirrored plane explains of each ball; none if too little of it is seen."""
+    likeness = plane.compare(balls, _COARSE_SPOKES)
+    return np.where(likeness.seen > _LEAST_SEEN, likeness.share, -np.inf)
 
 
 def outline_of(camera: CameraModel, ball: Balls) -> Ellipse:

@@ -6,16 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration._errors import EstimateError
+from calibration._errors import EstimateError, or_none
 from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.confirmed import LEAST_SUPPORT, found_near, is_border
 from calibration._spheres.edges_around import EdgesAround
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.joint_search import JointNear, best_of, joint_near
+from calibration._spheres.joint_search import (
+    JointNear,
+    best_of,
+    change_of,
+    joint_near,
+    with_others,
+)
 from calibration._spheres.mirrored_border import is_mirrored_border
 from calibration._spheres.outline import (
     SHARP_PX,
     OutlineImages,
+    no_outline,
     refine_outline,
     refine_sharpest,
     scatter_px,
@@ -35,7 +42,6 @@ _LEAST_IN_PICTURE = 0.3
 _WIDER = 2.0
 # Edge points along this length of an outline count as one observation.
 _INDEPENDENT_PX = 8.0
-_SAME_PX = 0.25
 # Where a ball is, in multiples of the radius of a horizon that is mirrored in it.
 _OUTER, _OUTER_REACH = 1.38, 0.2
 _OUTER_COVERAGE, _OUTER_SCATTER_PX = 0.35, 0.4
@@ -108,12 +114,9 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
         If there is no edge near the circle, if the edges do not determine the outline to 2 % of the
         radius, or if another outline around it shows that it may be the mirrored horizon.
     """
-    found: list[_Found] = []
-    try:
-        first = refine_sharpest(pictures, circle, reach_px)
-    except EstimateError:
-        pass
-    else:
+    trials = []
+    first = or_none(refine_sharpest, pictures, circle, reach_px)
+    if first is not None:
         if _is_sharp(*first) and _change(circle, first[0]).max() <= _WIDER * reach_px:
             _check_inside(pictures, first[0], first[2])
             sharp = NearOutline(*first, None, is_sharp=True)
@@ -122,23 +125,16 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
                 # An ellipse agrees with more edges than a circle does, also where it is wrong.
                 joints += found_near(pictures.values, circle)
             return _decided(sharp, best_of([joint for joint in joints if joint]))
-        found.append((0.0, *first))
-    trials = [one[1] for one in found]
-    found = []
+        trials.append(first[0])
+    found: list[_Found] = []
     for picture in (pictures.upper, pictures.median):
         edges = EdgesAround([picture], circle, _WIDER * reach_px)
         for trial in [*trials, *edges.leaders()]:
-            try:
-                refined = refine_outline(picture, trial, 3.0)
-            except EstimateError:
-                continue
-            if _change(circle, refined[0]).max() <= 1.2 * _WIDER * reach_px:
+            refined = or_none(refine_outline, picture, trial, 3.0)
+            if refined and _change(circle, refined[0]).max() <= 1.2 * _WIDER * reach_px:
                 found.append((_support(*refined), *refined))
     if not found:
-        x, y = circle.centre_px
-        raise EstimateError(
-            f"no sphere outline at ({x:.0f}, {y:.0f}) px: give a mask or a better circle"
-        )
+        raise no_outline(circle)
     even = [one for one in found if scatter_px(one[1], one[2]) < SHARP_PX]
     best = _mixture(_outermost(even or found), circle, reach_px)
     scatter = scatter_px(best.outline, best.points_px)
@@ -148,8 +144,7 @@ def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> N
     joint = joint_near(pictures.values, best.outline, reach_px)
     if doubtful:
         # The outline in one picture may be farther away than the circle.
-        found_joint = [*found_near(pictures.values, circle), *([joint] if joint else [])]
-        joint = best_of(found_joint)
+        joint = best_of([*found_near(pictures.values, circle), *([joint] if joint else [])])
         if joint is None or not _is_clear(joint, circle, reach_px):
             (x, y), radius = circle.centre_px, circle.radius_px
             raise EstimateError(
@@ -209,9 +204,8 @@ def _check_inside(pictures: OutlineImages, outline: Ellipse, coverage: float) ->
     for trial in edges.leaders():
         if edges.support(trial) < 0.5 * _OUTER_COVERAGE:
             continue
-        try:
-            other = refine_outline(pictures.upper, trial, 3.0)
-        except EstimateError:
+        other = or_none(refine_outline, pictures.upper, trial, 3.0)
+        if other is None:
             continue
         offset = np.hypot(*np.subtract(other[0].centre_px, outline.centre_px))
         apart = other[0].radius_px - radius
@@ -245,7 +239,7 @@ def _outermost(found: list[_Found]) -> list[_Found]:
         for inner in found
         if not any(
             inner[1].radius_px < _INNER * outer[1].radius_px
-            and np.hypot(*_signed_change(inner[1], outer[1])[:2]) + inner[1].radius_px
+            and np.hypot(*change_of(inner[1], outer[1])[:2]) + inner[1].radius_px
             < outer[1].radius_px
             and outer[0] > max(_OUTER_SUPPORT, 0.5 * inner[0])
             for outer in found
@@ -267,21 +261,10 @@ def _mixture(found: list[_Found], circle: Ellipse, reach_px: float) -> NearOutli
     # The fit selects the points that agree with it: over a part of the outline, their scatter
     # shows too small an error.
     covariance += np.eye(3) * 0.5 * scatter**2
-    others: list[tuple[float, Array]] = []
-    for index in order:
-        change = _signed_change(outline, found[index][1])
-        if all(np.abs(change - other).max() > _SAME_PX for _, other in others):
-            others.append((float(np.exp(logs[index] - logs[order[0]])), change))
-    total = sum(weight for weight, _ in others)
-    for weight, change in others:
-        covariance = covariance + weight / total * np.outer(change, change)
-    return NearOutline(outline, points, coverage, covariance)
-
-
-def _signed_change(a: Ellipse, b: Ellipse) -> Array:
-    """Return the change from one outline to another in centre x, centre y and radius."""
-    return np.array([*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px])
+    changes = [change_of(outline, found[index][1]) for index in order]
+    less = [logs[index] - logs[order[0]] for index in order]
+    return NearOutline(outline, points, coverage, with_others(covariance, changes, less))
 
 
 def _change(a: Ellipse, b: Ellipse) -> Array:
-    return np.abs(_signed_change(a, b))
+    return np.abs(change_of(a, b))

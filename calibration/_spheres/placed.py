@@ -47,8 +47,7 @@ def one_radius_each(
         sizes = np.array([radius_on_plane_mm(camera, image) for image in images])
         off = np.abs(sizes[:, None] / radii - 1)
         if off.min(axis=1).max() < _SAME_SIZE:
-            nearest: Array = radii[np.argmin(off, axis=1)]
-            return nearest
+            return np.asarray(radii[np.argmin(off, axis=1)])
     if found and len(radii) != len(images):
         raise EstimateError(
             f"{pluralize(len(images), 'sphere')} found for {len(radii)} radii, {places(images)}: "
@@ -107,8 +106,7 @@ def common_error(cone: Cone, camera: CameraModel) -> Array:
 def _in_depth(cone: Cone, camera: CameraModel) -> Array:
     """Return the change of a centre in radii if the outline is smaller by its systematic error."""
     sideways = cone.systematic_px / camera.focal_px / cone.sine
-    change: Array = sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis
-    return change
+    return np.asarray(sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis)
 
 
 def off_the_plane(placed: KnownSpheres, camera: CameraModel) -> list[Notice]:

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations, product
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, LightErrors, Lights, angle_deg
-from calibration._spheres.chosen_highlights import choose_highlights
 from calibration._spheres.cone import Cone
+from calibration._spheres.highlights import Highlights
 from calibration._spheres.input_tests import check_inputs, doubts
-from calibration._spheres.light_positions import LocatedLights, locate_lights
+from calibration._spheres.joint_refinement import KnownSpheres, Observation, predicted_highlights
+from calibration._spheres.light_positions import (
+    LocatedLights,
+    locate_lights,
+    observed_rays,
+    pair_positions,
+)
+from calibration._spheres.lost_images import named
 from calibration._spheres.placed import place
-from calibration._spheres.ray_positions import observed_rays
 from calibration._spheres.robust import Array
-from calibration._spheres.seen_together import SeenTogether, rms_deg
-from calibration._spheres.sphere_calibration import SphereCalibration, placed_spheres
+from calibration._spheres.sphere_calibration import (
+    SeenTogether,
+    SphereCalibration,
+    placed_spheres,
+    rms_deg,
+)
 from calibration._spheres.sphere_image import places
 from rig import Notice
 
@@ -30,6 +42,14 @@ _LEAST_AGREEING = 0.5
 _UNCERTAIN_MM, _SHARED_SIGMAS = 2.0, 1.96
 # Residuals of one light that are much larger than those of the others.
 _DOUBTFUL_PX, _DOUBTFUL_RATIO = 1.0, 5.0
+# Outlines are not refined yet: spheres agree to this, or to what lights without rivals show.
+_AGREES_PX = 0.5
+_WIDER = 2.0
+# Cost of a sphere whose candidates all disagree, that of an error of four standard deviations.
+_UNEXPLAINED = 8.0
+# A second choice with less additional cost leaves the light undecided.
+_DECIDED = 3.0
+_EXAMPLES = 12
 
 
 def positioned_lights(
@@ -47,15 +67,9 @@ def positioned_lights(
     sigma_px = np.stack([one.sigma_px for one in chosen], axis=1)
     peaks = not any(one.saturated.any() for one in chosen)
     photons = [one.photon_px2 for one in chosen if one.photon_px2 is not None]
-    located = locate_lights(
-        camera,
-        placed,
-        highlights,
-        sigma_px,
-        names,
-        peaks=peaks,
-        photon_px2=np.stack(photons, axis=1) if len(photons) == len(chosen) else None,
-    )
+    photon_px2 = np.stack(photons, axis=1) if len(photons) == len(chosen) else None
+    given = Observation(camera, placed, highlights, sigma_px)
+    located = locate_lights(given, names, peaks=peaks, photon_px2=photon_px2)
     positions, centres = located.refined.positions_mm, located.refined.centres_mm
     used = located.used
     seen = np.isfinite(highlights[..., 0])
@@ -89,8 +103,8 @@ def positioned_lights(
         warnings.append(Notice("spheres-disagree", text))
     if disagreement <= _UNTRUSTED_DEG:
         outlines = [image.points_px for image in images]
-        weighed_px = located.sigma_px
-        tests = check_inputs(camera, placed, outlines, located.refined, highlights, weighed_px)
+        weighed = replace(given, sigma_px=located.sigma_px)
+        tests = check_inputs(weighed, outlines, located.refined)
         warnings = _with_doubts(warnings, doubts(tests, camera, radii, shown.places_mm))
     doubtful = _doubtful(located)
     warnings += _doubts_about_lights(names, located, doubtful, undecided)
@@ -145,27 +159,21 @@ def _doubts_about_lights(
     notices = []
     if undecided.any():
         text = (
-            f"{_named(names, undecided)}: several bright spots are possible highlights, and agree "
-            "between the spheres; the brighter ones were used: cover lamps and windows, or use "
-            "more spheres"
+            f"{named(names, np.flatnonzero(undecided), 8)}: several bright spots are possible "
+            "highlights, and agree between the spheres; the brighter ones were used: cover lamps "
+            "and windows, or use more spheres"
         )
         notices.append(Notice("highlights-undecided", text))
     if doubtful.any():
         residuals = located.residuals_px
         text = (
-            f"{_named(names, doubtful)}: the highlights on the spheres disagree by up to "
-            f"{residuals.max():.1f} px, those of the other lights by "
+            f"{named(names, np.flatnonzero(doubtful), 8)}: the highlights on the spheres disagree "
+            f"by up to {residuals.max():.1f} px, those of the other lights by "
             f"{np.median(residuals):.2f} px: at least one of the spots is not the "
             "reflection of the light; do not trust its position"
         )
         notices.append(Notice("light-doubtful", text))
     return notices
-
-
-def _named(names: tuple[str, ...], which: npt.NDArray[np.bool_]) -> str:
-    some = [name for name, one in zip(names, which, strict=True) if one]
-    more = f" and {len(some) - 8} more" if len(some) > 8 else ""
-    return f"light{'s' if len(some) > 1 else ''} {', '.join(some[:8])}{more}"
 
 
 def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
@@ -175,3 +183,80 @@ def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
         return warnings + doubts
     text = "; ".join(notice.text for notice in (warnings[off[0]], *doubts))
     return [replace(one, text=text) if k == off[0] else one for k, one in enumerate(warnings)]
+
+
+def choose_highlights(
+    camera: CameraModel, spheres: KnownSpheres, highlights: Sequence[Highlights]
+) -> tuple[list[Highlights], npt.NDArray[np.bool_]]:
+    """Choose the candidates of each light that are highlights of one position.
+
+    Every pair of candidates on two spheres proposes a position. It predicts the highlights on all
+    spheres, and costs half of the squared distance to the nearest candidate in standard deviations,
+    minus the logarithm of its share of the flux. Lights with one candidate on each sphere keep it.
+
+    Parameters
+    ----------
+    camera
+        Camera with a working distance.
+    spheres
+        K spheres.
+    highlights
+        The highlights of N lights on each of them.
+
+    Returns
+    -------
+    highlights
+        The highlights that agree; none where all candidates of a sphere disagree.
+    undecided
+        ``(N,)`` whether other candidates agree nearly as well.
+    """
+    pixels = np.stack([one.candidates.pixels for one in highlights], axis=1)
+    sigma_px = np.stack([one.candidates.sigma_px for one in highlights], axis=1)
+    share = np.stack([one.candidates.share for one in highlights], axis=1)
+    several = np.isfinite(pixels[..., 0]).sum(axis=2).max(axis=1, initial=0) > 1
+    undecided = np.zeros(len(pixels), bool)
+    picks = np.where(np.stack([one.found for one in highlights], axis=1), 0, -1)
+    if not several.any() or len(highlights) < 2:
+        return list(highlights), undecided
+    plain = np.flatnonzero(~several)
+    plain = plain[:: max(len(plain) // _EXAMPLES, 1)]
+    usual = [_errors(camera, spheres, pixels[i])[..., 0] for i in plain]
+    typical = [float(np.nanmedian(e, axis=1).min()) for e in usual if len(e)]
+    agrees_px = max(_AGREES_PX, _WIDER * float(np.median(typical or [0.0])))
+    for i in np.flatnonzero(several):
+        errors = _errors(camera, spheres, pixels[i])
+        if not len(errors):
+            continue
+        variance = agrees_px**2 + sigma_px[i] ** 2
+        cost = 0.5 * errors**2 / variance - np.log(np.maximum(share[i], 1e-9))
+        cost = np.where(np.isfinite(cost), cost, np.inf)
+        nearest = np.argmin(cost, axis=2)
+        least = np.min(cost, axis=2)
+        chosen = np.where(least < _UNEXPLAINED, nearest, -1)
+        total = np.minimum(least, _UNEXPLAINED).sum(axis=1)
+        best = int(np.argmin(total))
+        picks[i] = chosen[best]
+        both = (chosen >= 0) & (chosen[best] >= 0)
+        others = np.any(both & (chosen != chosen[best]), axis=1)
+        undecided[i] = bool(np.any(total[others] < total[best] + _DECIDED))
+    return [one.chosen(picks[:, k]) for k, one in enumerate(highlights)], undecided
+
+
+def _errors(camera: CameraModel, spheres: KnownSpheres, pixels: Array) -> Array:
+    """Return the distances ``(P, K, M)`` of candidates ``(K, M, 2)`` from P predicted highlights.
+
+    NaN where there is no candidate.
+    """
+    points, directions = observed_rays(camera, spheres, pixels.swapaxes(0, 1))
+    seen = np.isfinite(directions[..., 0])
+    proposals = []
+    for a, b in combinations(range(len(pixels)), 2):
+        for m, n in product(np.flatnonzero(seen[:, a]), np.flatnonzero(seen[:, b])):
+            pair = (
+                np.stack([points[m, a], points[n, b]]),
+                np.stack([directions[m, a], directions[n, b]]),
+            )
+            proposals.append(pair_positions(*pair))
+    positions = np.concatenate(proposals) if proposals else np.zeros((0, 3))
+    predicted = predicted_highlights(camera, spheres.centres_mm, spheres.radii_mm, positions)
+    return np.asarray(np.linalg.norm(predicted[:, :, None] - pixels, axis=-1))

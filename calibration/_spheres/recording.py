@@ -11,11 +11,9 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Stack, check_linear
-from calibration._radiance.raw_stack import Images, RawStack
+from calibration._radiance.linear_stack import Images, RawStack, Stack, check_linear
 from calibration._spheres.displaced import displaced
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.image_noise import shows_blocks
 from calibration._spheres.lost_images import (
     LostImages,
     blank_images,
@@ -23,6 +21,7 @@ from calibration._spheres.lost_images import (
     moved_images,
 )
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
+from calibration._spheres.outline import shows_blocks
 from calibration._spheres.placed import one_radius_each
 from calibration._spheres.robust import Array
 from calibration._spheres.search import searched_spheres

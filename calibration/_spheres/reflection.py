@@ -31,8 +31,7 @@ def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Array:
     x, y = unit[..., 0], -unit[..., 1]
     inside = 1 - x**2 - y**2
     z = np.sqrt(np.where(inside >= 0, inside, np.nan))
-    directions: Array = np.stack([2 * z * x, 2 * z * y, 2 * z * z - 1], axis=-1)
-    return directions
+    return np.stack([2 * z * x, 2 * z * y, 2 * z * z - 1], axis=-1)
 
 
 def reflected_rays(rays: Array, centre: Array, radius: npt.ArrayLike) -> tuple[Array, Array]:
@@ -108,8 +107,7 @@ def mirror_points(eye: Array, light: Array, centre: Array, radius: Array) -> Arr
             break
         phi = step
     normal = np.cos(phi)[..., None] * first + np.sin(phi)[..., None] * second
-    points: Array = centre + np.asarray(radius)[..., None] * normal
-    return points
+    return np.asarray(centre + np.asarray(radius)[..., None] * normal)
 
 
 def _incidence(distance: Array, angle: Array, radius: Array) -> Array:
@@ -117,12 +115,10 @@ def _incidence(distance: Array, angle: Array, radius: Array) -> Array:
 
     The point is at ``distance`` from the centre, at ``angle`` from the normal.
     """
-    incidence: Array = np.arctan2(distance * np.sin(angle), distance * np.cos(angle) - radius)
-    return incidence
+    return np.arctan2(distance * np.sin(angle), distance * np.cos(angle) - radius)
 
 
 def _incidence_slope(distance: Array, angle: Array, radius: Array) -> Array:
     cosine = np.cos(angle)
     square = distance**2 + radius**2 - 2 * distance * radius * cosine
-    slope: Array = (distance**2 - distance * radius * cosine) / square
-    return slope
+    return (distance**2 - distance * radius * cosine) / square

@@ -237,8 +237,7 @@ def _distances(image: Image, centre: Array, toward: Array, level: float, reach: 
     rows = np.arange(len(toward))
     before, after = profiles[rows, first - 1], profiles[rows, first]
     part = np.clip((before - level) / np.maximum(before - after, 1e-12), 0, 1)
-    distances: Array = radii[first - 1] + part * _STEP_PX
-    return distances
+    return np.asarray(radii[first - 1] + part * _STEP_PX)
 
 
 class _RobustHarmonics:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
+import mmap
 import shutil
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -13,18 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig import CameraError
-from simulator._camera.gentl_control import (
-    AUTOMATICS,
-    CONTENT_FRAMES,
-    CONTENT_PLANES,
-    FAULT_KINDS,
-    FAULTS,
-    MAX_LEDS,
-    MAX_PATH,
-    ControlFile,
-)
-from simulator._camera.image_formation import ImageFormation
-from simulator._camera.sensor import fixed_pattern
+from simulator._camera.sensor import ImageFormation, fixed_pattern
 from simulator._owned_folder import OwnedFolder
 from simulator._scene.lens import CFAS
 from simulator.gentl import build
@@ -32,6 +23,75 @@ from simulator.gentl import build
 GentlPlanes = Callable[[int | None], npt.NDArray[Any] | None]
 GentlFault = Literal["lost", "late", "incomplete", "doubled", "missed", "unplug", "underrun"]
 Automatic = Literal["exposure", "gain", "white", "gamma"]
+FAULTS = 256
+MAX_LEDS = 1024
+MAX_PATH = 1024
+# Kinds have the numbers of `simulator/gentl/control.h`.
+FAULT_KINDS = {kind: number for number, kind in enumerate(get_args(GentlFault), start=1)}
+AUTOMATICS = {"exposure": 1, "gain": 2, "white": 4, "gamma": 8}
+CONTENT_PLANES, CONTENT_FRAMES = 1, 2
+_CONTROL_VERSION = 1
+
+
+class _Fault(ctypes.Structure):
+    _fields_ = [
+        ("at", ctypes.c_int64),
+        ("late_ns", ctypes.c_int64),
+        ("kind", ctypes.c_uint32),
+        ("armed", ctypes.c_uint32),
+    ]
+
+
+def _listed(kind: Any, names: str) -> list[tuple[str, Any]]:
+    return [(name, kind) for name in names.split()]
+
+
+class _Layout(ctypes.Structure):
+    """The control file of a camera: `simulator/gentl/control.h` in Python; change both together.
+
+    The library checks magic, version and size before it uses the rest.
+    """
+
+    _fields_ = [
+        ("magic", ctypes.c_char * 8),
+        *_listed(ctypes.c_uint32, "version size width height leds content bit_depth noisy rolling"),
+        *_listed(ctypes.c_uint32, "block_base autos stuck patterned most_buffers"),
+        ("seed", ctypes.c_uint64),
+        ("cfa", ctypes.c_char * 8),
+        ("serial", ctypes.c_char * 64),
+        ("hidden", ctypes.c_char * 256),
+        ("bench_path", ctypes.c_char * MAX_PATH),
+        *_listed(ctypes.c_double, "readout_us frame_period_us shake_px"),
+        *_listed(ctypes.c_double, "electrons_per_dn read_noise_e black_level_dn"),
+        *_listed(ctypes.c_double, "quantum_efficiency full_well_e dark_current_e_per_s"),
+        *_listed(ctypes.c_double, "warm_up warm_up_s flicker pwm_hz pwm_duty"),
+        ("dead", ctypes.c_uint8 * MAX_LEDS),
+        ("temperature_c", ctypes.c_double),
+        *_listed(ctypes.c_uint32, "plugged unplugs"),
+        *_listed(ctypes.c_uint64, "exposures delivered dropped missed"),
+        ("faults", _Fault * FAULTS),
+    ]
+
+
+SIZE = ctypes.sizeof(_Layout)
+
+
+class ControlFile:
+    """The mapped file: its fields are attributes of ``fields`` and shared with the library."""
+
+    def __init__(self, path: Path) -> None:
+        path.write_bytes(bytes(SIZE))
+        with path.open("r+b") as file:
+            self._map = mmap.mmap(file.fileno(), SIZE)
+        self.fields: Any = _Layout.from_buffer(self._map)
+        self.fields.magic = b"SGPCAMRA"
+        self.fields.version = _CONTROL_VERSION
+        self.fields.size = SIZE
+
+    def close(self) -> None:
+        """Close the file and set ``fields`` to None."""
+        self.fields = None
+        self._map.close()
 
 
 @dataclass(frozen=True)
@@ -246,7 +306,7 @@ class GentlCamera:
         CameraError
             If there are too many faults that have not occurred yet.
         """
-        self._check(kind in get_args(GentlFault), f"unknown fault {kind!r}")
+        self._check(kind in FAULT_KINDS, f"unknown fault {kind!r}")
         for fault in self._fields.faults:
             if not fault.armed:
                 fault.at = -1 if frame == "next" else frame

@@ -12,8 +12,7 @@ from typing import Literal
 
 from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError, Trigger
 from simulator._bench_state import BenchState
-from simulator._camera.image_formation import ImageFormation
-from simulator._camera.sensor import pixel_format
+from simulator._camera.sensor import ImageFormation, pixel_format
 from simulator._camera.virtual_sensor import Exposure, VirtualSensor
 from simulator._scene.lens import CFAS
 from simulator._wiring import Planes

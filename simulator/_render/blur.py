@@ -120,8 +120,7 @@ def _disc(diameter_px: float, largest_px: float) -> Values:
         # The edge of the disc is a ramp of one sample, so the kernel changes continuously.
         share = np.clip((diameter / 2 - np.sqrt(squared)) * _FINE + 0.5, 0.0, 1.0)
         cells = share.reshape(2 * half + 1, _FINE, 2 * half + 1, _FINE).sum(axis=(1, 3))
-        total: Array = cells / max(cells.sum(), 1e-12)
-        return total
+        return np.asarray(cells / max(cells.sum(), 1e-12))
 
     low, high = 0.1, max(diameter_px, 0.1) + 1.2
     for _ in range(25):

@@ -9,11 +9,9 @@ import numpy.typing as npt
 
 from simulator._render.blur import blur
 from simulator._render.chrome import MirroredLights, draw_mirrored_lights
-from simulator._render.edges import shadow_edges, silhouettes
-from simulator._render.rendering import Rendering
+from simulator._render.rendering import Rendering, Truth
 from simulator._render.shade import Shader
 from simulator._render.trace import Seen, meets, see
-from simulator._render.truth import Truth
 from simulator._scene.scene import Scene
 
 Array = npt.NDArray[np.float64]
@@ -101,13 +99,10 @@ class Canvas:
         self._height[y, x] = seen.points_mm[on, 2]
         self._albedo[y, x] = albedo[on]
         for high, wide in self._windows:
-            if max(high.start, top) < min(high.stop, bottom):
-                self._draw_finely(slice(max(high.start, top), min(high.stop, bottom)), wide)
-
-    def _draw_finely(self, rows: slice, columns: slice) -> None:
-        """Draw again, with 16 samples, the pixels of a window that sphere or clutter touches."""
-        y, x = (v.ravel() for v in np.mgrid[rows, columns])
-        self._draw_again(y, x, only_met=True)
+            first, last = max(high.start, top), min(high.stop, bottom)
+            if first < last:
+                y, x = (v.ravel() for v in np.mgrid[first:last, wide])
+                self._draw_again(y, x, only_met=True)
 
     def _draw_again(self, all_y: Whole, all_x: Whole, *, only_met: bool) -> None:
         """Draw pixels with 16 samples: all, or those that sphere or clutter touches."""
@@ -150,7 +145,7 @@ class Canvas:
 
     def _integrate_shadows(self, allowed: Mask) -> None:
         """Average the edges of shadows over their pixels."""
-        edges = [shadow_edges(dark, self._label) & allowed for dark in self._shadows]
+        edges = [_beside(dark, self._label) & allowed for dark in self._shadows]
         y, x = np.nonzero(np.logical_or.reduce(edges)) if edges else _NOWHERE
         for start in range(0, len(x), POINTS // 4):
             part = slice(start, start + POINTS // 4)
@@ -186,20 +181,14 @@ class Canvas:
             gain = scene.electrons_per_us * lens.vignette(np.arange(width), self._top + row)
             self._planes[:, row] *= gain.astype(np.float32)
             self._ambient[row] *= gain.astype(np.float32)
-        table = scene.sphere_table
-        truth = Truth(
+        truth = Truth.of(
+            scene,
+            mirrored.pixels,
             normals=self._normals,
             height_mm=self._height,
             albedo=self._albedo if scene.coloured else self._albedo[..., 0].copy(),
             mask=self._mask,
-            sphere_masks=self._sphere == np.arange(len(table))[:, None, None],
-            sphere_centres_mm=table[:, :3],
-            sphere_radii_mm=table[:, 3],
-            highlights_px=mirrored.pixels,
-            lights=scene.lights,
-            lens=scene.lens,
-            noise=scene.noise,
-            electrons_per_us=scene.electrons_per_us,
+            sphere_masks=self._sphere == np.arange(len(scene.spheres))[:, None, None],
             shadows=self._shadows,
             top=self._top,
         )
@@ -243,3 +232,43 @@ def _labels(seen: Seen, spheres: int) -> npt.NDArray[np.int64]:
     flat = np.where(seen.on_object, -2, -1)
     own = np.where(seen.item >= 0, seen.item + spheres, flat)
     return np.where(seen.direct, own, seen.sphere)
+
+
+def silhouettes(label: npt.NDArray[np.int16], depth_mm: Array, step_mm: Array | float) -> Mask:
+    """Return the pixels on both sides of an edge between objects, and at steps of an object.
+
+    Parameters
+    ----------
+    label
+        ``(H, W)`` number of the object that a pixel shows.
+    depth_mm
+        ``(H, W)`` depth of what it shows.
+    step_mm
+        Second difference of the depth that counts as a step or a crease.
+    """
+    edge = _beside(label)
+    step = np.broadcast_to(step_mm, depth_mm.shape)
+    for axis in range(2):
+        bend = np.abs(np.diff(depth_mm, 2, axis=axis))
+        inner = [slice(None), slice(None)]
+        inner[axis] = slice(1, -1)
+        edge[tuple(inner)] |= bend > step[tuple(inner)]
+    return edge
+
+
+def _beside(
+    values: npt.NDArray[np.int16] | Mask, same: npt.NDArray[np.int16] | None = None
+) -> Mask:
+    """Return the pixels on both sides of an edge; if objects are given, not of one between them."""
+    edge = np.zeros(values.shape, np.bool_)
+    for axis in range(2):
+        first: list[slice] = [slice(None), slice(None)]
+        second: list[slice] = [slice(None), slice(None)]
+        first[axis], second[axis] = slice(None, -1), slice(1, None)
+        one, two = tuple(first), tuple(second)
+        differs = values[one] != values[two]
+        if same is not None:
+            differs &= same[one] == same[two]
+        edge[one] |= differs
+        edge[two] |= differs
+    return edge

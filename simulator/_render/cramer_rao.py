@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights, NoiseModel
 from rig import in_threads, short_repr
+from simulator._render.shade import lamp_table
 
 Array = npt.NDArray[np.float64]
 Values = npt.NDArray[np.float32]
@@ -199,18 +200,15 @@ def _plane(name: str, value: float | npt.NDArray[np.floating], shape: tuple[int,
 
 
 def _light_table(lights: Lights) -> Array:
-    """Return ``(N, 8)`` rows: position or direction, axis, mu, and the fall-off at the origin."""
-    if lights.positions_mm is None:
-        rows = np.zeros((len(lights), 8))
-        rows[:, :3] = np.asarray(lights.directions)
-        return rows
-    place, axis, mu = lights.positions_mm, np.asarray(lights.axes), np.asarray(lights.mu)
-    squared = (place**2).sum(axis=1)
-    cosine = -(place * axis).sum(axis=1) / np.sqrt(squared)
-    if np.any(cosine <= 0):
-        dark = lights.ids[int(np.argmin(cosine))]
-        raise DataError(f"Cramer-Rao bound: light {dark} points away from the origin")
-    return np.column_stack([place, axis, mu, squared / cosine**mu])
+    """Return `lamp_table` of lights that shine on the origin."""
+    if lights.positions_mm is not None:
+        place = lights.positions_mm
+        cosine = -(place * np.asarray(lights.axes)).sum(axis=1)
+        cosine /= np.sqrt((place**2).sum(axis=1))
+        if np.any(cosine <= 0):
+            dark = lights.ids[int(np.argmin(cosine))]
+            raise DataError(f"Cramer-Rao bound: light {dark} points away from the origin")
+    return lamp_table(lights)
 
 
 @numba.njit(nogil=True, cache=True)

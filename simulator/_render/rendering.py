@@ -3,16 +3,163 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, MapRows
-from rig import short_repr
-from simulator._render.truth import Truth
+from acquisition import CameraModel, DataError, Lights, MapRows, NoiseModel
+from rig import pluralize, short_repr
+from simulator._render.blur import blur
+from simulator._scene.lens import Lens
 from simulator._scene.scene import Scene
 
 Values = npt.NDArray[np.float32]
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Exact geometry, reflectance, lights and sensor of a rendered scene.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` unit vectors inside the mask, 0 outside.
+    height_mm
+        ``(H, W)`` z of the surface point at the pixel's centre, NaN outside the mask.
+    albedo
+        ``(H, W)``, or ``(H, W, 3)`` if it has colour; 0 outside the mask.
+    mask
+        ``(H, W)`` pixels whose centre shows the object.
+    sphere_masks
+        ``(S, H, W)`` pixels whose centre shows the sphere.
+    sphere_centres_mm, sphere_radii_mm
+        ``(S, 3)`` centres and ``(S,)`` radii of the spheres.
+    highlights_px
+        ``(S, N, 2)`` position (x, y) of LED n mirrored in sphere s, NaN if it is not seen.
+    lights, lens, noise
+        Lights, lens and sensor of the scene.
+    electrons_per_us
+        Signal of a white surface under irradiance 1.
+    shadows
+        ``(N, H, W)`` True where light n does not reach the point at the pixel's centre, because
+        the surface faces away from it or the light is blocked; None if shadows were not rendered.
+    top
+        Row of the image in which the maps begin.
+    """
+
+    normals: npt.NDArray[np.float32]
+    height_mm: Array
+    albedo: npt.NDArray[np.float32]
+    mask: npt.NDArray[np.bool_]
+    sphere_masks: npt.NDArray[np.bool_]
+    sphere_centres_mm: Array
+    sphere_radii_mm: Array
+    highlights_px: Array
+    lights: Lights
+    lens: Lens
+    noise: NoiseModel
+    electrons_per_us: float
+    shadows: npt.NDArray[np.bool_] | None = None
+    top: int = 0
+
+    @classmethod
+    def of(cls, scene: Scene, highlights_px: Array, **maps: Any) -> Truth:
+        """Return the truth of a scene; ``maps`` are its maps and the row of the first."""
+        return cls(
+            sphere_centres_mm=scene.sphere_table[:, :3],
+            sphere_radii_mm=scene.sphere_table[:, 3],
+            highlights_px=highlights_px,
+            lights=scene.lights,
+            lens=scene.lens,
+            noise=scene.noise,
+            electrons_per_us=scene.electrons_per_us,
+            **maps,
+        )
+
+    def __repr__(self) -> str:
+        lights, spheres = len(self.lights), len(self.sphere_radii_mm)
+        shape = f"{self.normals.dtype}{list(self.normals.shape)}"
+        return f"Truth({shape}, {pluralize(lights, 'light')}, {pluralize(spheres, 'sphere')})"
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """Camera of the lens; None for an orthographic lens."""
+        return self.lens.camera
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(height, width) of every map."""
+        height, width = self.mask.shape
+        return height, width
+
+    @property
+    def depth_mm(self) -> Array | None:
+        """``(H, W)`` distance from the camera along the optical axis, NaN outside the mask.
+
+        None for an orthographic lens.
+        """
+        return None if self.camera is None else self.lens.camera_z_mm - self.height_mm
+
+    @property
+    def points_mm(self) -> Array:
+        """``(H, W, 3)`` surface points at the pixels' centres, NaN outside the mask."""
+        height, width = self.size
+        x, y = np.meshgrid(np.arange(width), self.top + np.arange(height))
+        origins, rays = self.lens.origins_and_rays(x, y)
+        return origins + (self.lens.camera_z_mm - self.height_mm)[..., None] * rays
+
+
+def resolved_normals(truth: Truth) -> Values:
+    r"""Return the normals of the ground truth, blurred as the lens blurs the images.
+
+    A matte surface of albedo a and normal n sends ``a n . l`` under a light l. The lens averages
+    this light over its point-spread function. Where l is nearly constant and no shadow begins, this
+    is the light of the averaged ``a n``. Photometric stereo of images without noise gives the
+    direction of this mean; its angle to the normal at the pixel's centre is the error by resolution
+    alone.
+
+    Parameters
+    ----------
+    truth
+        Ground truth of a rendered scene; its lens has the defocus and the Gaussian.
+
+    Returns
+    -------
+    Values
+        ``(H, W, 3)`` float32 unit vectors inside the mask, 0 outside. Only light of the object is
+        averaged. The normals themselves for a sharp lens.
+
+    Raises
+    ------
+    DataError
+        If a circle of confusion is larger than 64 pixels.
+
+    Examples
+    --------
+    >>> from simulator import render, resolved_normals, scene_named
+    >>> truth = render(scene_named("coin", width=64, height=52, leds=4)).truth
+    >>> resolved = resolved_normals(truth)
+    >>> cosine = (resolved * truth.normals).sum(axis=2)[truth.mask]
+    >>> bool(0.9 < cosine.mean() < 1)
+    True
+    """
+    mask = truth.mask
+    if truth.lens.sharp or not mask.any():
+        return truth.normals.copy()
+    albedo = truth.albedo if truth.albedo.ndim == 2 else truth.albedo.mean(axis=2)
+    planes = np.ascontiguousarray(np.moveaxis(truth.normals * albedo[..., None], 2, 0))
+    depth = truth.lens.camera_z_mm - truth.height_mm
+    depth[~mask] = depth[mask].max()
+    circle = truth.lens.circle_px(depth).astype(np.float32)
+    blur(planes, depth, circle, truth.lens.blur_px)
+    resolved = np.moveaxis(planes, 0, 2)
+    length = np.linalg.norm(resolved, axis=2)
+    seen = mask & (length > 0)
+    result = truth.normals.copy()
+    result[seen] = resolved[seen] / length[seen, None]
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,24 +240,23 @@ class Rendering:
 
     @property
     def maps(self) -> dict[str, MapRows]:
-        """The maps of the ground truth by the names of their files; see `truth_maps`."""
-        return truth_maps(self.truth)
+        """The maps of the ground truth by the names of their files.
+
+        ``normals``, ``height``, ``albedo``, ``mask``, ``sphere_0``, ``shadows/L00``, etc.
+        """
+        truth = self.truth
+        maps: dict[str, MapRows] = {
+            "normals": truth.normals,
+            "height": truth.height_mm,
+            "albedo": truth.albedo,
+            "mask": truth.mask,
+        }
+        maps |= {f"sphere_{index}": mask for index, mask in enumerate(truth.sphere_masks)}
+        if truth.shadows is not None:
+            pairs = zip(truth.lights.ids, truth.shadows, strict=True)
+            maps |= {f"shadows/{light}": dark for light, dark in pairs}
+        return maps
 
     def truth_of(self, rows: slice) -> Truth:
         """Return the ground truth of some rows."""
         return self.rows(rows.start, rows.stop).truth
-
-
-def truth_maps(truth: Truth) -> dict[str, MapRows]:
-    """Return ``normals``, ``height``, ``albedo``, ``mask``, ``sphere_0``, ``shadows/L00``, etc."""
-    maps: dict[str, MapRows] = {
-        "normals": truth.normals,
-        "height": truth.height_mm,
-        "albedo": truth.albedo,
-        "mask": truth.mask,
-    }
-    maps |= {f"sphere_{index}": mask for index, mask in enumerate(truth.sphere_masks)}
-    if truth.shadows is not None:
-        pairs = zip(truth.lights.ids, truth.shadows, strict=True)
-        maps |= {f"shadows/{light}": dark for light, dark in pairs}
-    return maps

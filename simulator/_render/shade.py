@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from acquisition import Lights
 from rig import in_threads
+from simulator._render.chrome import across
 from simulator._render.shadow import Occluders
 from simulator._render.trace import Seen
 from simulator._scene.clutter import BALL, BOX
@@ -90,19 +91,7 @@ class Shader:
         )
         albedo = albedo * np.where(seen.lost, 0.0, seen.weight).astype(np.float32)[:, None]
         intensities = np.asarray(scene.lights.intensities)
-        reflect(
-            (scene.material, *(item.material for item in scene.clutter)),
-            light,
-            self._lamps,
-            near,
-            intensities,
-            seen.points_mm,
-            seen.normals,
-            scene.lens.eye_to(seen.points_mm),
-            albedo,
-            channel,
-            _materials(seen),
-        )
+        self._reflect(light, slice(None), seen, albedo, channel)
         tinted = channel >= 0
         pick = np.arange(len(channel)), np.where(tinted, channel, 0)
         ambient = np.where(tinted, albedo[pick], albedo.mean(axis=1))
@@ -147,12 +136,26 @@ class Shader:
             near,
         )
         light *= visible.reshape(count, -1).mean(axis=0)
+        self._reflect(light, one, seen, albedo, channel)
+        shaded: Values = light[0]
+        return shaded
+
+    def _reflect(
+        self,
+        light: Values,
+        lamps: slice,
+        seen: Seen,
+        albedo: Values,
+        channel: npt.NDArray[np.int8],
+    ) -> None:
+        """Convert the irradiance from some lamps to radiance, in place."""
+        scene = self.scene
         reflect(
             (scene.material, *(item.material for item in scene.clutter)),
             light,
-            lamps,
-            near,
-            np.asarray(scene.lights.intensities)[one],
+            self._lamps[lamps],
+            scene.lights.near,
+            np.asarray(scene.lights.intensities)[lamps],
             seen.points_mm,
             seen.normals,
             scene.lens.eye_to(seen.points_mm),
@@ -160,8 +163,6 @@ class Shader:
             channel,
             _materials(seen),
         )
-        shaded: Values = light[0]
-        return shaded
 
 
 def _materials(seen: Seen) -> npt.NDArray[np.int64]:
@@ -194,18 +195,11 @@ def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Array:
     places = np.asarray(lights.positions_mm if lights.near else lights.directions)
     if count == 1:
         return places[:, None].copy()
-    axes = np.asarray(lights.axes)
-    helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = np.cross(axes, helper)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(axes, first)
+    first, second = across(np.asarray(lights.axes))
     index = np.arange(count)
     reach = radius_mm * np.sqrt((index + 0.5) / count)
-    across, along = reach * np.cos(index * _GOLDEN_ANGLE), reach * np.sin(index * _GOLDEN_ANGLE)
-    parts: Array = (
-        places[:, None] + across[:, None] * first[:, None] + along[:, None] * second[:, None]
-    )
-    return parts
+    u, v = reach * np.cos(index * _GOLDEN_ANGLE), reach * np.sin(index * _GOLDEN_ANGLE)
+    return np.asarray(places[:, None] + u[:, None] * first[:, None] + v[:, None] * second[:, None])
 
 
 def irradiance(lamps: Array, points_mm: Array, normals: Array, *, near: bool) -> Values:

@@ -90,8 +90,7 @@ class Occluders:
                 _block_by_mesh(self.body, blocked, points_mm, normals, solid, toward, near)
             seen += ~blocked
         light *= seen * np.float32(1 / parts)
-        dark: Mask = 2 * seen < parts
-        return dark
+        return np.asarray(2 * seen < parts, np.bool_)
 
     def _block(self, blocked: Mask, points: Array, solid: Mask, lamps: Array, near: bool) -> None:
         origin, step = (0.0, 0.0), 1.0

@@ -25,8 +25,8 @@ from acquisition import (
     write_mask,
 )
 from simulator._render.cramer_rao import Measurement, cramer_rao_deg
+from simulator._render.render import StoredRendering
 from simulator._render.rendering import Rendering
-from simulator._render.stored import StoredRendering
 from simulator._scene.scene_file import write_scene
 
 _BAND_BYTES = 2**26

@@ -16,7 +16,6 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError
 from rig import short_repr
 from simulator._scene.distortion import distorted, undistorted
-from simulator._scene.optics import Optics
 
 Array = npt.NDArray[np.float64]
 
@@ -24,6 +23,63 @@ _CFA_CHANNEL = {"R": 0, "G": 1, "B": 2}
 # Supported mosaics, by their first 2 x 2 pixels.
 CFAS = ("RGGB", "GRBG", "GBRG", "BGGR")
 _OUTLINE = 256
+# Standard deviation of the Gaussian closest to an Airy pattern, in wavelengths times f-number
+# (Zhang, Zerubia and Olivo-Marin, Gaussian approximations of fluorescence microscope point-spread
+# function models, 2007).
+_AIRY = 0.42
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Aperture and focus of a perspective lens.
+
+    Parameters
+    ----------
+    f_number
+        Focal length over diameter of the aperture.
+    focal_length_mm
+        Focal length; with the camera's matrix, it determines the size of a pixel.
+    focus_mm
+        Distance of the plane of focus from the centre of projection, larger than the focal length;
+        None for the camera's working distance.
+    wavelength_um
+        Wavelength of the light.
+
+    Raises
+    ------
+    DataError
+        If a value is not positive.
+    """
+
+    f_number: float = 8.0
+    focal_length_mm: float = 16.0
+    focus_mm: float | None = None
+    wavelength_um: float = 0.55
+
+    __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        for name in ("f_number", "focal_length_mm", "focus_mm", "wavelength_um"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise DataError(f"lens: {name} is {value}, it must be positive")
+
+    def circle_px(self, depth_mm: Array, focus_mm: float, focal_px: float) -> Array:
+        """Return the diameters of the circles of confusion of points at depths.
+
+        A point at depth s has the diameter ``focal_length / f_number * focal_px |1/s - 1/focus|``:
+        the aperture as seen from the point, on the plane of focus, in pixels of that plane.
+        """
+        aperture_mm = self.focal_length_mm / self.f_number
+        return aperture_mm * focal_px * np.abs(1 / depth_mm - 1 / focus_mm)
+
+    def diffraction_px(self, focal_px: float) -> float:
+        """Return the standard deviation of the Gaussian that replaces the Airy pattern.
+
+        The pattern has ``0.42 wavelength v / D`` for the image distance v and the aperture D;
+        v in pixels is ``focal_px``.
+        """
+        return _AIRY * 1e-3 * self.wavelength_um * focal_px * self.f_number / self.focal_length_mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,8 +256,7 @@ class Lens:
         right, down = points_mm[..., 0] / depth, -points_mm[..., 1] / depth
         if self._brown.any():
             right, down = distorted(right, down, self._brown)
-        pixels: Array = np.stack([fx * right + skew * down + cx, fy * down + cy], axis=-1)
-        return pixels
+        return np.stack([fx * right + skew * down + cx, fy * down + cy], axis=-1)
 
     def vignette(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> Array:
         """Return the share of light that reaches pixels: 1 on the axis, less in the corners."""
@@ -217,8 +272,7 @@ class Lens:
         if self.cfa is None:
             return None
         filters = np.array([_CFA_CHANNEL[letter] for letter in self.cfa], np.int64)
-        colour: npt.NDArray[np.int64] = filters[2 * (y_px % 2) + x_px % 2]
-        return colour
+        return filters[2 * (y_px % 2) + x_px % 2]
 
     def circle_px(self, depth_mm: Array) -> Array:
         """Return the diameters of the circles of confusion of points at depths from the camera.
@@ -244,8 +298,7 @@ class Lens:
         if self.camera is None:
             return np.broadcast_to([0.0, 0.0, 1.0], points_mm.shape)
         toward = np.array([0.0, 0.0, self.camera_z_mm]) - points_mm
-        direction: Array = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
-        return direction
+        return np.asarray(toward / np.linalg.norm(toward, axis=-1, keepdims=True))
 
     def window(self, centre_mm: npt.ArrayLike, radius_mm: float) -> tuple[slice, slice]:
         """Return the rows and columns that contain a ball's outline, with a margin of one pixel.

@@ -272,8 +272,7 @@ class Scene:
     @property
     def irradiance(self) -> Array:
         """``(N,)`` irradiance of each light at the origin, the mean over colours."""
-        intensities: Array = np.asarray(self.lights.intensities).mean(axis=1)
-        return intensities
+        return np.asarray(np.asarray(self.lights.intensities).mean(axis=1))
 
     @property
     def axial_intensity(self) -> Array:
@@ -282,8 +281,7 @@ class Scene:
         axes, mu = np.asarray(self.lights.axes), np.asarray(self.lights.mu)
         squared = (positions**2).sum(axis=1)
         cosine = -(positions * axes).sum(axis=1) / np.sqrt(squared)
-        intensity: Array = self.irradiance * squared / cosine**mu
-        return intensity
+        return np.asarray(self.irradiance * squared / cosine**mu)
 
     @property
     def sphere_table(self) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import MISSING, asdict, fields
 from pathlib import Path
 from typing import Annotated, Any
@@ -31,12 +30,15 @@ from simulator._scene.scene_parts import (
     MATERIALS,
     PATTERNS,
     RELIEFS,
+    build,
+    build_kind,
+    check_range,
+    kind_table,
     lens_table,
     resized,
+    table,
 )
-from simulator._scene.scene_tables import build, build_kind, check_range, kind_table, table
 from simulator._shapes.mesh import MeshBody
-from simulator._shapes.surface import Surface
 
 Table = dict[str, Any]
 
@@ -156,16 +158,13 @@ class SceneFile(BaseModel):
                 build_kind(CLUTTER, item, f"clutter.{index}")
                 for index, item in enumerate(self.clutter)
             ),
-            relief=self._relief(drawn),
+            relief=None
+            if self.relief is None
+            else build_kind(
+                RELIEFS, self.relief, "relief", **drawn, radius_mm=self.board_radius_mm
+            ),
             lamps=build(Lamps, self.lamps, "lamps"),
         )
-
-    def _relief(self, drawn: Mapping[str, int]) -> Surface | None:
-        if self.relief is None:
-            return None
-        size = {"radius_mm": self.board_radius_mm}
-        surface: Surface = build_kind(RELIEFS, self.relief, "relief", **drawn, **size)
-        return surface
 
 
 # Fields that SceneFile and Scene have in common: the numbers at the top of a file.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -15,8 +15,7 @@ from acquisition import DataError
 from rig import in_threads
 from simulator._shapes.carved_kernels import CELLS, leather, scales, textile, wood
 from simulator._shapes.field_trace import FieldBounds
-from simulator._shapes.surface import Surface, drawn
-from simulator._shapes.waves import random_waves
+from simulator._shapes.surface import Surface, drawn, random_waves
 
 Array = npt.NDArray[np.float64]
 
@@ -37,23 +36,31 @@ class _Relief(Surface):
 
     amplitude_mm: float = 1.0
     seed: int = 0
-    # Range of the kernel's heights over many seeds.
+    # Range of the kernel's heights over many seeds, the kernel, and the name of its unit's length.
     _reaches: ClassVar[tuple[float, float]] = (0.0, 1.0)
+    _kernel: ClassVar[Callable[..., None]]
+    _unit: ClassVar[str | None] = None
+    _lengths = ("amplitude_mm",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._positive("amplitude_mm")
         if self.seed < 0:
             raise DataError(f"{type(self).__name__}: seed is {self.seed}, it must not be negative")
+        if self._unit:
+            self._positive(self._unit)
 
     @property
-    @abstractmethod
     def _unit_mm(self) -> float:
-        """Length of the kernel's unit."""
+        return float(getattr(self, self._unit or "radius_mm"))
 
-    @abstractmethod
     def _draw(self, x: Array, y: Array, out: Array) -> None:
         """Write height and gradient at ``(n,)`` positions into ``out`` (3, n)."""
+        in_threads(self._kernel, len(x), x, y, *self._drawing, out)
+
+    @property
+    def _drawing(self) -> tuple[Array, ...]:
+        """What the kernel draws."""
+        return (self._table,)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         unit = self._unit_mm
@@ -74,17 +81,8 @@ class LizardScales(_Relief):
     amplitude_mm: float = 1.6
     scale_mm: float = 12.0
     _reaches = (-0.35, 0.96)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("scale_mm")
-
-    @property
-    def _unit_mm(self) -> float:
-        return self.scale_mm
-
-    def _draw(self, x: Array, y: Array, out: Array) -> None:
-        in_threads(scales, len(x), x, y, self._table, out)
+    _kernel = staticmethod(scales)
+    _unit = "scale_mm"
 
 
 @dataclass(frozen=True)
@@ -93,17 +91,8 @@ class Textile(_Relief):
 
     yarn_mm: float = 6.0
     _reaches = (-0.15, 0.78)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("yarn_mm")
-
-    @property
-    def _unit_mm(self) -> float:
-        return self.yarn_mm
-
-    def _draw(self, x: Array, y: Array, out: Array) -> None:
-        in_threads(textile, len(x), x, y, self._table, out)
+    _kernel = staticmethod(textile)
+    _unit = "yarn_mm"
 
 
 @dataclass(frozen=True)
@@ -113,17 +102,8 @@ class CrackedLeather(_Relief):
     amplitude_mm: float = 1.2
     plate_mm: float = 20.0
     _reaches = (-0.13, 0.88)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("plate_mm")
-
-    @property
-    def _unit_mm(self) -> float:
-        return self.plate_mm
-
-    def _draw(self, x: Array, y: Array, out: Array) -> None:
-        in_threads(leather, len(x), x, y, self._table, out)
+    _kernel = staticmethod(leather)
+    _unit = "plate_mm"
 
 
 @dataclass(frozen=True)
@@ -135,6 +115,7 @@ class WoodCarving(_Relief):
 
     amplitude_mm: float = 2.0
     _reaches = (0.02, 1.0)
+    _kernel = staticmethod(wood)
 
     @property
     def _unit_mm(self) -> float:
@@ -144,8 +125,9 @@ class WoodCarving(_Relief):
     def _waves(self) -> Array:
         return random_waves(70.0, self.seed, count=5)
 
-    def _draw(self, x: Array, y: Array, out: Array) -> None:
-        in_threads(wood, len(x), x, y, _rosette(), self._waves, out)
+    @property
+    def _drawing(self) -> tuple[Array, ...]:
+        return _rosette(), self._waves
 
 
 def _rosette() -> Array:
@@ -206,8 +188,7 @@ class StepGauge(Surface):
     def edges_mm(self) -> Array:
         """``(n - 1,)`` x of the middle of each edge."""
         count = len(self.heights_mm)
-        edges: Array = self.tread_mm * (np.arange(1.0, count) - count / 2)
-        return edges
+        return self.tread_mm * (np.arange(1.0, count) - count / 2)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         z = np.full(np.broadcast(x_mm, y_mm).shape, float(self.heights_mm[0]))

@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from rig import in_threads
 from simulator._shapes.field_trace import FieldBounds
-from simulator._shapes.surface import SphericalCap, Surface, drawn
-from simulator._shapes.waves import random_waves
+from simulator._shapes.surface import SphericalCap, Surface, drawn, random_waves
 
 Array = npt.NDArray[np.float64]
 
@@ -61,10 +60,7 @@ class Coin(Surface):
     relief_mm: float = 0.5
     grain_mm: float = 0.015
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("dome_mm", "relief_mm", "grain_mm")
+    _lengths = ("dome_mm", "relief_mm", "grain_mm")
 
     @cached_property
     def bounds(self) -> FieldBounds:

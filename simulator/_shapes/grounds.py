@@ -15,15 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from rig import in_threads
-from simulator._shapes.patterns import (
-    Albedo,
-    Pattern,
-    blend,
-    check_albedo,
-    check_finite,
-    check_length,
-    turned,
-)
+from simulator._shapes.patterns import Albedo, Pattern, blend, turned
 
 Array = npt.NDArray[np.float64]
 
@@ -53,10 +45,6 @@ class Cork(Pattern):
     grain_mm: float = 3.0
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        check_albedo("Cork", low=self.low, high=self.high)
-        check_length("Cork", grain_mm=self.grain_mm)
-
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         share = _drawn(_cork, x_mm / self.grain_mm, y_mm / self.grain_mm, self.seed)
         return blend(self.low, self.high, share)
@@ -84,11 +72,6 @@ class Wood(Pattern):
     ring_mm: float = 6.0
     angle_deg: float = 0.0
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        check_albedo("Wood", low=self.low, high=self.high)
-        check_length("Wood", ring_mm=self.ring_mm)
-        check_finite("Wood", angle_deg=self.angle_deg)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         x, y = turned(x_mm, y_mm, self.angle_deg)
@@ -119,11 +102,6 @@ class Print(Pattern):
     angle_deg: float = 0.0
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        check_albedo("Print", paper=self.paper, ink=self.ink)
-        check_length("Print", line_mm=self.line_mm)
-        check_finite("Print", angle_deg=self.angle_deg)
-
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         module = self.line_mm / _CELL_ROWS
         x, y = turned(x_mm, y_mm, self.angle_deg)
@@ -152,11 +130,6 @@ class Weave(Pattern):
     yarn_mm: float = 2.0
     angle_deg: float = 0.0
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        check_albedo("Weave", low=self.low, high=self.high)
-        check_length("Weave", yarn_mm=self.yarn_mm)
-        check_finite("Weave", angle_deg=self.angle_deg)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         x, y = turned(x_mm, y_mm, self.angle_deg)

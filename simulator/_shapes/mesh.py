@@ -149,8 +149,7 @@ class MeshBody:
     def face_normals(self) -> Array:
         """``(F, 3)`` unit normals of the faces; corners are counterclockwise."""
         crosses = self._crosses
-        normals: Array = crosses / np.linalg.norm(crosses, axis=1, keepdims=True)
-        return normals
+        return np.asarray(crosses / np.linalg.norm(crosses, axis=1, keepdims=True))
 
     @cached_property
     def vertex_normals(self) -> Array:
@@ -222,8 +221,7 @@ class MeshBody:
     @property
     def _crosses(self) -> Array:
         a, b, c = (self.vertices_mm[self.faces[:, i]] for i in range(3))
-        crosses: Array = np.cross(b - a, c - a)
-        return crosses
+        return np.cross(b - a, c - a)
 
 
 def read_triangles(path: Path | str) -> tuple[Array, Faces]:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
-from simulator._shapes.waves import random_waves
+from simulator._shapes.surface import random_waves
 
 Array = npt.NDArray[np.float64]
 Albedo = float | tuple[float, float, float]
@@ -21,6 +21,8 @@ Albedo = float | tuple[float, float, float]
 # A marker is 6 x 6 modules within a square of 8 x 8, so all edges are on one grid.
 _MODULES_PER_SQUARE, _MODULES_PER_MARKER = 8, 6
 _MARKERS = 250
+# Fields of patterns that are albedos.
+_ALBEDOS = ("albedo", "low", "high", "paper", "ink", "black", "white")
 
 
 class Pattern(ABC):
@@ -30,6 +32,15 @@ class Pattern(ABC):
     """
 
     sharp: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        name, values = type(self).__name__, vars(self)
+        check_albedo(name, **{key: values[key] for key in values if key in _ALBEDOS})
+        lengths = [key for key in values if key.endswith("_mm") and key != "shift_mm"]
+        check_length(name, **{key: values[key] for key in lengths})
+        for key in ("angle_deg", "shift_mm"):
+            if not np.isfinite(values.get(key, 0.0)).all():
+                raise DataError(f"{name}: {key} is {values[key]}, it must be finite")
 
     @abstractmethod
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
@@ -53,9 +64,6 @@ class Even(Pattern):
     """Uniform albedo, grey or ``(r, g, b)``."""
 
     albedo: Albedo = 0.8
-
-    def __post_init__(self) -> None:
-        check_albedo("Even", albedo=self.albedo)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         return blend(self.albedo, self.albedo, np.zeros(np.shape(x_mm)))
@@ -84,11 +92,6 @@ class Checker(Pattern):
     angle_deg: float = 0.0
     shift_mm: tuple[float, float] = (0.0, 0.0)
 
-    def __post_init__(self) -> None:
-        check_albedo("Checker", low=self.low, high=self.high)
-        check_length("Checker", square_mm=self.square_mm)
-        check_finite("Checker", angle_deg=self.angle_deg, shift_mm=self.shift_mm)
-
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         x, y = turned(x_mm - self.shift_mm[0], y_mm - self.shift_mm[1], self.angle_deg)
         odd = (np.floor(x / self.square_mm) + np.floor(y / self.square_mm)) % 2
@@ -113,11 +116,6 @@ class Gradient(Pattern):
     high: Albedo = 0.8
     length_mm: float = 160.0
     angle_deg: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_albedo("Gradient", low=self.low, high=self.high)
-        check_length("Gradient", length_mm=self.length_mm)
-        check_finite("Gradient", angle_deg=self.angle_deg)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         angle = math.radians(self.angle_deg)
@@ -155,8 +153,7 @@ class Paint(Pattern):
         waves = random_waves(self.wavelength_mm, self.seed, count=5)
         swing = sum(np.cos(kx * x_mm + ky * y_mm + phase) for kx, ky, phase in waves)
         # The sum of five waves is rarely near its extremes: tanh expands it to the bounds.
-        albedo: Array = self.low + (self.high - self.low) * (0.5 + 0.5 * np.tanh(0.7 * swing))
-        return albedo
+        return np.asarray(self.low + (self.high - self.low) * (0.5 + 0.5 * np.tanh(0.7 * swing)))
 
 
 @dataclass(frozen=True)
@@ -174,10 +171,6 @@ class ColourWheel(Pattern):
     radius_mm: float = 80.0
     low: float = 0.1
     high: float = 0.8
-
-    def __post_init__(self) -> None:
-        check_albedo("ColourWheel", low=self.low, high=self.high)
-        check_length("ColourWheel", radius_mm=self.radius_mm)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         full = np.minimum(np.hypot(x_mm, y_mm) / self.radius_mm, 1.0)
@@ -214,8 +207,7 @@ class ChArUco(Pattern):
     white: float = 0.85
 
     def __post_init__(self) -> None:
-        check_albedo("ChArUco", black=self.black, white=self.white)
-        check_length("ChArUco", square_mm=self.square_mm)
+        super().__post_init__()
         if min(self.columns, self.rows) < 2 or self.columns * self.rows > 2 * _MARKERS:
             raise DataError(
                 f"ChArUco: {self.columns} x {self.rows} squares; columns and rows must be 2 or "
@@ -227,8 +219,7 @@ class ChArUco(Pattern):
         """``(n, 2)`` inner corners of the squares, row by row from the upper left as in OpenCV."""
         x = (np.arange(1, self.columns) - self.columns / 2) * self.square_mm
         y = (self.rows / 2 - np.arange(1, self.rows)) * self.square_mm
-        corners: Array = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-        return corners
+        return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
         modules = self._modules
@@ -250,8 +241,7 @@ class ChArUco(Pattern):
             cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_250),
         )
         size = (self.columns * _MODULES_PER_SQUARE, self.rows * _MODULES_PER_SQUARE)
-        drawn: npt.NDArray[np.bool_] = np.asarray(board.generateImage(size, marginSize=0)) > 127
-        return drawn
+        return np.asarray(board.generateImage(size, marginSize=0)) > 127
 
 
 def turned(x_mm: Array, y_mm: Array, angle_deg: float) -> tuple[Array, Array]:
@@ -289,22 +279,8 @@ def check_length(pattern: str, **values: float) -> None:
             raise DataError(f"{pattern}: {name} is {value}, it must be a positive length in mm")
 
 
-def check_finite(pattern: str, **values: float | tuple[float, float]) -> None:
-    """Check that angles and positions are finite.
-
-    Raises
-    ------
-    DataError
-        If one is not.
-    """
-    for name, value in values.items():
-        if not np.isfinite(value).all():
-            raise DataError(f"{pattern}: {name} is {value}, it must be finite")
-
-
 def blend(first: Albedo, second: Albedo, share: Array) -> Array:
     """Return ``first`` where the share is 0 and ``second`` where it is 1."""
     a, b = np.broadcast_arrays(np.asarray(first, np.float64), np.asarray(second, np.float64))
     weight = share[..., None] if a.ndim else share
-    blended: Array = a + (b - a) * weight
-    return blended
+    return np.asarray(a + (b - a) * weight)

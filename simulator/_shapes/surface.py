@@ -7,8 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -16,7 +17,6 @@ from acquisition import DataError
 from rig import in_threads
 from simulator._shapes.body import BodyHits, HeightGrid
 from simulator._shapes.field_trace import FieldBounds, meet_field
-from simulator._shapes.waves import add_waves, random_waves
 
 Array = npt.NDArray[np.float64]
 
@@ -47,6 +47,8 @@ class Surface(ABC):
 
     radius_mm: float
     outline: Literal["round", "square"] = field(default="round", kw_only=True)
+    # Further parameters that must be positive.
+    _lengths: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -59,7 +61,7 @@ class Surface(ABC):
             raise DataError(
                 f"{type(self).__name__}: outline is {self.outline!r}, it must be round or square"
             )
-        self._positive("radius_mm")
+        self._positive("radius_mm", *self._lengths)
 
     def _positive(self, *names: str) -> None:
         for name in names:
@@ -233,10 +235,10 @@ class SphericalCap(Surface):
     """
 
     height_mm: float = 10.0
+    _lengths = ("height_mm",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._positive("height_mm")
         if self.height_mm > self.radius_mm:
             raise DataError(
                 f"SphericalCap: height_mm {self.height_mm} must not exceed radius_mm "
@@ -286,10 +288,7 @@ class Ripples(Surface):
 
     amplitude_mm: float = 0.3
     wavelength_mm: float = 8.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("amplitude_mm", "wavelength_mm")
+    _lengths = ("amplitude_mm", "wavelength_mm")
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         k = 2 * math.pi / self.wavelength_mm
@@ -313,10 +312,7 @@ class BandNoise(Surface):
     wavelength_mm: float = 8.0
     height_mm: float = 1.0
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._positive("rms_mm", "wavelength_mm")
+    _lengths = ("rms_mm", "wavelength_mm")
 
     def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         waves = random_waves(self.wavelength_mm, self.seed, _WAVES)
@@ -333,3 +329,31 @@ class BandNoise(Surface):
         most = self.rms_mm * math.sqrt(2 * _WAVES)
         slope = most * 2 * math.pi / self.wavelength_mm
         return FieldBounds(self.height_mm - most, self.height_mm + most, slope)
+
+
+def random_waves(wavelength_mm: float, seed: int, count: int) -> Array:
+    """Return ``(count, 3)`` wave numbers kx, ky (rad/mm) and phases of waves of one wavelength.
+
+    The directions are uniform over the half circle plus a random offset, so that even a few waves
+    look isotropic.
+    """
+    rng = np.random.default_rng(seed)
+    angle = (np.arange(count) + rng.uniform(-0.5, 0.5, count)) * math.pi / count
+    k = 2 * math.pi / wavelength_mm
+    phase = rng.uniform(0, 2 * math.pi, count)
+    return np.stack([k * np.cos(angle), k * np.sin(angle), phase], axis=1)
+
+
+@numba.njit(nogil=True, cache=True)
+def add_waves(
+    first: int, last: int, x: Array, y: Array, waves: Array, gain: float, out: Array
+) -> None:
+    """Add the height and gradient of plane waves to ``out`` (3, n)."""
+    for i in range(first, last):
+        for j in range(len(waves)):
+            kx, ky, phase = waves[j, 0], waves[j, 1], waves[j, 2]
+            angle = kx * x[i] + ky * y[i] + phase
+            slope = -gain * math.sin(angle)
+            out[0, i] += gain * math.cos(angle)
+            out[1, i] += kx * slope
+            out[2, i] += ky * slope

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from calibration._spheres.bright_side import bright_support
 from calibration._spheres.confirmed import in_all_images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
+from calibration._spheres.joint_edge import bright_support
 from calibration._spheres.sphere_image import SphereImage
 
 CENTRE, RADIUS, BORDER = (100.0, 100.0), 60.0, 44.0

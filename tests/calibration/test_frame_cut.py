@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration._spheres.frame_cut import cut_spheres
+from calibration._spheres.search import cut_spheres
 from calibration._spheres.spots import reduce_stack
 
 SIZE = (200, 260)

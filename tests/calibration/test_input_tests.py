@@ -9,8 +9,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from acquisition import DataError
-from calibration._spheres.input_tests import DISTORTION, FOCAL, RATIO, InputTest, doubts
-from calibration._spheres.known_places import factor_of, known_places
+from calibration._spheres.input_tests import (
+    DISTORTION,
+    FOCAL,
+    RATIO,
+    InputTest,
+    doubts,
+    factor_of,
+    known_places,
+)
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 RADII = np.full(4, 20.0)

@@ -16,7 +16,7 @@ from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_edge import joint_outline, part_covariance
 from calibration._spheres.joint_search import joint_near
-from calibration._spheres.seen_together import SeenTogether
+from calibration._spheres.sphere_calibration import SeenTogether
 from calibration._spheres.sphere_image import SphereImage
 
 TRUE = np.array([80.0, 78.0, 50.0])

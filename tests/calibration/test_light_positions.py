@@ -8,13 +8,10 @@ from scipy.optimize import least_squares
 
 from calibration import EstimateError
 from calibration._spheres.cone import fit_cone
-from calibration._spheres.joint_refinement import KnownSpheres, linearise, refine
-from calibration._spheres.light_positions import (
-    _names,
-    locate_lights,
-)
+from calibration._spheres.joint_refinement import KnownSpheres, Observation, linearise, refine
+from calibration._spheres.light_positions import locate_lights, pair_positions
+from calibration._spheres.lost_images import named
 from calibration._spheres.placed import off_the_plane, place
-from calibration._spheres.ray_positions import pair_positions
 
 TWO_R10 = [((-90, 0, 10), 10.0), ((90, 0, 10), 10.0)]
 TWO_R20 = [((-90, 0, 20), 20.0), ((90, 0, 20), 20.0)]
@@ -40,7 +37,7 @@ def observe(bench, spheres, lights, outline_px=0.0, highlight_px=0.0, seed=0):
 def locate(bench, placed, highlights, sigma_px=0.05):
     ids = tuple(f"L{i:02d}" for i in range(len(highlights)))
     sigma_px = np.broadcast_to(sigma_px, highlights.shape[:2])
-    located = locate_lights(bench.camera, placed, highlights, sigma_px, ids)
+    located = locate_lights(Observation(bench.camera, placed, highlights, sigma_px), ids)
     return located.refined.positions_mm, located.refined.centres_mm, located.used
 
 
@@ -157,7 +154,7 @@ def test_rays_that_do_not_meet_are_reported(bench):
     ],
 )
 def test_at_most_four_lights_are_named(count, says):
-    assert _names([f"L{i}" for i in range(count)]) == says
+    assert named([f"L{i}" for i in range(count)], range(count)) == says
 
 
 @pytest.mark.parametrize(
@@ -250,14 +247,15 @@ def test_deviations_of_the_centres_show_errors_of_outlines(
     placed = replace(placed, centres_mm=placed.centres_mm + off)
     sigma_px = np.full(seen.shape[:2], 0.03)
     names = tuple(f"L{k:02}" for k in range(len(dome_mm)))
-    found = refine(bench.camera, placed, dome_mm, seen, sigma_px, names)
-    system = linearise(bench.camera, placed, found.positions_mm, found.centres_mm, seen, sigma_px)
+    given = Observation(bench.camera, placed, seen, sigma_px)
+    found = refine(given, dome_mm, names)
+    system = linearise(given, found.positions_mm, found.centres_mm)
     share = system.outlines_share((found.centres_mm - placed.centres_mm).ravel())
     assert least <= share <= most
     assert found.chi_square > 6 or highlights == 1
     stated = system.covariance(max(found.chi_square, 1.0), max(share, 1.0))
     np.testing.assert_allclose(found.covariance_mm2, stated)
     # Only unsaturated peaks show that outlines are better than stated.
-    peaks = refine(bench.camera, placed, dome_mm, seen, sigma_px, names, peaks=True)
+    peaks = refine(given, dome_mm, names, peaks=True)
     smaller = np.trace(peaks.covariance_mm2 - system.covariance(1.0, 1.0), axis1=1, axis2=2) < 0
     assert smaller.all() == (share < 1 and highlights == 1)

@@ -10,7 +10,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from acquisition import tangent_basis
-from calibration._spheres.direction_errors import direction_covariances
+from calibration._spheres.average_directions import direction_covariances
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.outline_noise import circle_covariance, slow_variance, viewing_cone
 from calibration._spheres.reflection import orthographic_directions

@@ -9,8 +9,7 @@ import pytest
 
 from calibration import calibrate_spheres
 from calibration._spheres.ellipse import fit_ellipse
-from calibration._spheres.marked import masked_spheres
-from calibration._spheres.masked import painted_covariance
+from calibration._spheres.marked import masked_spheres, painted_covariance
 from calibration._spheres.outline import mask_outlines
 from calibration._spheres.outline_noise import outline_covariance
 from simulator import render, scene_named

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from calibration._spheres.limb_fit import LimbFit
-from calibration._spheres.mirror_fit import FittedBall
 from calibration._spheres.mirror_outline import _combined
 from calibration._spheres.surroundings import Balls
 
@@ -15,8 +14,8 @@ def mean_of(off):
     """Return the error and the covariance of the mean if the edge is off by ``off (3,)``."""
     ball = Balls(CENTRE[None], np.array([SIZE]))
     edge = Balls((CENTRE + off[:2])[None], np.array([SIZE + off[2]]))
-    mirror = FittedBall(ball, np.eye(3) * MIRROR_PX**2)
-    mean, covariance = _combined(mirror, LimbFit(edge, np.eye(3) * EDGE_PX**2, 0.9))
+    limb = LimbFit(edge, np.eye(3) * EDGE_PX**2, 0.9)
+    mean, covariance = _combined(ball, np.eye(3) * MIRROR_PX**2, limb)
     return np.append(mean.axes_px[0] - CENTRE, mean.radii_px - SIZE), covariance
 
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration._spheres.mirror_fit import _MirrorFit
+from calibration._spheres.mirror_outline import _MirrorFit
 from calibration._spheres.mirrors import accepted
 from calibration._spheres.spots import reduce_stack
 from calibration._spheres.surroundings import Balls, Likeness, MirroredPlane

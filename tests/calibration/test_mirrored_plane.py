@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from calibration._spheres.edge_search import is_painted
 from calibration._spheres.ellipse import fit_ellipse
-from calibration._spheres.find import find_spheres
 from calibration._spheres.highlights import find_highlights
-from calibration._spheres.painted import is_painted
+from calibration._spheres.search import find_spheres
 from simulator import Ball, Checker, ChromeSphere, render, scene_named
 
 

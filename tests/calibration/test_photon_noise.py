@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from calibration._spheres.cone import fit_cone
+from calibration._spheres.joint_refinement import Observation
 from calibration._spheres.light_positions import locate_lights
 from calibration._spheres.placed import place
 
@@ -39,7 +40,8 @@ def located(bench, placed, seen, photon_px2):
     ids = tuple(f"L{k:02}" for k in range(len(seen)))
     stated = np.full(seen.shape[:2], STATED_PX)
     photons = None if photon_px2 is None else np.broadcast_to(photon_px2, stated.shape)
-    return locate_lights(bench.camera, placed, seen, stated, ids, peaks=True, photon_px2=photons)
+    given = Observation(bench.camera, placed, seen, stated)
+    return locate_lights(given, ids, peaks=True, photon_px2=photons)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from calibration import EstimateError, Stack, calibrate_spheres
 from calibration._spheres import positioned_lights, recording
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
-from calibration._spheres.seen_together import rms_deg
+from calibration._spheres.sphere_calibration import rms_deg
 from calibration._spheres.sphere_image import SphereImage
 from rig import Notice
 from tests.calibration.conftest import Bench, dome

@@ -9,10 +9,10 @@ from acquisition import DataError
 from calibration import EstimateError, Stack, calibrate_spheres
 from calibration._spheres.cone import fit_cone
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.find import find_spheres
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.marked import circled_spheres, masked_spheres
 from calibration._spheres.placed import one_radius_each, place
+from calibration._spheres.search import find_spheres
 from calibration._spheres.sphere_calibration import placed_spheres, seen_spheres
 from calibration._spheres.sphere_image import (
     SphereImage,

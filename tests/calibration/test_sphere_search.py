@@ -7,8 +7,12 @@ import pytest
 from calibration import EstimateError
 from calibration._spheres import edge_search, search
 from calibration._spheres.edge_search import (
+    _centres,
+    _edges,
     _has_highlights,
+    _radii,
     _refined,
+    circular_edges,
     expected,
     mirroring,
     overlap,
@@ -17,7 +21,6 @@ from calibration._spheres.edge_search import (
 )
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
-from calibration._spheres.round_edges import _centres, _edges, _radii, circular_edges
 from calibration._spheres.spots import reduce_stack, spot_clusters
 from tests.calibration.test_sphere_parts import SMALL, image_of
 

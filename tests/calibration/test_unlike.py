@@ -8,14 +8,14 @@ import pytest
 
 from calibration import EstimateError
 from calibration._spheres.average_directions import orthographic_lights
+from calibration._spheres.blobs import usual_size
 from calibration._spheres.confirmed import confirmed
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.joint_search import JointNear, best_of, edges_support
-from calibration._spheres.seen_together import SeenTogether
+from calibration._spheres.lost_images import left_out
+from calibration._spheres.sphere_calibration import SeenTogether
 from calibration._spheres.sphere_image import SphereImage
-from calibration._spheres.undetermined import left_out
-from calibration._spheres.unlike import usual_size
 from tests.calibration.test_sphere_parts import image_of
 
 LIGHTS = 7

@@ -10,7 +10,7 @@ from acquisition import NoiseModel
 from rig import Board, CameraFrame, Rig, RigConfig
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.sensor import ImageFormation
 from simulator._camera.virtual_camera import VirtualCamera
 
 SIZE = (4, 6)

@@ -44,7 +44,7 @@ import numpy as np
 from acquisition import NoiseModel
 from rig import Rig, RigConfig
 from simulator._bench_state import BenchState
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.sensor import ImageFormation
 from simulator._camera.virtual_camera import VirtualCamera
 
 camera = VirtualCamera(

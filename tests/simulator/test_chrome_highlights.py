@@ -20,8 +20,7 @@ from simulator import (
     render,
     scene_named,
 )
-from simulator._render.chrome import draw_mirrored_lights, splat
-from simulator._render.mirror import mirror_points
+from simulator._render.chrome import draw_mirrored_lights, mirror_points, splat
 from simulator._render.shadow import Occluders
 from simulator._scene.lens import Lens
 from tests.quick_sample import quick

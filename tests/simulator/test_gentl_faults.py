@@ -8,9 +8,8 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.gentl_control import FAULTS
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.gentl_camera import FAULTS, GentlCamera, GentlDevice
+from simulator._camera.sensor import ImageFormation
 from tests.simulator import gentl_client as gentl
 from tests.simulator.camera_options import grouped
 

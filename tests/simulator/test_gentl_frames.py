@@ -9,7 +9,7 @@ from acquisition import NoiseModel
 from rig import CameraError
 from simulator._bench_state import BenchState
 from simulator._camera.gentl_camera import GentlCamera
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.sensor import ImageFormation
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._scene.lamps import Lamps
 from tests.simulator import gentl_client as gentl

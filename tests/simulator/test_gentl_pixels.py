@@ -10,7 +10,7 @@ from harvesters.util.pfnc import symbolics
 
 from acquisition import NoiseModel
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.sensor import ImageFormation
 from tests.simulator import gentl_client as gentl
 
 SIZE = (12, 20)

@@ -10,9 +10,8 @@ import harvesters.test
 import pytest
 
 from acquisition import NoiseModel
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.gentl_control import SIZE
-from simulator._camera.image_formation import ImageFormation
+from simulator._camera.gentl_camera import SIZE, GentlCamera, GentlDevice
+from simulator._camera.sensor import ImageFormation
 from simulator.gentl import build
 from tests.simulator import gentl_client as gentl
 

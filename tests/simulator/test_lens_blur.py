@@ -25,7 +25,7 @@ from simulator import (
     scene_named,
 )
 from simulator._render.blur import blur
-from simulator._render.mirror import image_depth_mm
+from simulator._render.chrome import image_depth_mm
 from simulator._render.shade import Shader
 from simulator._render.trace import see
 

@@ -10,8 +10,7 @@ from acquisition import NoiseModel
 from rig import CameraError
 from simulator._bench_state import BenchState, BenchWriter
 from simulator._camera import virtual_sensor
-from simulator._camera.image_formation import ImageFormation
-from simulator._camera.sensor import fixed_pattern
+from simulator._camera.sensor import ImageFormation, fixed_pattern
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._scene.lamps import Lamps
 from tests.simulator.camera_options import grouped

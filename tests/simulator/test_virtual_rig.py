@@ -32,8 +32,7 @@ from simulator import (
     scene_named,
 )
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.image_formation import ImageFormation
-from simulator._camera.sensor import fixed_pattern
+from simulator._camera.sensor import ImageFormation, fixed_pattern
 from simulator._scene.scene_file import read_scene
 from simulator._simulated_rig import simulated_rig
 from tests.quick_sample import quick
