@@ -13,10 +13,10 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
+from sgp._metrics import RtiMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import image_panel, map_panel
-from sgp._relight_metrics import RtiMetrics
 from sgp._relight_options import RelightOptions
 from sgp._result import Result
 from sgp._result_source import NormalsResult, open_source_of

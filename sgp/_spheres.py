@@ -13,8 +13,8 @@ import numpy.typing as npt
 import acquisition
 import calibration
 import rig
-from sgp._calibration_metrics import SpheresMetrics
 from sgp._console import Stages
+from sgp._metrics import SpheresMetrics
 from sgp._output import provenance
 from sgp._result import Result, plain
 from sgp._threads import opencv_threads

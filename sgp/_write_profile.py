@@ -9,7 +9,7 @@ import numpy as np
 
 import acquisition
 import processing
-from sgp._detail_metrics import HeightProfileMetrics
+from sgp._metrics import HeightProfileMetrics
 from sgp._overview import write_overview
 from sgp._panels.profile import profile_panels
 from sgp._result import Result

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 import acquisition
 import processing
-from sgp._detail_metrics import SuperresMetrics
+from sgp._metrics import SuperresMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_vectors_panel, map_panel

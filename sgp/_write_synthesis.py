@@ -12,7 +12,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 from sgp._console import Stages, shown
-from sgp._detail_metrics import SynthesisMetrics
+from sgp._metrics import SynthesisMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_panel, lit_vectors_panel

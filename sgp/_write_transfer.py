@@ -11,7 +11,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
-from sgp._detail_metrics import TransferMetrics
+from sgp._metrics import TransferMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import map_panel, vectors_panel

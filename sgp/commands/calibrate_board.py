@@ -8,8 +8,8 @@ from typing import Literal
 import calibration
 from sgp._board_options import squares_of
 from sgp._board_print import write_board_page
-from sgp._calibration_metrics import BoardMetrics
 from sgp._exit import UsageError
+from sgp._metrics import BoardMetrics
 from sgp._options import Positive
 from sgp._output import check_file
 from sgp._result import Result

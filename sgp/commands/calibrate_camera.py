@@ -12,9 +12,9 @@ import calibration
 import rig
 from sgp._board_options import board_of
 from sgp._board_views import FoundViews, find_views, mean_image
-from sgp._calibration_metrics import CameraMetrics
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._metrics import CameraMetrics
 from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, Real
 from sgp._output import claim_folder, provenance, writes_folder
 from sgp._result import Result, plain

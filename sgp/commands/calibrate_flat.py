@@ -7,8 +7,8 @@ from pathlib import Path
 import acquisition
 import calibration
 import rig
-from sgp._calibration_metrics import FlatMetrics
 from sgp._console import Stages
+from sgp._metrics import FlatMetrics
 from sgp._options import Gamma, Inputs, LightsInput, OptionalInput, Pixels, Real
 from sgp._output import check_output, claim_folder, provenance
 from sgp._result import Result, plain

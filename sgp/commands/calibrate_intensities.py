@@ -13,9 +13,9 @@ import numpy.typing as npt
 import acquisition
 import calibration
 import rig
-from sgp._calibration_metrics import IntensitiesMetrics
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._metrics import IntensitiesMetrics
 from sgp._options import (
     Gamma,
     Inputs,

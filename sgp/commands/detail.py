@@ -7,9 +7,9 @@ from typing import Literal
 
 import processing
 import rig
-from sgp._detail_metrics import CombineMetrics
 from sgp._map_doubts import read_map
 from sgp._memory_limit import Limit
+from sgp._metrics import CombineMetrics
 from sgp._options import Input, Memory, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result

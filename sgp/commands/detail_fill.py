@@ -11,8 +11,8 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages
-from sgp._detail_metrics import FillMetrics
 from sgp._map_doubts import read_map
+from sgp._metrics import FillMetrics
 from sgp._options import Count, Input, Pixels, Seed
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import write_overview

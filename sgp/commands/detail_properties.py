@@ -10,8 +10,8 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._detail_metrics import ChainStepMetrics, LikenessMetrics, PropertiesMetrics
 from sgp._map_doubts import read_map
+from sgp._metrics import ChainStepMetrics, LikenessMetrics, PropertiesMetrics
 from sgp._options import Input, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, write_overview

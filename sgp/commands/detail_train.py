@@ -8,8 +8,8 @@ from pathlib import Path
 
 import simulator
 from sgp._console import Stages
-from sgp._detail_metrics import TrainMetrics
 from sgp._exit import UsageError
+from sgp._metrics import TrainMetrics
 from sgp._options import TrainingSeed, TrainingSteps
 from sgp._output import check_file
 from sgp._result import Result
