@@ -17,9 +17,9 @@ from sgp._metrics import RtiMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import image_panel, map_panel
-from sgp._relight_options import RelightOptions
 from sgp._result import Result
 from sgp._result_source import NormalsResult, open_source_of
+from sgp._stage_options import RelightOptions
 
 Mask = npt.NDArray[np.bool_]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import rig
-from sgp._printable import printable_json
+from sgp._terminal import printable_json
 
 
 @dataclass

@@ -12,11 +12,10 @@ import acquisition
 import processing
 from sgp._console import Stages, shown
 from sgp._output import provenance
-from sgp._quality import add_quality, quality_lines
+from sgp._quality import add_quality, add_uncertainty, quality_lines, sigma_lines
 from sgp._result import Result
 from sgp._stage_metrics import NormalsMetrics, SeparationMetrics
 from sgp._stage_options import MapOptions
-from sgp._uncertainty import add_uncertainty, sigma_lines
 
 _WRITERS = 2  # files that are encoded at the same time
 _FLOATS = ("albedo", "residual", "specular", "normal_sigma_deg")

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from sgp._batch.task import Outcome, Task
 from sgp._console import note, terminal
-from sgp._printable import printable
-from sgp._stderr import STDERR
+from sgp._terminal import STDERR, printable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

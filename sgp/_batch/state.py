@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,8 @@ import acquisition
 import rig
 from sgp._batch.files import Stamp, difference, stamps
 from sgp._batch.task import Outcome, Task
+from sgp._exit import UsageError
+from sgp._output import check_folder
 from sgp._result import dumps
 
 FORMAT, VERSION = "sgp-batch-state", 1
@@ -189,3 +192,46 @@ def reason_to_run(task: Task, states: Mapping[str, State]) -> str | None:
         if now != size:
             return f"{Path(name).name} has {now} bytes instead of {size}"
     return difference(state.files, stamps(state.roots))
+
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+
+@contextmanager
+def batch_folder(out: Path) -> Iterator[States]:
+    """Create the folder of a batch or continue one; others are refused as long as this is open.
+
+    Raises
+    ------
+    UsageError
+        If the folder contains something else, or another batch is writing into it.
+    StorageError
+        If it cannot be created.
+    """
+    states = States(out / "state")
+    if not states.folder.is_dir():
+        check_folder(out)
+    acquisition.make_folder(states.folder)
+    place = os.open(states.folder, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        if fcntl is not None:
+            _lock(place, out)
+        for folder in (out, states.folder):
+            acquisition.remove_part_files(folder)
+        yield states
+    finally:
+        os.close(place)
+
+
+def _lock(place: int, out: Path) -> None:
+    try:
+        fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UsageError(
+            f"another batch is writing into {out}: wait until it has ended, or choose another --out"
+        ) from None
+    except OSError:
+        pass  # some file systems do not support locks

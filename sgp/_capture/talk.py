@@ -15,7 +15,7 @@ import rig as rigs
 from sgp._capture.resume_command import ResumeCommand
 from sgp._console import Stages, note
 from sgp._exit import UsageError
-from sgp._stderr import STDERR
+from sgp._terminal import STDERR
 
 if sys.platform != "win32":
     import termios

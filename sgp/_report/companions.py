@@ -13,8 +13,7 @@ import acquisition
 import processing
 import rig
 from sgp._record import ResultRecord
-from sgp._report.folder import ResultFolder, read_folder
-from sgp._report.inputs import Inputs, changed_notice
+from sgp._report.folder import Inputs, ResultFolder, changed_notice, read_folder
 from sgp._report.large_maps import Values, large_normals
 
 Green = Literal["up", "down"]

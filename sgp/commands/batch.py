@@ -14,15 +14,13 @@ from cyclopts.validators import Number
 import acquisition
 import rig as rigs
 from sgp._batch.cluster import check_scheduler, cluster
-from sgp._batch.folder import batch_folder
 from sgp._batch.local import LocalWorkers
-from sgp._batch.names import names_of
 from sgp._batch.perform import bound_arguments
 from sgp._batch.progress import BatchProgress
 from sgp._batch.recipe import Recipe, is_placed, option_words, placed, places_of, read_recipe
-from sgp._batch.state import State, States, reason_to_run, state_of
+from sgp._batch.state import State, States, batch_folder, reason_to_run, state_of
 from sgp._batch.tables import csv_table, html_table, other_results
-from sgp._batch.task import Outcome, Stage, Task, Workers
+from sgp._batch.task import Outcome, Stage, Task, Workers, names_of
 from sgp._console import note
 from sgp._exit import ClusterError, UsageError, exit_code
 from sgp._hashes import input_hashes

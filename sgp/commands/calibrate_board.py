@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 import calibration
-from sgp._board_options import squares_of
-from sgp._board_print import write_board_page
+from sgp._board import squares_of, write_board_page
 from sgp._exit import UsageError
 from sgp._metrics import BoardMetrics
 from sgp._options import Positive

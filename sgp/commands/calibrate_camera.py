@@ -10,7 +10,7 @@ from typing import Any
 import acquisition
 import calibration
 import rig
-from sgp._board_options import board_of
+from sgp._board import board_of
 from sgp._board_views import FoundViews, find_views, mean_image
 from sgp._console import Stages
 from sgp._exit import UsageError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,7 +17,7 @@ from sgp._exit import UsageError
 from sgp._memory_limit import Limit
 from sgp._options import Input, Memory, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
-from sgp._point_samples import points_notices
+from sgp._record import records_of
 from sgp._result import Result
 from sgp._stage_maps import MapInput, stage_maps
 from sgp._stage_options import MapOptions
@@ -154,3 +155,29 @@ def superres(
 def network_files(network: processing.SuperResolutionModel | None) -> list[Path]:
     """Return a network and its description."""
     return [] if network is None else [network.path, network.path.with_suffix(".json")]
+
+
+_PROJECT = "sgp project"
+
+
+def points_notices(files: Sequence[Path]) -> list[rig.Notice]:
+    """Name a map that has the normals at the centres of pixels, by the record next to it.
+
+    The normals alone do not show it: means over pixels look like points of a smoother surface. A
+    map without a record is named, too.
+    """
+    commands = {record.command for file in files for _, record in records_of(file)}
+    where = str(files[0])
+    if _PROJECT in commands:
+        text = (
+            f"{_PROJECT} draws the normals at the centres of the pixels: they are averaged over "
+            "the pixels first"
+        )
+        return [rig.Notice("superres-points", text, where, "info")]
+    if not commands:
+        text = (
+            "no record says what the normals are: they count as means over pixels, as a camera "
+            "records them; for a rendering or a projection, give --sampling points"
+        )
+        return [rig.Notice("superres-means-assumed", text, where, "info")]
+    return []

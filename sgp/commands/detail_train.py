@@ -59,7 +59,7 @@ def train(
         Overwrite existing files.
     """
     from sgp._superres.files import claim_work, network_model, remove_work, write_network
-    from sgp._superres.pair_files import make_pairs
+    from sgp._superres.pairs import make_pairs
 
     check_file(out, ".onnx", force=force)
     check_file(out.with_suffix(".json"), ".json", force=force)
