@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +12,7 @@ import acquisition
 import processing
 import rig
 from sgp._hashes import input_hashes
-
-Green = Literal["up", "down"]
+from sgp._options import Green
 
 
 def read_map(

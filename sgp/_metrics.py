@@ -8,7 +8,7 @@ be NaN, and is null in files.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, Literal, NotRequired
+from typing import Final, Literal, NotRequired, TypeVar, cast
 
 # Before Python 3.12, pydantic cannot check a `typing.TypedDict`.
 from typing_extensions import TypedDict
@@ -24,6 +24,20 @@ from sgp._stage_metrics import (
 # Of the record that a command leaves in its output folder: docs/result-format.md.
 RECORD_FORMAT: Final = "sgp-result"
 RECORD_VERSION: Final = 1
+
+Figures = TypeVar("Figures")
+
+
+def figures_of(kind: type[Figures], *values: object, **stated: object) -> Figures:
+    """Return the figures of a type that are stated, or that values have under the same names.
+
+    Of several values that have a figure, the first one counts.
+    """
+    names, found = [*kind.__annotations__], dict[str, object]()
+    for value in reversed(values):
+        found |= {name: getattr(value, name) for name in names if hasattr(value, name)}
+    found |= stated
+    return cast("Figures", {name: found[name] for name in names if name in found})
 
 
 class SphereMetrics(TypedDict):

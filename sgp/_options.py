@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
-from typing import Annotated, get_type_hints
+from typing import Annotated, Literal, get_type_hints
 
 from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
@@ -114,6 +114,8 @@ def _rig(kind: object, tokens: Sequence[Token]) -> Path:
 # What an option for lights gives for those of the rig file.
 RIG_LIGHTS = Path("rig")
 RigOption = Annotated[Path | None, Parameter(converter=_rig)]
+# Direction of the green channel of a normal map.
+Green = Literal["up", "down"]
 _INPUT = object()
 # Files or folders that must exist when the command starts.
 Input = Annotated[Path, _INPUT]

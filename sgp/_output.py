@@ -279,6 +279,22 @@ def write_record(
     acquisition.write_durably(path, f"{dumps(record)}\n".encode())
 
 
+def stated(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what provenance states of a command's arguments, which are its first `locals`."""
+    unstated = ("out", "max_pixels", "force")
+    found = {name: value for name, value in arguments.items() if name not in unstated}
+    source = found.get("source")
+    return found | ({"source": source[0]} if source and len(source) == 1 else {})
+
+
+def complete_provenance(
+    command: str, parameters: Mapping[str, Any], result: Result
+) -> dict[str, Any]:
+    """Return the provenance of a file that is passed on without its record, with its figures."""
+    noticed = {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
+    return provenance(command, parameters, result.inputs) | noticed
+
+
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:
     """Return the provenance of a result: command, version, parameters, input hashes.
 

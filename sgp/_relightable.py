@@ -13,7 +13,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
-from sgp._metrics import RtiMetrics
+from sgp._metrics import RtiMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import image_panel, map_panel
@@ -143,17 +143,17 @@ def write_relightable(
     result.outputs |= {path.stem: path for path in files}
     planes = _difference(image, stored, made.lights)
     inside = mask & np.isfinite(residual)
-    metrics: RtiMetrics = {
-        "fitted_to": made.fitted_to,
-        "directions": made.directions,
-        "lights": len(made.lights),
-        "coefficients": image.coefficients.shape[2],
-        "pixels": int(np.count_nonzero(mask)),
-        "pixels_without_samples": made.fit.without_samples,
-        "white": made.fit.white,
-        "fit_rms": float(np.median(residual[inside])) if inside.any() else float("nan"),
-        "planes_rms": planes[0],
-    }
+    metrics = figures_of(
+        RtiMetrics,
+        made,
+        lights=len(made.lights),
+        coefficients=image.coefficients.shape[2],
+        pixels=int(np.count_nonzero(mask)),
+        pixels_without_samples=made.fit.without_samples,
+        white=made.fit.white,
+        fit_rms=float(np.median(residual[inside])) if inside.any() else float("nan"),
+        planes_rms=planes[0],
+    )
     height, width = image.size
     kind = "images" if made.fitted_to == "images" else "shading of normals"
     result.summary = [

@@ -15,8 +15,8 @@ import calibration
 import rig
 from sgp._console import Stages
 from sgp._metrics import SpheresMetrics
-from sgp._output import provenance
-from sgp._result import Result, plain
+from sgp._output import complete_provenance
+from sgp._result import Result
 from sgp._threads import opencv_threads
 
 
@@ -131,8 +131,7 @@ def write_calibration(
     out: Path, lights: acquisition.Lights, command: str, parameters: dict[str, Any], result: Result
 ) -> None:
     """Write lights.json including its record, because the file is passed on without its folder."""
-    made_by = provenance(command, parameters, result.inputs)
-    made_by |= {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
+    made_by = complete_provenance(command, parameters, result)
     acquisition.write_lights(out, lights, provenance=made_by)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import acquisition
 import processing
@@ -14,8 +14,8 @@ import rig
 from sgp._console import Stages
 from sgp._map_doubts import read_map, with_doubts
 from sgp._memory_limit import Limit, identity, other_maps_refused
+from sgp._options import Green
 
-Green = Literal["up", "down"]
 Computed = acquisition.MemoryMaps | acquisition.BandStore
 
 

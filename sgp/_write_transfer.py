@@ -11,7 +11,7 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
-from sgp._metrics import TransferMetrics
+from sgp._metrics import TransferMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import map_panel, vectors_panel
@@ -122,17 +122,7 @@ def write_transfer(out: Path, title: str, done: Transferred, result: Result) -> 
         panels.append(map_panel(error, values, "deg", crop, error=True))
     result.outputs["errors_picture"] = out / "errors.png"
     write_overview(result.outputs["errors_picture"], title, panels, columns=3)
-    metrics: TransferMetrics = {
-        "shape_mae_deg": figures.shape_mae_deg,
-        "detail_mae_deg": figures.detail_mae_deg,
-        "shape_mae_deg_paper": figures.shape_mae_deg_paper,
-        "detail_mae_deg_paper": figures.detail_mae_deg_paper,
-        "shape_ssim": figures.shape_ssim,
-        "shape_ssim_paper": figures.shape_ssim_paper,
-        "detail_ssim": figures.detail_ssim,
-        "detail_ssim_paper": figures.detail_ssim_paper,
-        "pixels": figures.pixels,
-    }
+    metrics = figures_of(TransferMetrics, figures)
     result.summary = [
         _where(done),
         f"shape error   {figures.shape_mae_deg:.2f} deg (paper's filter "

@@ -139,17 +139,7 @@ def state_of(task: Task, outcome: Outcome) -> State:
         source=str(task.source),
         lines=task.lines(),
         software=acquisition.software_version(),
-        error=outcome.error,
-        exit_code=outcome.exit_code,
-        attempts=outcome.attempts,
-        seconds=outcome.seconds,
-        cpu_seconds=outcome.cpu_seconds,
-        roots=list(outcome.roots),
-        files=dict(outcome.files),
-        outputs=list(outcome.outputs),
-        sizes=dict(outcome.sizes),
-        notices=dict(outcome.notices),
-        figures=dict(outcome.figures),
+        **vars(outcome),
     )
 
 

@@ -16,8 +16,8 @@ from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._metrics import CameraMetrics
 from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, Real
-from sgp._output import claim_folder, provenance, writes_folder
-from sgp._result import Result, plain
+from sgp._output import claim_folder, complete_provenance, writes_folder
+from sgp._result import Result
 from sgp._stages import open_source
 
 _RECORD = "calibration.json"
@@ -245,8 +245,7 @@ def _write(
         "picture": "camera.png",
     }
     result.outputs = {key: out / name for key, name in names.items()}
-    made_by = provenance("sgp calibrate camera", parameters, result.inputs)
-    made_by |= {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
+    made_by = complete_provenance("sgp calibrate camera", parameters, result)
     acquisition.write_camera(result.outputs["camera"], model, provenance=made_by)
     acquisition.write_camera(result.outputs["opencv"], model)
     acquisition.write_camera(result.outputs["colmap"], model)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -11,8 +10,8 @@ import acquisition
 import processing
 import rig
 from sgp._map_doubts import read_map
-from sgp._metrics import CompareMetrics
-from sgp._options import Input, OptionalInput, Pixels
+from sgp._metrics import CompareMetrics, figures_of
+from sgp._options import Green, Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 
@@ -23,7 +22,7 @@ def compare(
     b: Input,
     *,
     mask: OptionalInput = None,
-    green: Literal["up", "down"] = "up",
+    green: Green = "up",
     out: Path | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -66,13 +65,12 @@ def compare(
         )
     maps = first.normal_map, second.normal_map
     where = second.normal_map.mask if counted is None else counted
-    metrics: CompareMetrics = {
-        "mae_deg": error.mae_deg,
-        "median_deg": error.median_deg,
-        "coverage": error.coverage,
-        "ssim": processing.ssim(*maps, where),
-        "ssim_paper": processing.ssim(*maps, where, protocol="paper"),
-    }
+    metrics = figures_of(
+        CompareMetrics,
+        error,
+        ssim=processing.ssim(*maps, where),
+        ssim_paper=processing.ssim(*maps, where, protocol="paper"),
+    )
     result = Result(
         metrics=metrics,
         warnings=[*first.warnings, *second.warnings],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -11,7 +10,7 @@ import acquisition
 import processing
 import rig
 from sgp._map_doubts import read_map
-from sgp._options import FitScale, Input, OptionalInput, Pixels, Positive
+from sgp._options import FitScale, Green, Input, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stage_metrics import CurvatureMetrics
@@ -27,7 +26,7 @@ def curvature(
     depth: OptionalInput = None,
     pixel_mm: Positive | None = None,
     scale: FitScale = 2.0,
-    green: Literal["up", "down"] = "up",
+    green: Green = "up",
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import processing
 import rig
 from sgp._map_doubts import read_map
 from sgp._memory_limit import Limit
 from sgp._metrics import CombineMetrics
-from sgp._options import Input, Memory, Pixels
+from sgp._options import Green, Input, Memory, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_options import MapOptions, SeparationOptions
+from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
 from sgp._write import write_separation
-
-Green = Literal["up", "down"]
-_SEPARATION, _MAPS = SeparationOptions(), MapOptions()
 
 
 @writes_folder("detail.json")
@@ -26,9 +22,9 @@ def separate(
     normals: Input,
     *,
     out: Path,
-    options: SeparationOptions = _SEPARATION,
+    options: SeparationOptions = SEPARATION,
     green: Green = "up",
-    maps: MapOptions = _MAPS,
+    maps: MapOptions = MAPS,
     memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -78,7 +74,7 @@ def combine(
     detail: Input,
     *,
     out: Path,
-    maps: MapOptions = _MAPS,
+    maps: MapOptions = MAPS,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -117,9 +113,7 @@ def combine(
         text = f"{rig.pluralize(lost, *words)} masked out"
         warnings.append(rig.Notice("shape-without-detail", text, str(detail)))
     return Result(
-        outputs=processing.write_normals(
-            claim_folder(out, "normals.json"), combined, green=maps.green_out
-        ),
+        outputs=maps.write_map(claim_folder(out, "normals.json"), combined),
         metrics=metrics,
         warnings=warnings,
         summary=[f"{rig.pluralize(count, 'normal')} in {out}"],

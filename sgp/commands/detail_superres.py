@@ -12,18 +12,15 @@ import acquisition
 import processing
 import rig
 from sgp._camera_doubts import camera_notices
-from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._memory_limit import Limit
-from sgp._options import Input, Memory, OptionalInput, Pixels, Positive
+from sgp._options import Green, Input, Memory, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._record import records_of
 from sgp._result import Result
 from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_options import MapOptions
+from sgp._stage_options import MAPS, MapOptions
 from sgp._write_superres import measure_superres, write_superres_maps, write_superres_picture
-
-_MAPS = MapOptions()
 
 
 @writes_folder("superres.json")
@@ -38,8 +35,8 @@ def superres(
     sampling: processing.PixelSampling | None = None,
     pixel_mm: Positive | None = None,
     camera: OptionalInput = None,
-    green: Literal["up", "down"] = "up",
-    maps: MapOptions = _MAPS,
+    green: Green = "up",
+    maps: MapOptions = MAPS,
     memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -121,10 +118,7 @@ def superres(
         made = processing.SuperResolution(found_maps.maps, stage)
         claim_folder(out, "superres.json")
         result = Result(warnings=[*found_maps.warnings, *doubts], inputs=[*found_maps.files])
-        with Stages() as progress:
-            result.outputs = processing.write_normal_rows(
-                out, made.maps["normals"], made.mask, green=maps.green_out, on_progress=progress
-            )
+        result.outputs = maps.write(out, made.maps["normals"], made.mask)
         result.outputs |= write_superres_maps(out, made)
         measure_superres(made, result)
         result.outputs["picture"] = out / "superres.png"

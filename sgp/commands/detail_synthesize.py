@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal, TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -17,11 +17,21 @@ from sgp._exit import UsageError
 from sgp._guidance import GuidanceOptions
 from sgp._map_doubts import read_map
 from sgp._memory_limit import Limit, identity
-from sgp._options import Count, Input, Memory, OptionalInput, Pixels, Region, Seed, image_size
+from sgp._options import (
+    Count,
+    Green,
+    Input,
+    Memory,
+    OptionalInput,
+    Pixels,
+    Region,
+    Seed,
+    image_size,
+)
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stage_maps import maps_in_files, options_of
-from sgp._stage_options import MapOptions, SeparationOptions
+from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
 from sgp._write_synthesis import (
     Synthesised,
     measure_texture,
@@ -30,7 +40,7 @@ from sgp._write_synthesis import (
     write_target_picture,
 )
 
-_SEPARATION, _MAPS, _GUIDANCE = SeparationOptions(), MapOptions(), GuidanceOptions()
+_GUIDANCE = GuidanceOptions()
 # A detail whose shape component is tilted by more than this share of the detail itself has shape.
 _MOST_SHAPE = 0.5
 
@@ -54,10 +64,10 @@ def synthesize(
     image_space: bool = False,
     keep_target_detail: bool = False,
     guidance: GuidanceOptions = _GUIDANCE,
-    options: SeparationOptions = _SEPARATION,
-    green: Literal["up", "down"] = "up",
-    target_green: Literal["up", "down"] = "up",
-    maps: MapOptions = _MAPS,
+    options: SeparationOptions = SEPARATION,
+    green: Green = "up",
+    target_green: Green = "up",
+    maps: MapOptions = MAPS,
     memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -211,10 +221,7 @@ def synthesize(
                 )
             made = Synthesised.in_memory(grown)
         claim_folder(out, "synthesize.json")
-        with Stages() as progress:
-            result.outputs = processing.write_normal_rows(
-                out, made.normals, made.mask, "detail", green=maps.green_out, on_progress=progress
-            )
+        result.outputs = maps.write(out, made.normals, made.mask, "detail")
         result.outputs["invented"] = out / "invented.png"
         acquisition.write_mask(result.outputs["invented"], made.mask)
         metrics: dict[str, Any] = {**measure_texture(made, detail, result)}
@@ -223,10 +230,7 @@ def synthesize(
             write_sheet_picture(picture, f"Synthesis from {exemplar.name}", made, detail)
         elif onto is not None:
             normals = processing.combine(target if keep_target_detail else shape, grown.detail)
-            with Stages() as progress:
-                result.outputs |= processing.write_normals(
-                    out, normals, green=maps.green_out, on_progress=progress
-                )
+            result.outputs |= maps.write_map(out, normals)
             metrics |= measure_transfer(grown, shape, normals, shape_filter, result)
             title = f"Detail of {exemplar.name} on {onto.name}"
             write_target_picture(picture, title, detail, target, normals)
