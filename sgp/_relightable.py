@@ -83,9 +83,7 @@ def fit_result(
     depth = found.depth if near else None
     fit = processing.fit_recording(
         source,
-        basis=options.basis,
-        colours=options.colours,
-        values=options.values,
+        **vars(options),
         distant=distant,
         depth_mm=None if depth is None else acquisition.read_image(depth, max_pixels=max_pixels),
         height_mm=found.height_mm(),
@@ -113,9 +111,7 @@ def _of_normals(
     fit = processing.fit_normals(
         normal_map,
         acquisition.read_image(albedo, max_pixels=max_pixels),
-        basis=options.basis,
-        colours=options.colours,
-        values=options.values,
+        **vars(options),
         on_progress=progress,
     )
     text = (

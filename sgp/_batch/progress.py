@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from statistics import median
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from sgp._batch.task import Outcome, Task
@@ -46,14 +45,9 @@ class BatchProgress:
             self._live.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._live is not None:
-            self._live.__exit__(kind, error, trace)
+            self._live.__exit__(*error)
 
     def started(self, task: Task) -> None:
         """Report that a task has begun, or waits for a worker of a cluster."""

@@ -28,7 +28,6 @@ from sgp._result import Result
 from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._sphere_marks import Marks, marks_of
 from sgp._spheres import (
-    ShownSpheres,
     advise_to_exclude,
     describe_spheres,
     draw_candidates,
@@ -146,7 +145,7 @@ def spheres(
     parameters = given | {"transfer": first.transfer.record()}
     write_calibration(out, estimate.lights, "sgp calibrate spheres", parameters, result)
     acquisition.write_lights(outputs["lp"], estimate.lights)
-    shown = [ShownSpheres(one.source, one.brightest) for one in recordings]
+    shown = [(one.source, one.brightest) for one in recordings]
     draw_spheres(outputs["picture"], shown, estimate)
     return result
 

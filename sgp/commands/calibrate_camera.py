@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -98,7 +97,8 @@ def camera(
     found = find_views(source, sheet, gamma=gamma, max_pixels=max_pixels)
     estimate = _calibrated(found)
     plane, plane_files = _plane(working_plane, sheet, estimate, height_mm, gamma, max_pixels)
-    stated = _stated(found.sources)
+    # The camera that the first session states, if one does.
+    stated = next((one.camera for one in found.sources if one.camera is not None), None)
     model = estimate.camera if plane is None else plane.camera
     if plane is None:
         model = replace(model, working_distance_mm=working_distance_mm)
@@ -145,11 +145,6 @@ def _plane(
     frames = [frame for frame in source.frames if frame.role == "light"]
     view = calibration.find_board(mean_image(source, frames), board, str(path))
     return calibration.find_working_plane(estimate, view, height_mm=height_mm), files
-
-
-def _stated(sources: Sequence[acquisition.Source]) -> acquisition.CameraModel | None:
-    """Return the camera that the first session states, if one does."""
-    return next((one.camera for one in sources if one.camera is not None), None)
 
 
 def _scale_notices(

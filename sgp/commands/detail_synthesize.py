@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +43,8 @@ from sgp._write_synthesis import (
 _GUIDANCE = GuidanceOptions()
 # A detail whose shape component is tilted by more than this share of the detail itself has shape.
 _MOST_SHAPE = 0.5
+# Arguments that a synthesis of a sheet and one on a target have in common.
+_PLACING = ("patch", "overlap", "seed", "rotate", "mirror")
 
 
 @writes_folder("synthesize.json")
@@ -186,7 +188,6 @@ def synthesize(
     detail = processing.NormalMap(detail.normals[window], detail.mask[window])
     if is_detail:
         result.warnings += _shape_notice(detail, shape_filter, exemplar)
-    placing = _Placing(patch=patch or 48, overlap=overlap, seed=seed, rotate=rotate, mirror=mirror)
     with ExitStack() as opened:
         if method != "quilting":
             sides = {} if patch is None else {"patch": patch}
@@ -217,7 +218,7 @@ def synthesize(
                     image_space=image_space,
                     on_progress=progress,
                     **guides,
-                    **placing,
+                    **{name: getattr(stage, name) for name in _PLACING},
                 )
             made = Synthesised.in_memory(grown)
         claim_folder(out, "synthesize.json")
@@ -236,16 +237,6 @@ def synthesize(
             write_target_picture(picture, title, detail, target, normals)
     result.metrics = metrics
     return result
-
-
-class _Placing(TypedDict):
-    """Arguments that a synthesis of a sheet and one on a target have in common."""
-
-    patch: int
-    overlap: int | None
-    seed: int
-    rotate: bool
-    mirror: bool
 
 
 def _window(
