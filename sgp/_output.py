@@ -6,7 +6,8 @@ import functools
 import inspect
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -20,6 +21,11 @@ from sgp._hashes import SEAL, input_hashes, output_files, seal, sha256
 from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
 from sgp._recordings import CALIBRATIONS, recordings_of
 from sgp._result import Result, dumps, plain
+
+try:
+    import fcntl
+except ImportError:  # Windows: two commands in one folder are not detected
+    fcntl = None  # type: ignore[assignment]
 
 P = ParamSpec("P")
 
@@ -168,6 +174,30 @@ def _is_derived(target: Path) -> bool:
         folder.name == "derived" and (folder.parent / "session.toml").is_file()
         for folder in (target, *target.parents)
     )
+
+
+@contextmanager
+def locked(folder: Path, error: str) -> Iterator[None]:
+    """Lock a folder as long as this is open, where the file system supports locks.
+
+    Raises
+    ------
+    UsageError
+        With the text ``error``, if another process has locked it.
+    """
+    if fcntl is None:
+        yield
+        return
+    place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):
+            try:
+                fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise UsageError(error) from None
+        yield
+    finally:
+        os.close(place)
 
 
 def check_folder(out: Path, *, force: bool | None = None) -> None:

@@ -69,14 +69,10 @@ def add_uncertainty(metrics: NormalsMetrics, stage: processing.Reconstruction) -
     metrics["neighbour_correlation"] = stage.neighbour_correlation
     totals = [_total(stage.maps[f"samples_{kind.name.lower()}"]) for kind in processing.SampleKind]
     shares = [count / sum(totals) for count in totals]
-    metrics["samples"] = SampleShares(
-        lit=shares[processing.SampleKind.LIT],
-        attached=shares[processing.SampleKind.ATTACHED],
-        cast=shares[processing.SampleKind.CAST],
-        saturated=shares[processing.SampleKind.SATURATED],
-        outlier=shares[processing.SampleKind.OUTLIER],
-        missing=shares[processing.SampleKind.MISSING],
-    )
+    named = {
+        name: shares[processing.SampleKind[name.upper()]] for name in SampleShares.__annotations__
+    }
+    metrics["samples"] = cast("SampleShares", named)
 
 
 def sigma_lines(metrics: NormalsMetrics) -> list[str]:

@@ -159,16 +159,17 @@ def write_relightable(
         f"planes within {planes[0]:.2f} of 255 rms of the fit",
     ]
     if image.basis == "ptm":
-        result.outputs["ptm"] = folder / "relight.ptm"
-        added = _difference(image, processing.write_ptm(result.outputs["ptm"], image), made.lights)
+        added = _difference(
+            image,
+            processing.write_ptm(result.file("ptm", folder / "relight.ptm"), image),
+            made.lights,
+        )
         metrics["ptm_rms"], metrics["ptm_largest"] = added
         result.summary.append(
             f"relight.ptm within {added[0]:.2f} of 255 rms of the fit, {added[1]:.1f} at most"
         )
-    result.outputs["fit_rms"] = folder / "fit_rms.exr"
-    acquisition.write_exr(result.outputs["fit_rms"], residual)
-    result.outputs["picture"] = folder / "relit.png"
-    _draw(result.outputs["picture"], stored, residual, mask, options)
+    acquisition.write_exr(result.file("fit_rms", folder / "fit_rms.exr"), residual)
+    _draw(result.file("picture", folder / "relit.png"), stored, residual, mask, options)
     result.metrics = metrics
     return result
 

@@ -46,6 +46,11 @@ class Result:
     ok: bool = True
     failing_code: int = 4
 
+    def file(self, name: str, path: Path) -> Path:
+        """Add an output; return its path, to which the caller writes it."""
+        self.outputs[name] = path
+        return path
+
     def to_json(self) -> str:
         """Return the one object that ``--json`` prints."""
         return dumps(

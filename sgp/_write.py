@@ -49,8 +49,7 @@ def write_normals_stage(
         for done in shown("writing maps", written):
             done.result()
     for name in (*(f"samples_{kind.name.lower()}" for kind in processing.SampleKind), "validity"):
-        result.outputs[name] = folder / f"{name}.png"
-        acquisition.write_png(result.outputs[name], maps_of[name])
+        acquisition.write_png(result.file(name, folder / f"{name}.png"), maps_of[name])
     white = _write_albedo(folder / "albedo.png", maps_of["albedo"], stage.valid, picture)
     result.outputs["albedo_png"] = folder / "albedo.png"
     result.parameters = {"albedo_png": {"white": white}}

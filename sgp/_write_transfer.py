@@ -116,12 +116,10 @@ def write_transfer(out: Path, title: str, done: Transferred, result: Result) -> 
     crop = Crop.around(done.mask)
     panels = [vectors_panel("Result", done.normals, done.mask, crop)]
     for name, values in maps.items():
-        result.outputs[f"{name}_error"] = out / f"{name}_error.exr"
-        acquisition.write_exr(result.outputs[f"{name}_error"], values)
+        acquisition.write_exr(result.file(f"{name}_error", out / f"{name}_error.exr"), values)
         error = f"{name.capitalize()} error, mean {means[name]:.2f} deg"
         panels.append(map_panel(error, values, "deg", crop, error=True))
-    result.outputs["errors_picture"] = out / "errors.png"
-    write_overview(result.outputs["errors_picture"], title, panels, columns=3)
+    write_overview(result.file("errors_picture", out / "errors.png"), title, panels, columns=3)
     metrics = figures_of(TransferMetrics, figures)
     result.summary = [
         _where(done),

@@ -15,8 +15,7 @@ import acquisition
 import rig
 from sgp._batch.files import Stamp, difference, stamps
 from sgp._batch.task import Outcome, Task
-from sgp._exit import UsageError
-from sgp._output import check_folder
+from sgp._output import check_folder, locked
 from sgp._result import dumps
 
 FORMAT, VERSION = "sgp-batch-state", 1
@@ -184,12 +183,6 @@ def reason_to_run(task: Task, states: Mapping[str, State]) -> str | None:
     return difference(state.files, stamps(state.roots))
 
 
-try:
-    import fcntl
-except ImportError:  # Windows
-    fcntl = None  # type: ignore[assignment]
-
-
 @contextmanager
 def batch_folder(out: Path) -> Iterator[States]:
     """Create the folder of a batch or continue one; others are refused as long as this is open.
@@ -205,23 +198,8 @@ def batch_folder(out: Path) -> Iterator[States]:
     if not states.folder.is_dir():
         check_folder(out)
     acquisition.make_folder(states.folder)
-    place = os.open(states.folder, os.O_RDONLY | os.O_CLOEXEC)
-    try:
-        if fcntl is not None:
-            _lock(place, out)
+    other = f"another batch is writing into {out}: wait until it has ended, or choose another --out"
+    with locked(states.folder, other):
         for folder in (out, states.folder):
             acquisition.remove_part_files(folder)
         yield states
-    finally:
-        os.close(place)
-
-
-def _lock(place: int, out: Path) -> None:
-    try:
-        fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise UsageError(
-            f"another batch is writing into {out}: wait until it has ended, or choose another --out"
-        ) from None
-    except OSError:
-        pass  # some file systems do not support locks

@@ -63,15 +63,14 @@ def board(
     write_board_page(out, chosen, paper)
     calibration.write_board(sidecar, chosen)
     width, height = chosen.size_mm
-    metrics: BoardMetrics = {
-        "width_mm": width,
-        "height_mm": height,
-        "corners": len(chosen.corners_mm),
-        "markers": chosen.markers,
-    }
     return Result(
         outputs={"page": out, "board": sidecar},
-        metrics=metrics,
+        metrics=BoardMetrics(
+            width_mm=width,
+            height_mm=height,
+            corners=len(chosen.corners_mm),
+            markers=chosen.markers,
+        ),
         summary=[
             f"{out}: {columns} x {rows} squares, {width:g} x {height:g} mm on {paper.upper()}",
             "print it at 100 %, and check with a ruler that both bars are 100 mm long",

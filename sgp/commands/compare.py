@@ -9,11 +9,11 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._map_doubts import read_map
 from sgp._metrics import CompareMetrics, figures_of
 from sgp._options import Green, Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_maps import MapInput
 
 
 @writes_folder("compare.json")
@@ -52,10 +52,7 @@ def compare(
     force
         Write into an output folder that already contains files.
     """
-    first, second = (
-        read_map(a, green=green, max_pixels=max_pixels),
-        read_map(b, green=green, max_pixels=max_pixels),
-    )
+    first, second = (MapInput(path, green, max_pixels=max_pixels).read() for path in (a, b))
     counted = None if mask is None else acquisition.read_mask(mask, second.normal_map.size)
     error = processing.angular_error(first.normal_map, second.normal_map, counted)
     if not error.coverage:

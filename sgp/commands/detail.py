@@ -6,7 +6,6 @@ from pathlib import Path
 
 import processing
 import rig
-from sgp._map_doubts import read_map
 from sgp._memory_limit import Limit
 from sgp._metrics import CombineMetrics
 from sgp._options import Green, Input, Memory, Pixels
@@ -99,11 +98,12 @@ def combine(
     force
         Write into an output folder that already contains files.
     """
-    first, second = (read_map(path, option=None, max_pixels=max_pixels) for path in (shape, detail))
+    first, second = (
+        MapInput(path, option=None, max_pixels=max_pixels).read() for path in (shape, detail)
+    )
     combined = processing.combine(first.normal_map, second.normal_map)
     warnings = [*first.warnings, *second.warnings]
     count = int(combined.mask.sum())
-    metrics: CombineMetrics = {"pixels": count}
     lost = int(first.normal_map.mask.sum()) - count
     if lost:
         words = (
@@ -114,7 +114,7 @@ def combine(
         warnings.append(rig.Notice("shape-without-detail", text, str(detail)))
     return Result(
         outputs=maps.write_map(claim_folder(out, "normals.json"), combined),
-        metrics=metrics,
+        metrics=CombineMetrics(pixels=count),
         warnings=warnings,
         summary=[f"{rig.pluralize(count, 'normal')} in {out}"],
         inputs=[*first.files, *second.files],

@@ -10,7 +10,6 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages
-from sgp._map_doubts import read_map
 from sgp._metrics import FillMetrics, figures_of
 from sgp._options import Count, Green, Input, Pixels, Seed
 from sgp._output import claim_folder, writes_folder
@@ -18,6 +17,7 @@ from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_panel
 from sgp._result import Result
+from sgp._stage_maps import MapInput
 from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
 
 
@@ -71,7 +71,7 @@ def fill(
     force
         Write into an output folder that already contains files.
     """
-    read = read_map(normals, green=green, max_pixels=max_pixels)
+    read = MapInput(normals, green, max_pixels=max_pixels).read()
     given = read.normal_map
     mask = acquisition.read_mask(holes, given.size)
     result = Result(warnings=list(read.warnings), inputs=[*read.files, holes])
@@ -94,11 +94,11 @@ def fill(
         )
     claim_folder(out, "fill.json")
     result.outputs = maps.write_map(out, filled.normal_map)
-    result.outputs["invented"] = out / "invented.png"
-    acquisition.write_mask(result.outputs["invented"], mask)
+    acquisition.write_mask(result.file("invented", out / "invented.png"), mask)
     _measure(filled, result)
-    result.outputs["picture"] = out / "fill.png"
-    _write_picture(result.outputs["picture"], f"Holes of {normals.name} filled", filled, given)
+    _write_picture(
+        result.file("picture", out / "fill.png"), f"Holes of {normals.name} filled", filled, given
+    )
     return result
 
 

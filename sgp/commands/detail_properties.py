@@ -9,7 +9,6 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._map_doubts import read_map
 from sgp._metrics import (
     ChainStepMetrics,
     LikenessMetrics,
@@ -22,6 +21,7 @@ from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, write_overview
 from sgp._panels.maps import detail_panel, map_panel, normals_panel, shaded_panel
 from sgp._result import Result
+from sgp._stage_maps import MapInput
 from sgp._stage_options import SEPARATION, SeparationOptions
 
 
@@ -63,7 +63,7 @@ def properties(
     force
         Write into an output folder that already contains files.
     """
-    read = [read_map(path, green=green, max_pixels=max_pixels) for path in (normals, *targets)]
+    read = [MapInput(path, green, max_pixels=max_pixels).read() for path in (normals, *targets)]
     normal_map, *others = (one.normal_map for one in read)
     parts = processing.separate(normal_map, shape_filter=options.shape_filter())
     result = Result(
@@ -86,13 +86,17 @@ def properties(
     result.metrics = metrics
     claim_folder(out, "properties.json")
     for name, values in {"separability": parts.separability_map_deg, **surfaces}.items():
-        result.outputs[name] = out / f"{name}.exr"
-        acquisition.write_exr(result.outputs[name], values)
-    result.outputs["picture"] = out / "properties.png"
-    write_overview(result.outputs["picture"], "Detail of one map", panels, columns=3)
+        acquisition.write_exr(result.file(name, out / f"{name}.exr"), values)
+    write_overview(
+        result.file("picture", out / "properties.png"), "Detail of one map", panels, columns=3
+    )
     if exchange:
-        result.outputs["exchange_picture"] = out / "exchange.png"
-        write_overview(result.outputs["exchange_picture"], "Details exchanged", exchange, columns=2)
+        write_overview(
+            result.file("exchange_picture", out / "exchange.png"),
+            "Details exchanged",
+            exchange,
+            columns=2,
+        )
     return result
 
 

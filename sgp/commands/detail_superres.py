@@ -128,8 +128,7 @@ def superres(
     if camera is not None and view is not None:
         result.inputs.append(camera)
         result.warnings += camera_notices(camera, view)
-        result.outputs["camera"] = out / "camera.json"
-        acquisition.write_camera(result.outputs["camera"], view.upscaled(scale))
+        acquisition.write_camera(result.file("camera", out / "camera.json"), view.upscaled(scale))
         unit, step = processing.surface_scale(view, None)
         size = step if unit == "mm" else None
     if size is not None:

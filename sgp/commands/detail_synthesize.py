@@ -15,7 +15,6 @@ import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._guidance import GuidanceOptions
-from sgp._map_doubts import read_map
 from sgp._memory_limit import Limit, identity
 from sgp._options import (
     Count,
@@ -30,7 +29,7 @@ from sgp._options import (
 )
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
-from sgp._stage_maps import maps_in_files, options_of
+from sgp._stage_maps import MapInput, maps_in_files, options_of
 from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
 from sgp._write_synthesis import (
     Synthesised,
@@ -169,14 +168,14 @@ def synthesize(
         limit.check_whole(need, "--onto" if onto is not None else f"--method {method}")
     else:
         limit.must_be_stored(need)  # refuses a limit that is too small before anything is read
-    read = read_map(exemplar, green=green, max_pixels=max_pixels)
+    read = MapInput(exemplar, green, max_pixels=max_pixels).read()
     result = Result(warnings=list(read.warnings), inputs=[*read.files, *guidance.files()])
     shape_filter = options.shape_filter()
     window = _window(read.normal_map, crop, exemplar)
     guides = guidance.read(window, read.normal_map.size, max_pixels)
     target = None
     if onto is not None:
-        second = read_map(onto, green=target_green, option="--target-green", max_pixels=max_pixels)
+        second = MapInput(onto, target_green, "--target-green", max_pixels).read()
         result.warnings += second.warnings
         result.inputs += second.files
         target = second.normal_map
@@ -223,8 +222,7 @@ def synthesize(
             made = Synthesised.in_memory(grown)
         claim_folder(out, "synthesize.json")
         result.outputs = maps.write(out, made.normals, made.mask, "detail")
-        result.outputs["invented"] = out / "invented.png"
-        acquisition.write_mask(result.outputs["invented"], made.mask)
+        acquisition.write_mask(result.file("invented", out / "invented.png"), made.mask)
         metrics: dict[str, Any] = {**measure_texture(made, detail, result)}
         result.outputs["picture"] = picture = out / "synthesis.png"
         if target is None:

@@ -96,16 +96,15 @@ def train(
     description = write_network(model, task, judgement)
     remove_work(work)
     ratios = judgement.actual_over_predicted
-    metrics: TrainMetrics = {
-        "steps": task.steps,
-        "parameters": sum(one.numel() for one in weights.values()),
-        "bicubic_mae_deg": judgement.bicubic_deg,
-        "network_mae_deg": judgement.network_deg,
-        "actual_over_predicted": list(ratios),
-    }
     return Result(
         outputs={"network": out, "description": description},
-        metrics=metrics,
+        metrics=TrainMetrics(
+            steps=task.steps,
+            parameters=sum(one.numel() for one in weights.values()),
+            bicubic_mae_deg=judgement.bicubic_deg,
+            network_mae_deg=judgement.network_deg,
+            actual_over_predicted=list(ratios),
+        ),
         summary=[
             f"{out}: mean error on held-out surfaces {judgement.network_deg:.3f} degrees, "
             f"{judgement.change:+.1%} against bicubic interpolation",

@@ -140,8 +140,7 @@ def project(
     )
     for name, values in (("height", seen.height), ("depth", seen.depth)):
         if values is not None:
-            result.outputs[name] = out / f"{name}.exr"
-            acquisition.write_exr(result.outputs[name], values)
+            acquisition.write_exr(result.file(name, out / f"{name}.exr"), values)
     mask = seen.normal_map.mask
     height, width = mask.shape
     metrics: ProjectMetrics = {
