@@ -15,7 +15,7 @@ from sgp._console import Stages, shown
 from sgp._metrics import SynthesisMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_panel, lit_vectors_panel
+from sgp._panels.maps import lit_panel
 from sgp._result import Result
 
 _MOST_SHOWN = 700  # pixels of a side of a picture
@@ -128,10 +128,8 @@ def write_sheet_picture(
     part = Crop(slice(0, min(side, height)), slice(0, min(side, width)))
     panels = [
         lit_panel("exemplar", exemplar),
-        lit_vectors_panel("upper left part of the sheet", sheet.normals, sheet.mask, part),
-        lit_vectors_panel(
-            f"sheet, {width} x {height} pixels", sheet.normals, sheet.mask, Crop.around(sheet.mask)
-        ),
+        lit_panel("upper left part of the sheet", sheet, part),
+        lit_panel(f"sheet, {width} x {height} pixels", sheet),
     ]
     write_overview(path, title, panels, columns=3)
 

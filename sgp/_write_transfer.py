@@ -14,7 +14,7 @@ import rig
 from sgp._metrics import TransferMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
-from sgp._panels.maps import map_panel, vectors_panel
+from sgp._panels.maps import map_panel, normals_panel
 from sgp._result import Result
 from sgp._stage_maps import StageMaps
 
@@ -114,7 +114,7 @@ def write_transfer(out: Path, title: str, done: Transferred, result: Result) -> 
     maps = {"shape": done.shape_error_deg, "detail": done.detail_error_deg}
     means = {"shape": figures.shape_mae_deg, "detail": figures.detail_mae_deg}
     crop = Crop.around(done.mask)
-    panels = [vectors_panel("Result", done.normals, done.mask, crop)]
+    panels = [normals_panel("Result", done, crop)]
     for name, values in maps.items():
         acquisition.write_exr(result.file(f"{name}_error", out / f"{name}_error.exr"), values)
         error = f"{name.capitalize()} error, mean {means[name]:.2f} deg"

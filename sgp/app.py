@@ -17,7 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 from sgp import __version__
 from sgp._help import HelpPage, PlainConsole, flowing, page, usage_complaint
-from sgp._terminal import STDERR, printable, printable_lines
+from sgp._terminal import STDERR, fitted, printable, printable_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -314,7 +314,6 @@ def run(app: App, tokens: list[str]) -> int:
 def _show(result: Any, as_json: bool) -> int:
     from sgp._console import note
     from sgp._result import Result
-    from sgp._terminal import fitted
 
     if not isinstance(result, Result):
         return 0
@@ -343,8 +342,6 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
         findings = getattr(error, "findings", None)
         listed = {} if findings is None else {"findings": findings}
         print(dumps({"ok": False, "error": line, "exit_code": code, **listed}))
-    from sgp._terminal import fitted
-
     # One write: a signal must not separate the line from its end.
     STDERR.write(fitted(f"error: {line}", STDERR) + "\n")
     return code
