@@ -14,13 +14,12 @@ from types import MappingProxyType
 from typing import Any, ParamSpec
 
 import acquisition
-import rig
 from sgp._console import shown
 from sgp._exit import UsageError
 from sgp._hashes import SEAL, input_hashes, output_files, seal, sha256
 from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
 from sgp._recordings import CALIBRATIONS, recordings_of
-from sgp._result import Result, dumps, plain
+from sgp._result import Result, dumps, json_table, plain
 
 try:
     import fcntl
@@ -117,11 +116,7 @@ def earlier_files(out: Path, record: str) -> list[Path]:
 
 def _earlier_outputs(record: Path) -> list[str]:
     """Return the files that a record names in its own folder; none if it cannot be read."""
-    try:
-        content = rig.parse_json(rig.read_bounded(record))
-    except (FileNotFoundError, rig.UnreadableError):
-        return []
-    outputs = content.get("outputs") if isinstance(content, dict) else None
+    outputs = json_table(record).get("outputs")
     names = outputs.values() if isinstance(outputs, dict) else ()
     return [
         name

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import acquisition
-import rig
 from sgp._metrics import RECORD_FORMAT
+from sgp._result import json_table
 
 # Options that name files of calibrations: these may be from recordings of other objects.
 CALIBRATIONS: Final = ("lights", "camera", "flat", "sensor")
@@ -61,12 +61,8 @@ def _record(path: Path) -> dict[str, Any]:
 
     Validation by `sgp._record` would cost a quarter of a second for importing pydantic.
     """
-    try:
-        content = rig.parse_json(rig.read_bounded(path))
-    except (FileNotFoundError, rig.UnreadableError):
-        return {}
-    known = isinstance(content, dict) and content.get("format") == RECORD_FORMAT
-    return content if known else {}
+    content = json_table(path)
+    return content if content.get("format") == RECORD_FORMAT else {}
 
 
 def _identity(stated: object) -> acquisition.Identity:

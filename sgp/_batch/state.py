@@ -12,11 +12,10 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import acquisition
-import rig
 from sgp._batch.files import Stamp, difference, stamps
 from sgp._batch.task import Outcome, Task
 from sgp._output import check_folder, locked
-from sgp._result import dumps
+from sgp._result import dumps, json_table
 
 FORMAT, VERSION = "sgp-batch-state", 1
 # Errors of a name: too long, or with characters that the file system does not have.
@@ -143,11 +142,8 @@ def state_of(task: Task, outcome: Outcome) -> State:
 
 
 def _read(path: Path) -> State | None:
-    try:
-        content = rig.parse_json(rig.read_bounded(path))
-    except (FileNotFoundError, rig.UnreadableError):
-        return None
-    if not isinstance(content, dict) or content.get("format") != FORMAT:
+    content = json_table(path)
+    if content.get("format") != FORMAT:
         return None
     if content.get("version") != VERSION:
         raise acquisition.DataError(

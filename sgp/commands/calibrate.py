@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -217,7 +218,11 @@ def _estimate(
 ) -> calibration.SphereCalibration:
     """Calibrate from one recording, or from all of them together; draw candidates if it fails."""
     cameras = [one.source.camera for one in recordings if one.source.camera is not None]
-    camera, radii = (cameras[0] if cameras else None), given_radii(radius_mm)
+    known: dict[str, Any] = {
+        "camera": cameras[0] if cameras else None,
+        "radius_mm": given_radii(radius_mm),
+        "led_positions_mm": places_mm,
+    }
     stack: calibration.RawStack | None = None
     try:
         with opencv_threads(1):
@@ -227,18 +232,14 @@ def _estimate(
                     names=[str(one.source.path) for one in recordings],
                     masks=[one.mask_images() for one in recordings],
                     circles=[one.circles for one in recordings],
-                    camera=camera,
-                    radius_mm=radii,
-                    led_positions_mm=places_mm,
+                    **known,
                 )
             stack = recordings[0].read()
             return calibration.calibrate_spheres(
                 stack,
                 masks=recordings[0].mask_images(),
                 circles=recordings[0].circles,
-                camera=camera,
-                radius_mm=radii,
-                led_positions_mm=places_mm,
+                **known,
             )
     except calibration.EstimateError as error:
         advise_to_exclude(error)

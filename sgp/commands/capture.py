@@ -128,13 +128,7 @@ def run(
                 opened,
                 chosen,
                 out,
-                acquisition.Labels(
-                    operator=operator_name,
-                    object_name=object_name,
-                    place=place,
-                    notes=notes,
-                    rights=rights,
-                ),
+                acquisition.Labels(operator_name, object_name, place, notes, rights),
                 events=prepared.events,
                 calibrations=acquisition.Calibrations(
                     camera_model=model,

@@ -87,8 +87,8 @@ def _demo(out: Path, seed: int, folder: DemoFolder) -> Result:
         panels, crop = outcome.panels, outcome.crop
         panels += [
             map_panel(
-                f"normal error, mean {errors.normals_mae_deg:.2f} deg",
-                errors.normal_map_deg,
+                f"normal error, mean {errors.normals.mae_deg:.2f} deg",
+                errors.normals.map_deg,
                 "deg",
                 crop,
                 error=True,
@@ -179,12 +179,10 @@ class _Errors:
             for intensities in map(np.asarray, (lights.intensities, truth.lights.intensities))
         )
         self.light_percent = 100 * np.abs(strength / true_strength - 1)
-        error = processing.angular_error(outcome.normal_map, truth.normals, truth.mask)
-        self.normals_mae_deg = error.mae_deg
-        self.coverage = error.coverage
-        self.normal_map_deg = error.map_deg
-        resolved = simulator.resolved_normals(truth)
-        self.resolved = processing.angular_error(outcome.normal_map, resolved, truth.mask)
+        self.normals, self.resolved = (
+            processing.angular_error(outcome.normal_map, true_normals, truth.mask)
+            for true_normals in (truth.normals, simulator.resolved_normals(truth))
+        )
         both = truth.mask & outcome.surface.mask
         self.height_map_mm = np.full(truth.mask.shape, np.nan, np.float32)
         difference = outcome.surface.height[both] - truth.height_mm[both]
@@ -198,9 +196,9 @@ class _Errors:
             "light_error_deg": float(self.light_deg.mean()),
             "light_error_mm": float(self.light_mm.mean()),
             "light_error_percent": float(self.light_percent.mean()),
-            "normals_mae_deg": self.normals_mae_deg,
+            "normals_mae_deg": self.normals.mae_deg,
             "normals_resolved_mae_deg": self.resolved.mae_deg,
-            "normals_coverage": self.coverage,
+            "normals_coverage": self.normals.coverage,
             "height_mae_mm": self.height_mae_mm,
             "height_coverage": self.height_coverage,
             "height_relative_error": self.height_mae_mm / self.height_range_mm,
@@ -208,11 +206,12 @@ class _Errors:
 
     def table(self) -> list[str]:
         relative = self.height_mae_mm / self.height_range_mm
+        covered = f"{self.normals.coverage:.2%} of the object covered"
         rows = (
             ("light direction", self.light_deg, "deg", ""),
             ("light position", self.light_mm, "mm", ""),
             ("light intensity", self.light_percent, "%", ""),
-            ("normals", self.normal_map_deg, "deg", f"{self.coverage:.2%} of the object covered"),
+            ("normals", self.normals.map_deg, "deg", covered),
             ("normals, lens blur aside", self.resolved.map_deg, "deg", "truth blurred by the lens"),
             (
                 "height, mean removed",
