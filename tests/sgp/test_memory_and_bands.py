@@ -128,9 +128,10 @@ def outcome(
         monkeypatch.chdir(place)
         answer = sgp(*words.split(), "--out", "out", "--memory", memory)
         assert answer.code == 0, answer.err
-        kept = {**revisions.state_of(place), "stdout": answer.out, "stderr": answer.err}
+        out, err = (revisions.stable(text) for text in (answer.out, answer.err))
+        kept = {**revisions.state_of(place), "stdout": out, "stderr": err}
         return {
-            file: "\n".join(filter(None, OF_MEMORY.sub("", revisions.stable(text)).splitlines()))
+            file: "\n".join(filter(None, OF_MEMORY.sub("", text).splitlines()))
             for file, text in kept.items()
         }
 
