@@ -70,7 +70,7 @@ OF_HEIGHTS = {
 } | {"stdout"}  # fmt: skip
 # Memory is a parameter, bands are announced, and the first command may compile kernels.
 OF_MEMORY = re.compile(
-    r', "memory"(: "\w+")?|.* (bands of rows|as a whole|blocks of \d+|compiling kernels).*'
+    r', "memory"(: "\w+")?|.*(bands of rows|as a whole|blocks of \d+|compiling kernels).*'
 )
 
 
