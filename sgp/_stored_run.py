@@ -32,8 +32,7 @@ from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, with_scale
 from sgp._stored_normals import are_normals_on_disk, normals_within
 from sgp._stored_panels import stored_panels
-from sgp._stored_surface import SurfaceInputs, stored_surface
-from sgp._surface_memory import SurfaceWay, surface_way
+from sgp._surface_maps import SurfaceInputs, SurfaceWay, integrated
 from sgp._write import write_normals_stage, write_separation
 
 # Bytes per pixel that the stages after the normals have in memory besides their own.
@@ -160,11 +159,10 @@ def run_surface_way(
     memory: int | None, source: acquisition.Source, options: SurfaceOptions
 ) -> SurfaceWay:
     """Return how the surface of a run is solved."""
-    return surface_way(
+    return SurfaceWay.within(
         memory,
         source.size,
-        camera=source.camera is not None,
-        sigma=True,
+        processing.SurfaceStage(source.camera is not None, True),
         stl=options.stl,
         whole_for=[name for name, asked in options.whole_surface().items() if asked],
     )
@@ -309,7 +307,7 @@ class _Run:
             )
             result = self.records.write(
                 "surface",
-                lambda _: stored_surface(inputs, options, way, folder, force=self._force),
+                lambda _: integrated(inputs, options, way, folder, force=self._force),
             )
             return self._keep("surface", result)
         sigma = acquisition.read_image(normals.outputs["normal_sigma_deg"], max_pixels=most)
