@@ -11,9 +11,9 @@ from acquisition import BandStore, CameraModel, DamagedMapsError, DataError, Map
 from calibration import EstimateError
 from processing._blocks.block_files import BlockFiles
 from processing._blocks.plan import Blocks
-from processing._blocks.relative_variances import relative_variances
 from processing._blocks.solution import BlockSolution, solve_in_blocks
 from processing._stages.stage import NormalRows, size_of
+from processing._surface.certainty import variances
 from processing._surface.consistency import angle_between_deg, consistency_warning
 from processing._surface.height_map import BlockFigures, HeightMap
 from processing._surface.integrability import integrability
@@ -23,6 +23,9 @@ from rig import Notice, Progress, no_progress
 
 Mask = npt.NDArray[np.bool_]
 Double = npt.NDArray[np.float64]
+
+# The median of deviations is that of some rows with about this number of pixels.
+_SAMPLE = 4_000_000
 
 
 def integrate_in_blocks(
@@ -98,7 +101,7 @@ def integrate_in_blocks(
     if not mask.any():
         raise DataError("a normal map with an empty mask holds no normal: check the mask")
     check_view(mask, camera, pixel_mm, depth_mm)
-    relative = None if sigma_deg is None else relative_variances(sigma_deg, mask)
+    relative, _ = variances(sigma_deg, mask, most=_SAMPLE)
     shape = integrability(normals, mask)
     size = size_of(normal_map)
     try:

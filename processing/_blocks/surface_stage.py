@@ -48,7 +48,7 @@ class SurfaceStage:
     >>> from processing import SurfaceStage
     >>> need = SurfaceStage().need((8944, 11180))
     >>> f"{need.whole / 1e9:.1f} GB as a whole, {need.least / 1e9:.1f} GB in blocks"
-    '10.8 GB as a whole, 1.6 GB in blocks'
+    '10.8 GB as a whole, 1.7 GB in blocks'
     """
 
     name: ClassVar = "surface"

@@ -125,7 +125,8 @@ def integrate(
     check_normal_map("normal_map", normal_map)
     scale = scale_of(camera, pixel_mm)
     _check(normal_map, camera, pixel_mm, k, depth_mm, prior)
-    relative, variance = variances(sigma_deg, normal_map.mask)
+    rows_of, variance = variances(sigma_deg, normal_map.mask)
+    relative: Float | None = None if rows_of is None else rows_of[:]
     if height_errors and relative is None:
         raise DataError("errors of heights require standard deviations of the normals")
     window = _bounding_box(normal_map.mask)
