@@ -110,7 +110,7 @@ def results(folder: Path, scene: Scene, lights: Lights) -> Recorded:
     sigma = found.uncertainty.sigma_deg
     depth = None if found.near_height is None else found.near_height.depth
     surface = integrate(
-        found.stereo.normal_map,
+        found.normals,
         camera=source.camera,
         depth_mm=depth,
         sigma_deg=sigma,
@@ -120,7 +120,7 @@ def results(folder: Path, scene: Scene, lights: Lights) -> Recorded:
     )
     stated = surface.uncertainty
     return Recorded(
-        found.stereo.normal_map.normals.astype(np.float64),
+        found.normals.normals.astype(np.float64),
         sigma.astype(np.float64),
         surface.height.astype(np.float64),
         tuple(stated.distances_px),

@@ -3,30 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
 
 import acquisition
 import processing
 import rig
-from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._hashes import input_hashes
 from sgp._result import plain
-
-
-class Stored(Protocol):
-    """A result whose maps are in files."""
-
-    @property
-    def store(self) -> acquisition.BandStore:
-        """The files."""
-
-
-AnyStored = TypeVar("AnyStored", bound=Stored)
 
 
 def is_in_bands(memory: int | None, need: processing.Need) -> bool:
@@ -92,15 +79,19 @@ class Limit:
         with other_maps_refused():
             acquisition.check_unfinished(self.path, {"options": option})
         if self.memory is not None and self.memory < need.whole:
-            raise UsageError(
-                f"--memory {size_text(self.memory)} is too small for {need.of} with {option}, "
-                f"which needs the complete maps: give --memory {size_text(need.whole)}, or leave "
-                f"{option} out"
-            )
+            raise needs_maps(self.memory, need, option)
 
     def bytes_of_bands(self, need: processing.Need) -> int:
         """Return the bytes for bands: the limit, or the least if even that is not free."""
         return max(rig.memory_budget(self.memory), need.least)
+
+
+def needs_maps(memory: int, need: processing.Need, option: str) -> UsageError:
+    """Return the error of a limit that is too small for an option, which states what suffices."""
+    return UsageError(
+        f"--memory {size_text(memory)} is too small for {need.of} with {option}, which needs the "
+        f"complete maps: give --memory {size_text(need.whole)}, or leave {option} out"
+    )
 
 
 def too_small(memory: int, of: str, least: int) -> UsageError:
@@ -138,29 +129,6 @@ def other_maps_refused() -> Iterator[None]:
             f"{error.folder} contains unfinished maps of a command that differs in {error.other}: "
             "repeat that command, choose another folder, or add --force to begin again"
         ) from error
-
-
-@contextmanager
-def stored(compute: Callable[[rig.Progress], AnyStored]) -> Iterator[AnyStored]:
-    """Provide a result whose maps are in files, which are removed if the block ends well.
-
-    After an error, the same command continues with them.
-
-    Parameters
-    ----------
-    compute
-        Function of the receiver of progress that computes the result, or continues it.
-
-    Raises
-    ------
-    UsageError
-        If there are unfinished maps of another command.
-    """
-    with other_maps_refused(), Stages() as progress:
-        made = compute(progress)
-    with made.store:
-        yield made
-        made.store.remove()
 
 
 def size_text(count: int) -> str:

@@ -261,6 +261,19 @@ class SourceOptions(RecordingOptions):
     rests_on_plane: bool = False
     semi_calibrated: bool = False
 
+    def stage(self, pixel_mm: float | None = None) -> processing.NormalsStage:
+        """Return the computation of normals with these options, and the size of a pixel."""
+        return processing.NormalsStage(
+            method=self.method,
+            channel=self.channel,
+            distant=self.distant,
+            height_mm=self.height_mm,
+            rests_on_plane=self.rests_on_plane,
+            pixel_mm=pixel_mm,
+            exclude_disagreeing=self.exclude_disagreeing,
+            semi_calibrated=self.semi_calibrated,
+        )
+
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:
     """Check the inputs of a command before it runs, because its readers take a second to load.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -18,30 +18,23 @@ from sgp._options import SourceOptions
 from sgp._output import claim_folder, write_record
 from sgp._overview import Panel
 from sgp._panels.crop import Crop
-from sgp._panels.lights import lights_panel
-from sgp._panels.maps import (
-    image_panel,
-    map_panel,
-    normals_panel,
-    shaded_panel,
-    slopes_panel,
-    vectors_panel,
+from sgp._panels.stages import (
+    error_panels,
+    normals_panels,
+    separation_panels,
+    surface_panels,
 )
 from sgp._result import Result
-from sgp._stage_metrics import NormalsMetrics, SeparationMetrics
+from sgp._stage_metrics import NormalsMetrics
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, compute_normals, with_scale
-from sgp._write import (
-    normals_metrics,
-    write_normals_stage,
-    write_separation,
-)
-from sgp._write_surface import surface_metrics, write_surface
+from sgp._write import write_normals_stage, write_separation
+from sgp._write_surface import write_surface
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-_Write = Callable[[str, Callable[[Path], Result]], None]
+_Write = Callable[[str, Callable[[Path], Result]], Result]
 _MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()
 
 
@@ -106,7 +99,6 @@ class _Normals(Integrable):
     crop: Crop
     panels: list[Panel]
     errors: list[Panel]
-    metrics: NormalsMetrics
 
 
 class StageRecords:
@@ -173,24 +165,26 @@ def process(
     separation.shape_filter().check_size(source.size)
     records = StageRecords(out, files, source, options, maps, separation, surfaces)
 
-    def write(name: str, files_of: Callable[[Path], Result]) -> None:
-        records.merge(name, records.write(name, files_of))
+    figures: dict[str, Any] = {}
+
+    def write(name: str, files_of: Callable[[Path], Result]) -> Result:
+        result = records.write(name, files_of)
+        figures[name] = result.metrics
+        records.merge(name, result)
+        return result
 
     with watch.stage("normals"):
         seen = _normals(
             source, files, options, maps, write, (unit, pixel_size), pixel_mm, true_lights
         )
     with watch.stage("detail"):
-        part_metrics, part_panels = _detail(seen, separation, maps, write)
+        part_panels = _detail(seen, separation, maps, write)
     with watch.stage("surface"):
-        surface, surface_panels = _surface(seen, source, pixel_mm, surfaces, write)
-    figures: StagesMetrics = {
-        "normals": seen.metrics,
-        "detail": part_metrics,
-        "surface": surface_metrics(surface),
-    }
-    panels = [*seen.panels, *part_panels, *surface_panels, *seen.errors]
-    return OutcomeInMemory(panels, figures, records.merged, seen.normal_map, surface, seen.crop)
+        surface = _surface(seen, source, pixel_mm, surfaces, write)
+    shown = surface_panels(surface.height, surface.unit, surface.pixel_size, seen.crop)
+    panels = [*seen.panels, *part_panels, *shown, *seen.errors]
+    metrics = cast("StagesMetrics", figures)
+    return OutcomeInMemory(panels, metrics, records.merged, seen.normal_map, surface, seen.crop)
 
 
 def _normals(
@@ -204,23 +198,24 @@ def _normals(
     true_lights: acquisition.Lights | None,
 ) -> _Normals:
     """Compute, write and draw the normals, and keep what the other stages need."""
-    stage = compute_normals(source, options, pixel_mm)
-    normal_map = stage.stereo.normal_map
+    stage = compute_normals(source, options.stage(pixel_mm))
+    normal_map = stage.normals
     picture = processing.albedo_picture(stage.albedo, normal_map.mask)
-    write(
+    result = write(
         "normals",
         lambda folder: write_normals_stage(
             folder, stage, maps, picture, command="sgp run", files=files
         ),
     )
-    crop = Crop.around(stage.mask, scale[1] if scale[0] == "mm" else None)
+    crop = Crop.around(normal_map.mask, scale[1] if scale[0] == "mm" else None)
+    drawn = {**stage.maps} | dict(zip(("first", "last"), stage.previews, strict=True))
+    metrics = cast("NormalsMetrics", result.metrics)
     return _Normals(
         normal_map=normal_map,
         colours=picture.pixels,
         crop=crop,
-        panels=_normals_panels(stage, crop, true_lights),
-        errors=_error(stage.error, crop),
-        metrics=normals_metrics(stage),
+        panels=normals_panels(drawn, normal_map.mask, crop, stage.lights, metrics, true_lights),
+        errors=error_panels(None if stage.error is None else stage.error.map_deg, metrics, crop),
         depth_mm=None if stage.near_height is None else stage.near_height.depth,
         sigma_deg=stage.uncertainty.sigma_deg,
         common_sigma_deg=stage.uncertainty.common_sigma_deg,
@@ -229,16 +224,12 @@ def _normals(
 
 def _detail(
     seen: _Normals, separation: SeparationOptions, maps: MapOptions, write: _Write
-) -> tuple[SeparationMetrics, list[Panel]]:
+) -> list[Panel]:
     with Stages() as progress:
         parts = processing.computed(separation.stage(), seen.normal_map, on_progress=progress)
     mask = seen.normal_map.mask
     write("detail", lambda folder: write_separation(folder, parts, mask, maps))
-    panels = [
-        vectors_panel("shape component", parts["shape"], mask, seen.crop),
-        slopes_panel("detail component", parts["detail"], mask, seen.crop),
-    ]
-    return {"separability_deg": separation.stage().separability_deg(parts, mask)}, panels
+    return separation_panels(parts["shape"], parts["detail"], mask, seen.crop)
 
 
 def _surface(
@@ -247,14 +238,10 @@ def _surface(
     pixel_mm: float | None,
     options: SurfaceOptions,
     write: _Write,
-) -> tuple[processing.HeightMap, list[Panel]]:
+) -> processing.HeightMap:
     surface = integrate(seen, source.camera, pixel_mm, options)
     write("surface", lambda folder: write_integrated(folder, surface, seen, options))
-    shaded = "surface, lit from the upper left"
-    return surface, [
-        map_panel("height", surface.height, surface.unit, seen.crop),
-        shaded_panel(shaded, surface.height, seen.crop, surface.pixel_size),
-    ]
+    return surface
 
 
 def integrate(
@@ -288,62 +275,3 @@ def write_integrated(
     return write_surface(
         folder, surface, seen.normal_map, options, colours=seen.colours, sigma_deg=seen.sigma_deg
     )
-
-
-def _normals_panels(
-    stage: processing.Reconstruction, crop: Crop, true_lights: acquisition.Lights | None
-) -> list[Panel]:
-    solved, names = stage.stereo, stage.lights.ids
-    lights_title = "lights" if true_lights is None else "lights (red: truth)"
-    return [
-        image_panel(f"light {names[0]}", stage.previews[0], crop),
-        image_panel(f"light {names[-1]}", stage.previews[1], crop),
-        lights_panel(f"{lights_title}, rings in degrees", stage.lights, true_lights),
-        normals_panel("normals (right red, up green)", solved.normal_map, crop),
-        image_panel("albedo", stage.albedo, crop, stage.mask),
-        _highlights(stage, crop),
-        *_doubts(solved, len(names), crop),
-        *_error_bars(stage.uncertainty, crop),
-    ]
-
-
-def _error_bars(found: processing.NormalUncertainty, crop: Crop) -> list[Panel]:
-    """Return a map of the standard deviations of the normals, if they are known."""
-    sigma = found.sigma_deg
-    if not np.isfinite(sigma).any():
-        return []
-    title = f"normals: standard deviation, median {np.nanmedian(sigma):.2g} deg"
-    return [map_panel(title, sigma, "deg", crop, error=True)]
-
-
-def _highlights(stage: processing.Reconstruction, crop: Crop) -> Panel:
-    """Return a map of the light above a matte surface, relative to the mean albedo."""
-    mask = stage.stereo.normal_map.mask
-    percent = 100 * stage.specular / np.mean(stage.stereo.albedo[mask], dtype=np.float64)
-    title = f"light above a matte surface, mean {np.mean(percent[mask]):.2g} %"
-    return map_panel(title, percent, "% of the mean albedo", crop, error=True, mask=mask)
-
-
-def _doubts(solved: processing.PhotometricStereoResult, count: int, crop: Crop) -> list[Panel]:
-    """Return maps of the residual relative to the signal, and of the number of samples."""
-    mask = solved.normal_map.mask
-    percent = np.divide(
-        solved.residual, solved.albedo, out=np.zeros_like(solved.albedo), where=mask
-    )
-    percent *= 100
-    middle = float(np.nanmedian(percent[mask], overwrite_input=True))
-    used = solved.used[mask]
-    least, most = int(used.min()), int(used.max())
-    counts = f"{most}" if least == most else f"{least} to {most}"
-    unit, title = "% of the albedo", f"samples used, {counts} of {count}"
-    return [
-        map_panel(f"residual, median {middle:.2g} %", percent, unit, crop, error=True, mask=mask),
-        map_panel(title, solved.used, "samples", crop, limits=(0, count), mask=mask),
-    ]
-
-
-def _error(error: processing.AngularError | None, crop: Crop) -> list[Panel]:
-    if error is None:
-        return []
-    title = f"normal error, mean {error.mae_deg:.2f} deg"
-    return [map_panel(title, error.map_deg, "deg", crop, error=True)]

@@ -17,7 +17,6 @@ from sgp._hashes import input_hashes
 from sgp._options import (
     RIG_LIGHTS,
     RecordingOptions,
-    SourceOptions,
     transfer_files,
     transfer_of,
 )
@@ -187,30 +186,17 @@ def with_scale(
 
 
 def compute_normals(
-    source: acquisition.Source, options: SourceOptions, pixel_mm: float | None = None
+    source: acquisition.Source,
+    stage: processing.NormalsStage,
+    files: processing.MapFiles | None = None,
 ) -> processing.Reconstruction:
-    """Run `processing.reconstruct` up to the normals and show its progress.
-
-    A notice that an option answers names the option.
-    """
+    """Compute normals and show the progress; a notice that an option answers names the option."""
     with Stages() as progress:
-        stage = processing.reconstruct(
-            source,
-            method=options.method,
-            channel=options.channel,
-            distant=options.distant,
-            height_mm=options.height_mm,
-            rests_on_plane=options.rests_on_plane,
-            pixel_mm=pixel_mm,
-            exclude_disagreeing=options.exclude_disagreeing,
-            semi_calibrated=options.semi_calibrated,
-            surface=False,
-            on_progress=progress,
-        )
-    return replace(stage, warnings=with_answers(stage.warnings, source))
+        made = stage.run(source, files, progress)
+    return replace(made, warnings=_with_answers(made.warnings, source))
 
 
-def with_answers(
+def _with_answers(
     warnings: Iterable[rig.Notice], source: acquisition.Source
 ) -> tuple[rig.Notice, ...]:
     """Return notices that name the options which answer them."""

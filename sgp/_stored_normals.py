@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import acquisition
 import processing
 import rig
-from sgp._exit import UsageError
-from sgp._memory_limit import identity, other_maps_refused, size_text, stored, too_small
+from sgp._memory_limit import identity, is_in_bands, needs_maps, other_maps_refused
 from sgp._options import SourceOptions
-from sgp._stages import compute_normals, with_answers
-from sgp._uncertainty import Normals
+from sgp._stages import compute_normals
 
 
 @contextmanager
@@ -27,7 +25,7 @@ def normals_within(
     files: list[Path],
     out: Path,
     force: bool,
-) -> Iterator[Normals]:
+) -> Iterator[processing.Reconstruction]:
     """Provide the normals of a source, computed with a limited memory.
 
     Parameters
@@ -35,7 +33,7 @@ def normals_within(
     memory
         Bytes to use; None for half of what is free.
     source, options, pixel_mm
-        As in `compute_normals`.
+        As in `SourceOptions.stage`.
     files
         Input files, on which the result depends.
     out
@@ -49,40 +47,32 @@ def normals_within(
     UsageError
         If the memory is too small.
     """
-    path = out / "normals"
+    path, stage = out / "normals", options.stage(pixel_mm)
 
     def depends_on() -> dict[str, object]:
         given = {name: value for name, value in asdict(options).items() if not _is_file(value)}
         return identity({**given, "pixel_mm": pixel_mm}, files)
 
-    if not are_normals_on_disk(memory, source, options):
+    if not are_normals_in_files(memory, source, stage):
         if not force and acquisition.is_unfinished(path):
             with other_maps_refused():
                 acquisition.check_unfinished(path, depends_on())
-        yield compute_normals(source, options, pixel_mm)
+        yield compute_normals(source, stage)
         acquisition.remove_unfinished(path)
         return
-    with stored(
-        lambda progress: processing.reconstruct_on_disk(
-            source,
-            path,
-            memory=max(rig.memory_budget(memory), processing.least_memory(source)),
-            identity=depends_on(),
-            replace=force,
-            method=options.method,
-            distant=options.distant,
-            height_mm=options.height_mm,
-            rests_on_plane=options.rests_on_plane,
-            pixel_mm=pixel_mm,
-            exclude_disagreeing=options.exclude_disagreeing,
-            on_progress=progress,
-        )
-    ) as stage:
-        yield replace(stage, warnings=with_answers(stage.warnings, source))
+    limit = max(rig.memory_budget(memory), stage.need(source).least)
+    in_files = processing.MapFiles(path, depends_on(), limit, force)
+    with other_maps_refused():
+        made = compute_normals(source, stage, in_files)
+    if made.store is None:
+        raise RuntimeError("maps in files have a store")
+    with made.store:
+        yield made
+        made.store.remove()
 
 
-def are_normals_on_disk(
-    memory: int | None, source: acquisition.Source, options: SourceOptions
+def are_normals_in_files(
+    memory: int | None, source: acquisition.Source, stage: processing.NormalsStage
 ) -> bool:
     """Return whether the maps do not fit into memory.
 
@@ -91,24 +81,13 @@ def are_normals_on_disk(
     UsageError
         If the memory is too small.
     """
-    in_colour = options.channel in ("rgb", "joint")
-    whole = processing.memory_of_reconstruction(source, 3 if in_colour else 1)
-    if whole <= rig.memory_budget(memory):
-        return False
-    height, width = source.size
-    images = f"{rig.pluralize(len(source.light_ids), 'image')} of {width} x {height} pixels"
-    if options.channel != "gray" or options.semi_calibrated:
-        if memory is None:
-            return False  # perhaps there is enough
-        option = "--semi-calibrated" if options.semi_calibrated else f"--channel {options.channel}"
-        raise UsageError(
-            f"--memory {size_text(memory)} is too small for {images} with {option}, which needs "
-            f"the complete maps: give --memory {size_text(whole)}, or leave {option} out"
-        )
-    least = processing.least_memory(source)
-    if memory is not None and memory < least:
-        raise too_small(memory, images, least)
-    return True
+    need = stage.need(source)
+    if not stage.needs_whole:
+        return is_in_bands(memory, need)
+    if memory is not None and need.whole > rig.memory_budget(memory):
+        option = "--semi-calibrated" if stage.semi_calibrated else f"--channel {stage.channel}"
+        raise needs_maps(memory, need, option)
+    return False  # without a limit, perhaps there is enough
 
 
 def _is_file(value: object) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -18,25 +18,36 @@ from sgp._memory_limit import Limit, identity, is_in_bands, other_maps_refused
 from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
 from sgp._output import claim_folder
+from sgp._overview import Panel
+from sgp._own_files import output_fault
+from sgp._panels.crop import Crop
+from sgp._panels.stages import (
+    DRAWN,
+    error_panels,
+    is_known,
+    normals_panels,
+    separation_panels,
+    surface_panels,
+)
 from sgp._pipeline import (
-    Integrable,
     Outcome,
     StageRecords,
-    integrate,
     process,
-    write_integrated,
 )
+from sgp._record import read_record
 from sgp._result import Result, dumps
 from sgp._stage_maps import MapInput, stage_maps
+from sgp._stage_metrics import NormalsMetrics
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, with_scale
-from sgp._stored_normals import are_normals_on_disk, normals_within
-from sgp._stored_panels import stored_panels
+from sgp._stored_normals import are_normals_in_files, normals_within
 from sgp._surface_maps import SurfaceInputs, SurfaceWay, integrated
 from sgp._write import write_normals_stage, write_separation
 
 # Bytes per pixel that the stages after the normals have in memory besides their own.
 _HELD = 16
+# Maps that the end of a run needs besides those in its folder.
+_KEPT = ("depth", "common", "first", "last", "error")
 # Values that are read at once.
 _READ = 4_000_000
 
@@ -101,7 +112,7 @@ def processed_within(
         return
     # Wrong combinations are refused before any work.
     given.surfaces.sharpness()
-    _, pixel_size = scale = processing.surface_scale(scaled.camera, pixel_mm)
+    scale = processing.surface_scale(scaled.camera, pixel_mm)
     given.separation.shape_filter().check_size(scaled.size)
     options = {
         name: value
@@ -109,27 +120,21 @@ def processed_within(
         for name, value in asdict(group).items()
         if not isinstance(value, Path)  # the hashes of the inputs are those of their contents
     }
-    depends_on, form = identity(options, files), (scaled.size, np.float32)
+    depends_on = identity(options, files)
+    forms = dict.fromkeys(_KEPT, (scaled.size, np.float32))
     with other_maps_refused():
         if not force:
             acquisition.check_unfinished(out / "summary", depends_on)
         _state(lines)
-        store = acquisition.BandStore(
-            out / "summary", depends_on, {"depth": form, "common": form}, replace=force
-        )
+        store = acquisition.BandStore(out / "summary", depends_on, forms, replace=force)
     with store:
         run = _Run(memory, scaled, pixel_mm, files, out, given, force, store)
         try:
             results = run.stages(watch)
-            excluded = results["normals"].metrics.get("excluded", ())
-            lights = acquisition.exclude(scaled, list(cast("list[str]", excluded))).lights
-            panels = stored_panels(
-                out, lights, results, scale[0], pixel_size, given.source.max_pixels
-            )
             metrics = cast(
                 "StagesMetrics", {name: result.metrics for name, result in results.items()}
             )
-            yield Outcome(panels, metrics, run.records.merged)
+            yield Outcome(run.panels(results, *scale), metrics, run.records.merged)
         except BaseException:
             run.leave()
             raise
@@ -141,7 +146,10 @@ def _ways(
 ) -> tuple[bool, list[str]]:
     """Return whether the maps of a run do not fit into memory, and lines about the stages."""
     need = given.separation.stage().need(source.size)
-    banded = are_normals_on_disk(memory, source, given.source), is_in_bands(memory, need)
+    banded = (
+        are_normals_in_files(memory, source, given.source.stage(None)),
+        is_in_bands(memory, need),
+    )
     surface = run_surface_way(memory, source, given.surfaces)
     held = _HELD * source.size[0] * source.size[1]
     fits = max(need.whole, surface.memory) + held <= rig.memory_budget(memory)
@@ -205,6 +213,34 @@ class _Run:
             self.records.merge(name, results[name])
         return results
 
+    def panels(self, results: dict[str, Result], unit: str, pixel_size: float) -> list[Panel]:
+        """Return the overview pictures, which `process` makes of maps in memory."""
+        with ExitStack() as opened:
+
+            def rows(stage: str, name: str) -> acquisition.MapRows:
+                path, most = results[stage].outputs[name], self._given.source.max_pixels
+                return opened.enter_context(acquisition.ImageRows(path, max_pixels=most))
+
+            metrics = cast("NormalsMetrics", results["normals"].metrics)
+            lights = cast("acquisition.Lights", self._source.lights)
+            used = rig.parse_json(rig.read_bounded(self._store.folder / "images.json"))["ids"]
+            mask = acquisition.read_mask(results["normals"].outputs["mask"], self._source.size)
+            crop = Crop.around(mask, pixel_size if unit == "mm" else None)
+            drawn = {name: rows("normals", name) for name in DRAWN} | dict(self._store)
+            error = self._store["error"] if "mae_deg" in metrics else None
+            return [
+                *normals_panels(
+                    drawn,
+                    mask,
+                    crop,
+                    lights.take([lights.ids.index(name) for name in used]),
+                    metrics,
+                ),
+                *separation_panels(rows("detail", "shape"), rows("detail", "detail"), mask, crop),
+                *surface_panels(rows("surface", "height"), unit, pixel_size, crop),
+                *error_panels(error, metrics, crop),
+            ]
+
     def leave(self) -> None:
         """Keep what can be continued; otherwise leave nothing."""
         begun = any((self._out / name).exists() for name in ("normals", "detail", "surface"))
@@ -215,7 +251,7 @@ class _Run:
                 self._out.rmdir()
 
     def _kept(self, name: str) -> Result | None:
-        """Return the result of a stage that is complete."""
+        """Return the result of a stage that is complete, and whose files are as it left them."""
         try:
             content: Any = rig.parse_json(rig.read_bounded(self._store.folder / f"{name}.json"))
         except (FileNotFoundError, rig.UnreadableError):
@@ -228,10 +264,15 @@ class _Run:
             summary=content["summary"],
             parameters=content["parameters"],
         )
-        complete = all(
-            path.is_file() for path in (folder / f"{name}.json", *result.outputs.values())
+        try:
+            files = read_record(folder / f"{name}.json").files
+        except (acquisition.DataError, acquisition.MissingPathError):
+            return None
+        intact = all(
+            output_fault(folder / file, known.bytes, known.sha256) is None
+            for file, known in files.items()
         )
-        return result if complete else None
+        return result if intact else None
 
     def _keep(self, name: str, result: Result) -> Result:
         """State that a stage is complete, with what the end of the run needs of it."""
@@ -264,16 +305,23 @@ class _Run:
                     place, stage, given.maps, command="sgp run", files=self._files
                 ),
             )
-            near = stage.near_height
+            kept: dict[str, acquisition.MapRows] = {
+                "first": stage.previews[0],
+                "last": stage.previews[1],
+                "common": stage.maps["normal_sigma_common_deg"],
+            }
+            if stage.near_height is not None:
+                kept["depth"] = stage.near_height.depth
+            if stage.error is not None:
+                kept["error"] = stage.error.map_deg
             height, width = self._source.size
             for rows in acquisition.rows_in_bands(height, width, _READ):
-                if near is not None:
-                    self._store["depth"][rows] = near.depth[rows]
-                if given.surfaces.height_sigma:
-                    common = stage.maps["normal_sigma_common_deg"]
-                    self._store["common"][rows] = common[rows]
+                for name, values in kept.items():
+                    self._store[name][rows] = values[rows]
             for file in self._store.values():
                 file.sync()
+            images = dumps({"ids": stage.lights.ids}).encode()
+            acquisition.write_durably(self._store.folder / "images.json", images)
             return self._keep("normals", result)
 
     def _detail(self) -> Result:
@@ -288,40 +336,21 @@ class _Run:
             return self._keep("detail", result)
 
     def _surface(self, normals: Result) -> Result:
-        options, most = self._given.surfaces, self._given.source.max_pixels
-        near = normals.metrics["lights"] == "near"
-        sigma_known = normals.metrics["normal_sigma_deg"] is not None
-        depth = self._store["depth"] if near else None
-        way = run_surface_way(self._memory, self._source, options)
-        folder = self._out / "surface"
-        if way.rows is not None:
-            inputs = SurfaceInputs(
-                normals=self._out / "normals",
-                albedo=normals.outputs["albedo_png"],
-                camera=self._source.camera,
-                sigma=normals.outputs["normal_sigma_deg"] if sigma_known else None,
-                pixel_mm=self._pixel_mm,
-                depth_mm=depth,
-                weighted=False,
-                max_pixels=most,
-            )
-            result = self.records.write(
-                "surface",
-                lambda _: integrated(inputs, options, way, folder, force=self._force),
-            )
-            return self._keep("surface", result)
-        sigma = acquisition.read_image(normals.outputs["normal_sigma_deg"], max_pixels=most)
-        seen = Integrable(
-            normal_map=processing.read_normals(self._out / "normals", max_pixels=most).normal_map,
-            colours=acquisition.read_image(normals.outputs["albedo_png"], max_pixels=most).astype(
-                np.uint8
-            ),
-            depth_mm=None if depth is None else depth[:],
-            sigma_deg=sigma.astype(np.float32),
-            common_sigma_deg=self._store["common"][:] if options.height_sigma else None,
+        options = self._given.surfaces
+        sigma_known = is_known(cast("float | None", normals.metrics["normal_sigma_deg"]))
+        inputs = SurfaceInputs(
+            normals=self._out / "normals",
+            albedo=normals.outputs["albedo_png"],
+            camera=self._source.camera,
+            sigma=normals.outputs["normal_sigma_deg"] if sigma_known else None,
+            common_sigma_deg=self._store["common"] if options.height_sigma else None,
+            pixel_mm=self._pixel_mm,
+            depth_mm=self._store["depth"] if normals.metrics["lights"] == "near" else None,
+            weighted=False,
+            max_pixels=self._given.source.max_pixels,
         )
-        surface = integrate(seen, self._source.camera, self._pixel_mm, options)
+        way = run_surface_way(self._memory, self._source, options)
         result = self.records.write(
-            "surface", lambda place: write_integrated(place, surface, seen, options)
+            "surface", lambda place: integrated(inputs, options, way, place, force=self._force)
         )
         return self._keep("surface", result)

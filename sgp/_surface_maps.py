@@ -132,7 +132,10 @@ class SurfaceInputs:
     pixel_mm
         Size of a pixel on the object.
     weighted
-        Whether normals count by ``sigma``, which otherwise only serves to judge their curl.
+        Whether normals count by ``sigma``, which otherwise only serves to judge their curl and the
+        errors of the heights.
+    common_sigma_deg
+        The part of ``sigma`` that all pixels have in common, if they do not count by it.
     """
 
     normals: Path
@@ -145,6 +148,7 @@ class SurfaceInputs:
     depth_mm: acquisition.MapRows | None = None
     pixel_mm: float | None = None
     weighted: bool = True
+    common_sigma_deg: acquisition.MapRows | None = None
     green: Literal["up", "down"] = "up"
     max_pixels: int
 
@@ -195,7 +199,10 @@ def _integrated(
         notices += lost
         normals = _only(normals, inside)
     notices += inputs.doubts
-    sigma, common = None, 0.0
+    sigma: acquisition.MapRows | None = None
+    common: npt.NDArray[np.float32] | float | None = None
+    if inputs.common_sigma_deg is not None:
+        common = inputs.common_sigma_deg[:]
     if inputs.sigma is not None and inputs.weighted:
         file = None if store is None else store.folder / "sigma.raw"
         known = read_sigma(inputs.sigma, normals.mask, inputs.max_pixels, file)
@@ -238,7 +245,7 @@ def _integrated(
                 common_sigma_deg=common,
                 weighted=inputs.weighted,
                 prior=prior,
-                height_errors=options.height_sigma,
+                height_errors=options.height_sigma and sigma is not None,
                 discontinuity=options.discontinuity,
                 k=options.sharpness(),
                 on_progress=progress,

@@ -10,15 +10,13 @@ import acquisition
 import processing
 from sgp._stage_metrics import NormalsMetrics, SampleShares
 
-Normals = processing.Reconstruction | processing.StoredReconstruction
-
 # Kinds with a smaller share are not on the terminal.
 _SHOWN = 0.005
 # Bytes that are read at once.
 _READ = 32_000_000
 
 
-def add_uncertainty(metrics: NormalsMetrics, stage: Normals) -> None:
+def add_uncertainty(metrics: NormalsMetrics, stage: processing.Reconstruction) -> None:
     """Add the medians of the standard deviations, and the shares of the kinds of samples."""
     metrics["normal_sigma_deg"] = _median(stage.maps["normal_sigma_deg"])
     metrics["normal_sigma_common_deg"] = _median(stage.maps["normal_sigma_common_deg"])

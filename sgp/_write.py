@@ -16,7 +16,7 @@ from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
 from sgp._stage_metrics import NormalsMetrics, SeparationMetrics
 from sgp._stage_options import MapOptions
-from sgp._uncertainty import Normals, add_uncertainty, sigma_lines
+from sgp._uncertainty import add_uncertainty, sigma_lines
 
 _WRITERS = 2  # files that are encoded at the same time
 _FLOATS = ("albedo", "residual", "specular", "normal_sigma_deg")
@@ -27,7 +27,7 @@ _MAPS = MapOptions()
 
 def write_normals_stage(
     folder: Path,
-    stage: Normals,
+    stage: processing.Reconstruction,
     maps: MapOptions = _MAPS,
     picture: processing.AlbedoPicture | None = None,
     *,
@@ -112,7 +112,7 @@ def _write_albedo(
     return white
 
 
-def _residual_rms(stage: Normals) -> float:
+def _residual_rms(stage: processing.Reconstruction) -> float:
     residual = stage.maps["residual"]
     height, width = residual.shape
     bands = acquisition.rows_in_bands(height, width, _READ)
@@ -143,7 +143,7 @@ def _strength_line(strengths: processing.LightStrengths | None) -> list[str]:
     ]
 
 
-def normals_metrics(stage: Normals) -> NormalsMetrics:
+def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
     """Return the figures of an estimation of normals."""
     metrics: NormalsMetrics = {
         "images": len(stage.lights),

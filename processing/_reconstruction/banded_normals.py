@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights
+from acquisition import Form, Lights, Maps
 from processing._reconstruction.error_bars import (
     ErrorBarMaps,
-    Form,
     depth_deviation,
     error_bar_forms,
-    judged,
 )
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.recorded_images import Band, RowSample
-from processing._reconstruction.solved_images import SolvedImages
 from processing._reconstruction.specular import mean_excess
 from processing._reconstruction.surface_points import SurfacePoints
 from processing._stereo.frames import Frames
@@ -26,7 +23,6 @@ from processing._stereo.image_noise import law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
 from processing._stereo.noise_law import NoiseLaw
-from processing._stereo.photometric_stereo import stereo_of
 from processing._stereo.solve import solve_maps, toward_camera, write_solutions
 from processing._stereo.stereo_maps import StereoMaps
 from processing._uncertainty.pixel_variances import (
@@ -61,7 +57,14 @@ def map_forms(shape: tuple[int, ...], lights: int) -> dict[str, Form]:
     return of_pixels | error_bar_forms(shape, lights)
 
 
-def normals_in_bands(examined: Examination, method: Method, on_progress: Progress) -> SolvedImages:
+def solve_bands(
+    examined: Examination,
+    method: Method,
+    on_progress: Progress,
+    maps: Maps,
+    rows: int | None = None,
+    on_band: Callable[[slice], object] = lambda rows: None,
+) -> ShownBySample:
     """Solve gray images band by band; the result does not depend on the bands.
 
     The samples of a block of pixels are read once, for its normals, error bars and gloss.
@@ -74,53 +77,24 @@ def normals_in_bands(examined: Examination, method: Method, on_progress: Progres
         Method of `photometric_stereo`.
     on_progress
         Receives the stage ``normals``, one step per pixel.
+    maps
+        Maps of the forms of `map_forms`, of which the missing rows are filled, and ``first`` and
+        ``last``, the images of these lights, if they are there. The first two maps of error bars
+        hold variances.
+    rows
+        Rows of a band; default: as many as need 128 MB.
+    on_band
+        Receives the rows of each band when they are filled, before they are complete.
 
     Raises
     ------
     EstimateError
-        As `photometric_stereo`, or if no pixel is valid.
-    """
-    mask = examined.mask
-    forms = map_forms(mask.shape, len(examined.lights))
-    arrays: dict[str, Any] = {name: np.zeros(*form) for name, form in forms.items()}
-    shown = solve_bands(examined, method, on_progress, arrays)
-    maps = StereoMaps(*(arrays[name] for name in ("normals", "albedo", "residual", "used")))
-    stereo = stereo_of(maps, mask, examined.images)
-    error_bars = ErrorBarMaps(arrays).finished(shown.origin, shown.correlation)
-    stereo, uncertainty, doubts = judged(stereo, error_bars, mask)
-    specular = arrays["specular"]
-    specular[~stereo.normal_map.mask] = 0
-    return SolvedImages(stereo, uncertainty, specular, (*stereo.warnings, *doubts))
-
-
-def solve_bands(
-    examined: Examination,
-    method: Method,
-    on_progress: Progress,
-    maps: Mapping[str, Any],
-    missing: Sequence[slice] = (slice(0, None),),
-    rows: int | None = None,
-    on_band: Callable[[slice], object] = lambda rows: None,
-) -> ShownBySample:
-    """Fill maps of the forms of `map_forms`, arrays or files, band by band.
-
-    Parameters
-    ----------
-    examined, method, on_progress
-        As in `normals_in_bands`.
-    maps
-        What is filled. The first two maps of error bars hold variances.
-    missing
-        Rows to fill; default: all.
-    rows
-        Rows of a band; default: as many as need 128 MB.
-    on_band
-        Receives the rows of each band when they are filled.
+        As `photometric_stereo`.
     """
     mask = examined.mask
     check_lights(examined.lights, examined.points, mask)
     solver = _Solver(examined, method, maps)
-    total = int(np.count_nonzero(mask))
+    total, missing = int(np.count_nonzero(mask)), maps.missing("solve", len(mask))
     left = sum(int(np.count_nonzero(mask[part])) for part in missing)
     done = total - left
     on_progress("normals", done, total)
@@ -128,6 +102,7 @@ def solve_bands(
         for band in examined.images.bands(mask, AROUND, rows, part):
             solver.solve(band)
             on_band(band.rows)
+            maps.complete("solve", band.rows)
             done += int(np.count_nonzero(mask[band.rows]))
             on_progress("normals", done, total)
     return solver.shown
@@ -154,7 +129,7 @@ class _Solver:
     Some rows show the law of the noise, if it is not known, and whether the residuals are noise.
     """
 
-    def __init__(self, examined: Examination, method: Method, maps: Mapping[str, Any]) -> None:
+    def __init__(self, examined: Examination, method: Method, maps: Maps) -> None:
         self._lights, self._mask = examined.lights, examined.mask
         self._points, self._camera = examined.points, examined.source.camera
         self._method = method
@@ -234,4 +209,7 @@ class _Solver:
         for name in ("normals", "albedo", "residual", "used"):
             self._maps[name][band.rows] = getattr(maps, name)[inner]
         self._maps["specular"][band.rows] = specular[inner]
+        for name, image in (("first", 0), ("last", -1)):
+            if name in self._maps:
+                self._maps[name][band.rows] = stack.values[image][inner]
         self._error_bars.write(band.rows, variances.variances(self.shown.correlation), inner)

@@ -13,7 +13,6 @@ from processing._normal_map import NormalMap
 from processing._reconstruction.surface_points import SurfacePoints
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
-from processing._stereo.photometric_stereo import PhotometricStereoResult
 from rig import Progress
 
 Float = npt.NDArray[np.float32]
@@ -27,11 +26,13 @@ def colour_albedo(
     source: Source,
     ids: Sequence[str],
     lights: Lights,
-    stereo: PhotometricStereoResult,
+    normals: NormalMap,
+    albedo: Float,
+    residual: Float,
     points: SurfacePoints | None,
     on_progress: Progress,
-) -> Float:
-    """Return the albedo of each colour, or the gray albedo of a source without colour.
+) -> Float | None:
+    """Return the albedo of each colour; None for a source without colour.
 
     The colour of a pixel is ``a * sum(w v) / sum(w g)`` over its images: a is the gray albedo, v
     the sample in colour, g its gray value, and ``w = max(l . n, 0) / (1 + (r / s)^2)`` with the
@@ -47,8 +48,8 @@ def colour_albedo(
         Ids of the images that were used.
     lights
         Their lights.
-    stereo
-        Result of photometric stereo on the gray images.
+    normals, albedo, residual
+        Normals, gray albedo and residual of the gray images.
     points
         Surface points for lights with positions, else None.
     on_progress
@@ -56,16 +57,16 @@ def colour_albedo(
 
     Returns
     -------
-    Float
-        ``(H, W, 3)`` float32 RGB in the unit of `stereo.albedo`, or ``(H, W)``; 0 outside its mask.
+    Float or None
+        ``(H, W, 3)`` float32 RGB in the unit of the gray albedo; 0 outside the mask of the normals.
     """
     if not may_have_colour(source):
-        return stereo.albedo
+        return None
     points_mm = None if points is None else points.of()
-    sums = ColourSums(stereo.normal_map, stereo.albedo, stereo.residual, points_mm)
+    sums = ColourSums(normals, albedo, residual, points_mm)
     for i, image in enumerate(linear_images(source, ids, channel="rgb")):
         if i == 0 and not coloured(image):
-            return stereo.albedo
+            return None
         sums.add(image, lights.take([i]), len(ids))
         on_progress("colour", i + 1, len(ids))
     return sums.albedo()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Self
 
@@ -10,10 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
-from calibration import StackNoise, luma
+from calibration import StackNoise
 from processing._stereo.light_model import LightModel
-from processing._stereo.photometric_stereo import PhotometricStereoResult, stereo_of
-from processing._stereo.stereo_maps import StereoMaps
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -92,12 +89,12 @@ class ColourMaps:
         self.used[:, rows] = part.used[:, inside]
         self.solved[:] |= part.solved
 
-    def result(self, mask: Mask, images: Iterable[Float]) -> PhotometricStereoResult:
-        """Return the result that maps contain; see `stereo_of`.
+    def fewest_used(self) -> npt.NDArray[np.uint16]:
+        """Return the samples of the solution with the fewest.
 
-        The samples are those of the solution with the fewest, without solutions that have no
-        normal at all.
+        Solutions that have no normal at all do not count.
         """
-        used = self.used[self.solved if self.solved.any() else slice(0, 1)].min(axis=0)
-        maps = StereoMaps(self.normals, luma(self.albedo), self.residual, used)
-        return stereo_of(maps, mask, images)
+        used: npt.NDArray[np.uint16] = self.used[
+            self.solved if self.solved.any() else slice(0, 1)
+        ].min(axis=0)
+        return used

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from acquisition import MemoryMaps
 from calibration import StackNoise, luma
-from processing._reconstruction.banded_normals import AROUND, check_lights
+from processing._reconstruction.banded_normals import AROUND, ShownBySample, check_lights
 from processing._reconstruction.colour_maps import ColourImages, ColourMaps
 from processing._reconstruction.colours import laws_of_colours, solve_colours
-from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation, judged
+from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.joint_colours import law_of_joint_samples, solve_jointly
 from processing._reconstruction.recorded_images import Band
-from processing._reconstruction.solved_images import SolvedImages
 from processing._reconstruction.specular import excess
 from processing._stereo.method import Method
 from processing._stereo.noise_law import NoiseLaw
@@ -29,45 +29,50 @@ Mask = npt.NDArray[np.bool_]
 
 
 def colours_in_bands(
-    examined: Examination, method: Method, on_progress: Progress, *, joint: bool
-) -> tuple[SolvedImages, Float]:
-    """Return the solution of images in colour, and the albedo ``(H, W, 3)``.
+    examined: Examination, method: Method, on_progress: Progress, maps: MemoryMaps, *, joint: bool
+) -> ShownBySample:
+    """Solve images in colour band by band; the result does not depend on the bands.
 
-    The result does not depend on the bands. ``joint`` selects `solve_jointly`; otherwise each
-    colour is solved on its own.
+    Parameters
+    ----------
+    examined, method, on_progress
+        As in `solve_bands`.
+    maps
+        Maps of the forms of `map_forms`, and ``colour`` for the albedo ``(H, W, 3)``.
+    joint
+        Whether `solve_jointly` is used; otherwise each colour is solved on its own.
 
     Raises
     ------
     EstimateError
-        As `photometric_stereo`, or if no pixel is valid.
+        As `photometric_stereo`.
     """
     mask = examined.mask
     check_lights(examined.lights, examined.points, mask)
-    solver = _Solver(examined, method, joint=joint)
+    solver = _Solver(examined, method, maps, joint=joint)
     total, done = int(np.count_nonzero(mask)), 0
     for band in examined.images.bands(mask, AROUND, colour=True):
         solver.solve(band)
         done += int(np.count_nonzero(mask[band.rows]))
         on_progress("normals", done, total)
-    stereo = solver.maps.result(mask, examined.images)
-    error_bars = solver.error_bars.finished(solver.origin, solver.correlation)
-    stereo, uncertainty, doubts = judged(stereo, error_bars, mask)
-    specular = solver.specular
-    specular[~stereo.normal_map.mask] = 0
-    solved = SolvedImages(stereo, uncertainty, specular, (*stereo.warnings, *doubts))
-    return solved, solver.maps.albedo
+    everywhere, solved = slice(0, len(mask)), solver.maps
+    maps["normals"][everywhere], maps["colour"][everywhere] = solved.normals, solved.albedo
+    maps["albedo"][everywhere] = luma(solved.albedo)
+    maps["residual"][everywhere], maps["used"][everywhere] = solved.residual, solved.fewest_used()
+    return ShownBySample(solver.origin, solver.correlation)
 
 
 class _Solver:
     """Solves rows of images in colour; some rows show the law of the noise if it is unknown."""
 
-    def __init__(self, examined: Examination, method: Method, *, joint: bool) -> None:
+    def __init__(
+        self, examined: Examination, method: Method, filled: MemoryMaps, *, joint: bool
+    ) -> None:
         self._examined, self._method, self._joint = examined, method, joint
         self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
         shape = examined.mask.shape
         self.maps = ColourMaps.empty(shape, 1 if joint else 3)
-        self.specular = np.zeros(shape, np.float32)
-        self.error_bars = ErrorBarMaps.in_memory(shape, len(examined.lights))
+        self._specular, self._error_bars = filled["specular"], ErrorBarMaps(filled)
         sample = examined.images.sample(examined.mask, colour=True)
         points = sample.of(examined.points)
         images = self._images(sample.values, sample.noise, sample.mask, points, sample.rows)
@@ -121,8 +126,8 @@ class _Solver:
         maps = self._solved(images)
         self.maps.write(band.rows, maps, band.inside)
         variances = variances_of_colours(self._judged(images, maps), self._shown)
-        self.error_bars.write(band.rows, variances, band.inside)
+        self._error_bars.write(band.rows, variances, band.inside)
         known: Mask = np.asarray(maps.normals.any(axis=2))
         law = None if noise is None else NoiseLaw(noise, values.shape[:3])
         above = excess(values, images.model, law, known, maps.normals, luma(maps.albedo))
-        self.specular[band.rows] = above[band.inside]
+        self._specular[band.rows] = above[band.inside]

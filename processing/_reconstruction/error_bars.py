@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel
+from acquisition import CameraModel, Form, Maps
 from calibration import EstimateError
-from processing._normal_map import NormalMap
 from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.views import View
-from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.model_error import common_error, deviations
 from processing._uncertainty.normal_uncertainty import (
     STRUCTURED,
-    NormalUncertainty,
-    in_degrees,
     sums_of,
-    valid_reasons,
 )
 from processing._uncertainty.pixel_variances import Origin, PixelVariances
 from processing._uncertainty.sample_kind import Reason, SampleKind
@@ -30,8 +22,6 @@ from rig import Notice
 
 Mask = npt.NDArray[np.bool_]
 Reasons = npt.NDArray[np.uint8]
-# Shape and type of a map.
-Form = tuple[tuple[int, ...], type[np.generic]]
 
 _WHY = {
     Reason.SATURATED: "saturated",
@@ -60,16 +50,11 @@ class ErrorBarMaps:
     Parameters
     ----------
     maps
-        Arrays or files of the forms of `error_bar_forms`. The first two hold variances.
+        Maps of the forms of `error_bar_forms`. The first two hold variances.
     """
 
-    def __init__(self, maps: Mapping[str, Any]) -> None:
+    def __init__(self, maps: Maps) -> None:
         self._maps = maps
-
-    @classmethod
-    def in_memory(cls, shape: tuple[int, ...], lights: int) -> Self:
-        """Return maps of an image for `finished`."""
-        return cls({name: np.zeros(*form) for name, form in error_bar_forms(shape, lights).items()})
 
     def write(self, rows: slice, found: PixelVariances, inside: slice) -> None:
         """Copy rows of the variances of a band."""
@@ -90,26 +75,6 @@ class ErrorBarMaps:
         maps = self._maps
         return np.float32(common_error(maps["deviations"][:], maps["deviating"][:]))
 
-    def finished(self, origin: Origin, correlation: float) -> NormalUncertainty:
-        """Return the error bars after all bands; the maps are theirs then."""
-        maps = self._maps
-        known = valid_reasons(maps["reason"], origin)
-        maps["sigma"][...] += self.common_variance()
-        in_degrees(maps["sigma"], known)
-        in_degrees(maps["common_sigma"], known)
-        samples = np.ascontiguousarray(maps["samples"].swapaxes(0, 1))
-        return NormalUncertainty(
-            maps["sigma"], maps["common_sigma"], samples, maps["reason"], origin, correlation
-        )
-
-
-def judged(
-    stereo: PhotometricStereoResult, found: NormalUncertainty, mask: Mask
-) -> tuple[PhotometricStereoResult, NormalUncertainty, list[Notice]]:
-    """Return normals at the valid pixels, their error bars, and notices."""
-    notices = validity_notices(found.reason, mask, found.noise, found.neighbour_correlation)
-    return _valid_part(stereo, found), found, notices
-
 
 def depth_deviation(
     near: NearHeight | None, view: View | None, mask: Mask
@@ -118,20 +83,6 @@ def depth_deviation(
     if view is None or near is None or not math.isfinite(near.mean_height_sigma_mm):
         return None, 0.0
     return view.depth_error(near.mean_height_sigma_mm, float(near.depth[mask].mean()))
-
-
-def _valid_part(
-    stereo: PhotometricStereoResult, found: NormalUncertainty
-) -> PhotometricStereoResult:
-    solved = stereo.normal_map.mask
-    kept = solved & found.valid
-    if kept.all(where=solved):
-        return stereo
-    check_any_valid(kept, found.reason, solved)
-    normals, maps = stereo.normal_map.normals.copy(), (stereo.albedo, stereo.residual)
-    normals[~kept] = 0
-    albedo, residual = (np.where(kept, values, np.float32(0)) for values in maps)
-    return replace(stereo, normal_map=NormalMap(normals, kept), albedo=albedo, residual=residual)
 
 
 def check_any_valid(kept: Mask, reason: Reasons, solved: Mask) -> None:

@@ -6,6 +6,8 @@ import math
 
 from acquisition import Source
 from processing._reconstruction.colour_albedo import may_have_colour
+from processing._stages.stage import Need
+from rig import pluralize
 
 # The interpreter, libraries and compiled kernels, and buffers of the threads.
 _FIXED = 450_000_000
@@ -20,41 +22,27 @@ _STACK, _BAND = 1_000_000_000, 128_000_000
 _LEAST_ROWS = 8
 
 
-def memory_of_reconstruction(source: Source, channels: int = 1) -> int:
-    """Return the bytes that `reconstruct` needs for the normals of a source, about.
+def memory_need(source: Source, channels: int, *, whole: bool) -> Need:
+    """Return the memory for the normals of a source, about.
 
-    ``channels`` is 3 if the images are solved in colour.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from acquisition import read_source, write_png
-    >>> from processing import memory_of_reconstruction
-    >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
-    >>> memory_of_reconstruction(read_source("card.png"))
-    450321600
+    Parameters
+    ----------
+    source
+        The recording.
+    channels
+        3 if the images are solved in colour, else 1.
+    whole
+        Whether the complete maps are needed.
     """
-    pixels = math.prod(source.size)
-    stack = 4 * channels * len(source.light_ids) * pixels
-    return (
+    (height, width), count = source.size, len(source.light_ids)
+    pixels, row = height * width, _row_bytes(source, count, colour=False)
+    stack = 4 * channels * count * pixels
+    most = (
         _FIXED + (_MAPS + 16 * (channels - 1)) * pixels + (stack if stack <= _STACK else 2 * _BAND)
     )
-
-
-def least_memory(source: Source) -> int:
-    """Return the bytes that `reconstruct_on_disk` needs at least.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from acquisition import read_source, write_png
-    >>> from processing import least_memory
-    >>> write_png("card.png", np.full((40, 60), 700, np.uint16))
-    >>> least_memory(read_source("card.png"))
-    450180480
-    """
-    row = _row_bytes(source, len(source.light_ids), colour=False)
-    return _FIXED + _on_disk(source) + _LEAST_ROWS * row
+    least = _FIXED + _on_disk(source) + _LEAST_ROWS * row
+    of = f"{pluralize(count, 'image')} of {width} x {height} pixels"
+    return Need(most, most if whole else least, of)
 
 
 def rows_of_band(source: Source, lights: int, memory: int, *, colour: bool) -> int:

@@ -3,34 +3,277 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from acquisition import Source, setup_notices
-from calibration import BandedStack, Channel, Stack, linear_stack, luma, open_stack
-from processing._metrics import angular_error
-from processing._reconstruction.banded_normals import normals_in_bands
-from processing._reconstruction.colour_albedo import colour_albedo
-from processing._reconstruction.colour_normals import colours_in_bands
-from processing._reconstruction.examined import (
-    check_facing,
-    examination_of,
-    geometry_of,
+from acquisition import (
+    BandStore,
+    MapRows,
+    MemoryMaps,
+    Source,
+    check_unfinished,
+    rows_in_bands,
+    setup_notices,
 )
+from calibration import BandedStack, Channel, Stack, linear_stack, luma, open_stack
+from processing._metrics import AngularError, angular_error
+from processing._normal_map import NormalMap
+from processing._reconstruction.banded_normals import ShownBySample, map_forms, solve_bands
+from processing._reconstruction.colour_albedo import (
+    ColourSums,
+    colour_albedo,
+    coloured,
+    may_have_colour,
+)
+from processing._reconstruction.colour_normals import colours_in_bands
+from processing._reconstruction.error_bars import (
+    ErrorBarMaps,
+    check_any_valid,
+    validity_notices,
+)
+from processing._reconstruction.examination import Examination
+from processing._reconstruction.examined import check_facing, examination_of, geometry_of
+from processing._reconstruction.memory import memory_need, rows_of_band
 from processing._reconstruction.mosaic import albedo_of_sites, gray_picture
-from processing._reconstruction.reconstruction import Reconstruction
+from processing._reconstruction.reconstruction import Reconstruction, finished_maps
 from processing._reconstruction.views import Perspective
+from processing._stages.stage import Need
 from processing._stereo.method import Method
+from processing._stereo.photometric_stereo import check_solved
 from processing._surface.integration import integrate
-from rig import Progress, check_type, no_progress
+from processing._uncertainty.sample_kind import Reason
+from rig import Notice, Progress, check_type, no_progress
 
+Mask = npt.NDArray[np.bool_]
 StereoChannel = Literal["gray", "rgb", "joint", "mosaic"]
 
 # Bytes of a stack that is read at once; a larger one is solved in bands of rows.
 _IN_MEMORY = 1_000_000_000
+# Bytes of rows that are read together after the bands.
+_READ = 32_000_000
+
+
+@dataclass(frozen=True)
+class MapFiles:
+    """Where the maps of a reconstruction are if they do not fit into memory.
+
+    Parameters
+    ----------
+    path
+        Future result. The maps are in a hidden folder next to it, see `BandStore`, until the
+        caller removes them.
+    identity
+        What the result depends on besides the options of the stage, see `BandStore`.
+    memory
+        Bytes to use, at least those of `NormalsStage.need`.
+    replace
+        Begin again if there are maps of another identity.
+    """
+
+    path: Path
+    identity: Mapping[str, object]
+    memory: int
+    replace: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class NormalsStage:
+    """The computation of normals from a recording.
+
+    The images are converted to linear radiance; a warning says if they fit the lights much better
+    under another transfer curve, others if images, lights and normals do not agree (see
+    `image_quality`), or if the lights were calibrated with another rig or camera. Images without
+    light on the object are left out. Photometric stereo computes the normals, and their
+    integration the height. Near lights are evaluated at the points of the surface: normals and
+    height alternate, and the mean height is the one that explains the images best.
+
+    Parameters
+    ----------
+    method
+        Method of `photometric_stereo`.
+    channel
+        ``gray``: normals from gray images, for which a mosaic is demosaiced. ``rgb``: one solution
+        per channel; the normals are averaged with weights from the noise. ``joint``: one normal and
+        one albedo per channel that explain the samples of all channels best. ``mosaic``: normals of
+        every site of a Bayer mosaic from its own samples, without interpolation, so that edges of
+        colours are as sharp as others; the albedo in colour is interpolated afterwards.
+    distant
+        Treat lights with positions as distant lights.
+    height_mm
+        Mean height of the object above the working plane, if it is known. Only for near lights.
+    rests_on_plane
+        The lowest points of the object are in the working plane. Only for near lights.
+    pixel_mm
+        Distance between neighbouring pixels on the object, if the source has no camera with a
+        working distance. Without a camera, the view is orthographic.
+    exclude_disagreeing
+        Leave out images that the other images contradict (see `image_quality`), unless so many do
+        that it is not known which are right.
+    semi_calibrated
+        Estimate the strengths of the lights, relative to given intensities; see `light_strengths`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> from acquisition import Lights, read_source, write_png
+    >>> from processing import MapFiles, NormalsStage
+    >>> lights = Lights(directions=[[1, 0, 2], [0, 1, 2], [-1, 0, 2], [0, -1, 2]])
+    >>> for i in range(4):
+    ...     write_png(f"card.{i}.png", np.pad(np.full((40, 60), 9000, np.uint16), 9))
+    >>> source = read_source(".", lights=lights)
+    >>> NormalsStage().run(source, MapFiles(Path("a"), {}, memory=10**9))
+    Reconstruction(., NormalMap(float32[58, 78, 3], 2400 normals))
+    """
+
+    method: Method = "best"
+    channel: StereoChannel = "gray"
+    distant: bool = False
+    height_mm: float | None = None
+    rests_on_plane: bool = False
+    pixel_mm: float | None = None
+    exclude_disagreeing: bool = False
+    semi_calibrated: bool = False
+
+    @property
+    def needs_whole(self) -> bool:
+        """Whether the complete images and maps have to be in memory."""
+        return self.channel != "gray" or self.semi_calibrated
+
+    def need(self, source: Source) -> Need:
+        """Return the memory for a recording, about."""
+        channels = 3 if self.channel in ("rgb", "joint") else 1
+        return memory_need(source, channels, whole=self.needs_whole)
+
+    def run(
+        self, source: Source, files: MapFiles | None = None, on_progress: Progress = no_progress
+    ) -> Reconstruction:
+        """Compute the normals, with the maps in memory or in files.
+
+        A band whose rows are in files is not computed again if the process is killed and the
+        function is called with the same identity. Parameters and errors are those of
+        `reconstruct`, and of `BandStore` for ``files``.
+        """
+        check_type("source", source, Source, "acquisition.read_source(path) returns one")
+        geometry = geometry_of(
+            source,
+            self.pixel_mm,
+            self.height_mm,
+            rests_on_plane=self.rests_on_plane,
+            distant=self.distant,
+        )
+        if files is not None and not files.replace:
+            check_unfinished(files.path, files.identity)
+        with ExitStack() as opened:
+            stack = self._opened(source, opened, on_progress, in_bands=files is not None)
+            banded = stack if isinstance(stack, BandedStack) else None
+            pattern, store = stack.pattern, None
+            examined, of_mask = examination_of(source, stack, geometry, self.method, on_progress)
+            del stack  # the examination may replace it
+            examined.leave_out_unlit()
+            examined.find_surface(semi_calibrated=self.semi_calibrated)
+            quality = examined.check(exclude_disagreeing=self.exclude_disagreeing)
+            in_colour = examined.images.in_colour
+            colours = None
+            if banded is not None and not in_colour and pattern is None:
+                colours = _colours(source, banded, examined)
+            mask = examined.mask
+            forms = map_forms(mask.shape, len(examined.lights))
+            if in_colour or colours is not None:
+                forms["colour"] = ((*mask.shape, 3), np.float32)
+            maps: MemoryMaps | BandStore = MemoryMaps(forms)
+            if files is not None:
+                forms["first"] = forms["last"] = (mask.shape, np.float32)
+                maps = store = BandStore(files.path, files.identity, forms, replace=files.replace)
+                opened.push(lambda error, *_: store.close() if error else None)
+                previews: tuple[MapRows, ...] = store["first"], store["last"]
+            else:
+                previews = tuple(
+                    np.array(image) if pattern is None else gray_picture(image, pattern)
+                    for image in (examined.images[0], examined.images[-1])
+                )
+            shown = self._solve(examined, maps, files, colours, on_progress)
+            valid, notices = _valid_pixels(maps, examined)
+            warnings = (
+                *source.warnings,
+                *setup_notices(source),
+                *examined.images.warnings,
+                *of_mask,
+                *examined.warnings,
+                *notices,
+                *validity_notices(maps["reason"][:], mask, shown.origin, shown.correlation),
+            )
+            made = finished_maps(maps, valid, ErrorBarMaps(maps).common_variance(), shown.origin)
+            check_facing(source, _sum_of_z(made["normals"], valid))
+            source, lights, near = examined.source, examined.lights, examined.near
+            points, used = examined.points, examined.images.ids
+            strengths, excluded = examined.strengths, examined.excluded
+            del examined  # by far the largest arrays; what follows does not need them
+        if pattern is not None:
+            albedo = albedo_of_sites(made["gray_albedo"][:], valid, pattern)
+            made |= {"albedo": albedo, "gray_albedo": luma(albedo)}
+        elif banded is None and not in_colour:
+            normals = NormalMap.of_unit_vectors(made["normals"][:], valid)
+            of_gray = made["gray_albedo"][:], made["residual"][:]
+            found = colour_albedo(source, used, lights, normals, *of_gray, points, on_progress)
+            if found is not None:
+                made["albedo"] = found
+        return Reconstruction(
+            source=source,
+            lights=lights,
+            mask=mask,
+            valid=valid,
+            maps=made,
+            noise=shown.origin,
+            neighbour_correlation=shown.correlation,
+            quality=quality,
+            excluded=excluded,
+            strengths=strengths,
+            error=_error(source, made["normals"], valid, mask),
+            previews=previews,
+            near_height=near,
+            warnings=warnings,
+            store=store,
+        )
+
+    def _solve(
+        self,
+        examined: Examination,
+        maps: MemoryMaps | BandStore,
+        files: MapFiles | None,
+        colours: BandedStack | None,
+        on_progress: Progress,
+    ) -> ShownBySample:
+        """Fill the maps; ``colours`` are gray images in colour, for the albedo."""
+        if isinstance(maps, MemoryMaps) and examined.images.in_colour:
+            joint = self.channel == "joint"
+            return colours_in_bands(examined, self.method, on_progress, maps, joint=joint)
+        rows = None
+        if files is not None:
+            count, colour = len(examined.lights), colours is not None
+            rows = rows_of_band(examined.source, count, files.memory, colour=colour)
+
+        def on_band(band: slice) -> None:
+            if colours is not None:
+                maps["colour"][band] = _albedo_in_colour(maps, colours, examined, band)
+
+        return solve_bands(examined, self.method, on_progress, maps, rows, on_band)
+
+    def _opened(
+        self, source: Source, opened: ExitStack, on_progress: Progress, *, in_bands: bool
+    ) -> Stack | BandedStack:
+        """Return the stack of a source, in bands if it is large and not needed as a whole."""
+        channel: Channel = "rgb" if self.channel == "joint" else self.channel
+        values = len(source.light_ids) * math.prod(source.size) * (3 if channel == "rgb" else 1)
+        if not in_bands and (self.semi_calibrated or 4 * values <= _IN_MEMORY):
+            return linear_stack(source, channel=channel, on_progress=on_progress)
+        return opened.enter_context(open_stack(source, channel=channel, on_progress=on_progress))
 
 
 def reconstruct(
@@ -117,85 +360,81 @@ def reconstruct(
     >>> reconstruct(read_source(".", lights=lights))
     Reconstruction(., NormalMap(float32[40, 40, 3], 572 normals), height in px)
     """
-    check_type("source", source, Source, "acquisition.read_source(path) returns one")
+    stage = NormalsStage(
+        method=method,
+        channel=channel,
+        distant=distant,
+        height_mm=height_mm,
+        rests_on_plane=rests_on_plane,
+        pixel_mm=pixel_mm,
+        exclude_disagreeing=exclude_disagreeing,
+        semi_calibrated=semi_calibrated,
+    )
+    made = stage.run(source, on_progress=on_progress)
+    if not surface:
+        return made
+    depth = None if made.near_height is None else made.near_height.depth
+    camera, size = made.source.camera, pixel_mm
     geometry = geometry_of(
         source, pixel_mm, height_mm, rests_on_plane=rests_on_plane, distant=distant
     )
-    with ExitStack() as opened:
-        stack = _opened(source, channel, opened, on_progress, whole=semi_calibrated)
-        pattern = stack.pattern
-        examined, of_mask = examination_of(source, stack, geometry, method, on_progress)
-        del stack  # the examination may replace it
-        examined.leave_out_unlit()
-        examined.find_surface(semi_calibrated=semi_calibrated)
-        quality = examined.check(exclude_disagreeing=exclude_disagreeing)
-        previews = tuple(
-            np.array(image) if pattern is None else gray_picture(image, pattern)
-            for image in (examined.images[0], examined.images[-1])
-        )
-        if examined.images.in_colour:
-            solved, albedo = colours_in_bands(
-                examined, method, on_progress, joint=channel == "joint"
-            )
-        else:
-            solved, albedo = normals_in_bands(examined, method, on_progress), None
-        warnings = [
-            *source.warnings,
-            *setup_notices(source),
-            *examined.images.warnings,
-            *of_mask,
-            *examined.warnings,
-            *solved.warnings,
-        ]
-        source, lights, near = examined.source, examined.lights, examined.near
-        mask, view = examined.mask, geometry.view
-        points, used = examined.points, examined.images.ids
-        strengths, excluded = examined.strengths, examined.excluded
-        del examined  # by far the largest arrays; the height does not need them
-    stereo = solved.stereo
-    normal_map = stereo.normal_map
-    check_facing(source, float(np.mean(normal_map.normals[..., 2][normal_map.mask])))
-    if pattern is not None:
-        albedo = albedo_of_sites(stereo.albedo, normal_map.mask, pattern)
-        stereo = replace(stereo, albedo=luma(albedo))
-    elif albedo is not None:
-        albedo[~normal_map.mask] = 0
-    else:
-        albedo = colour_albedo(source, used, lights, stereo, points, on_progress)
-    height = None
-    if surface:
-        depth = None if near is None else near.depth
-        camera, size = source.camera, pixel_mm
-        if isinstance(view, Perspective):
-            camera, size = view.camera, None  # the camera has the scale
-        height = integrate(normal_map, camera=camera, pixel_mm=size, depth_mm=depth)
-        warnings += height.warnings
-    truth = source.normals_truth
-    return Reconstruction(
-        source=source,
-        lights=lights,
-        mask=mask,
-        stereo=stereo,
-        albedo=albedo,
-        uncertainty=solved.uncertainty,
-        specular=solved.specular,
-        surface=height,
-        quality=quality,
-        excluded=excluded,
-        strengths=strengths,
-        error=None if truth is None else angular_error(normal_map, truth, mask),
-        previews=previews,
-        near_height=near,
-        warnings=tuple(warnings),
-    )
+    if isinstance(geometry.view, Perspective):
+        camera, size = geometry.view.camera, None  # the camera has the scale
+    height = integrate(made.normals, camera=camera, pixel_mm=size, depth_mm=depth)
+    return replace(made, surface=height, warnings=(*made.warnings, *height.warnings))
 
 
-def _opened(
-    source: Source, channel: StereoChannel, opened: ExitStack, on_progress: Progress, *, whole: bool
-) -> Stack | BandedStack:
-    """Return the stack of a source, on disk if it is large and the complete one is not needed."""
-    of_stack: Channel = "rgb" if channel == "joint" else channel
-    values = len(source.light_ids) * math.prod(source.size) * (3 if of_stack == "rgb" else 1)
-    if whole or 4 * values <= _IN_MEMORY:
-        return linear_stack(source, channel=of_stack, on_progress=on_progress)
-    return opened.enter_context(open_stack(source, channel=of_stack, on_progress=on_progress))
+def _colours(source: Source, stack: BandedStack, examined: Examination) -> BandedStack | None:
+    """Return the images in colour; None if they have none."""
+    if not may_have_colour(source):
+        return None
+    colours = stack.in_channel("rgb")
+    first = stack.ids.index(examined.images.ids[0])
+    height, width = source.size
+    bands = rows_in_bands(height, 12 * width, _READ)
+    return colours if any(coloured(colours.image(first, rows)) for rows in bands) else None
+
+
+def _albedo_in_colour(
+    maps: MemoryMaps | BandStore, colours: BandedStack, examined: Examination, rows: slice
+) -> npt.NDArray[np.float32]:
+    """Return rows of the albedo in colour, from the rows of the other maps."""
+    normals, albedo, residual = (maps[name][rows] for name in ("normals", "albedo", "residual"))
+    valid = (albedo > 0) & (maps["reason"][rows] == Reason.VALID)
+    points = None if examined.points is None else examined.points.of(rows)
+    sums = ColourSums(NormalMap.of_unit_vectors(normals, valid), albedo, residual, points)
+    ids, lights = examined.images.ids, examined.lights
+    for i, name in enumerate(ids):
+        sums.add(colours.image(colours.ids.index(name), rows), lights.take([i]), len(ids))
+    return sums.albedo()
+
+
+def _valid_pixels(maps: MemoryMaps | BandStore, examined: Examination) -> tuple[Mask, list[Notice]]:
+    """Return the pixels that have a normal, and notices about others."""
+    mask = examined.mask
+    solved, reason = np.zeros(mask.shape, np.bool_), maps["reason"][:]
+    most_used = 0
+    for rows in _bands(mask, 6):
+        solved[rows] = maps["albedo"][rows] > 0
+        used = maps["used"][rows][mask[rows]]
+        most_used = max(most_used, int(used.max(initial=0)))
+    notices = check_solved(solved, mask, most_used, examined.images)
+    valid = solved & (reason == Reason.VALID)
+    check_any_valid(valid, reason, solved)
+    return valid, list(notices)
+
+
+def _sum_of_z(normals: MapRows, valid: Mask) -> float:
+    return sum(float(normals[rows][..., 2].sum(dtype=np.float64)) for rows in _bands(valid, 12))
+
+
+def _error(source: Source, normals: MapRows, valid: Mask, mask: Mask) -> AngularError | None:
+    # True normals are in memory, so these can be, too.
+    if source.normals_truth is None:
+        return None
+    return angular_error(NormalMap(normals[:], valid), source.normals_truth, mask)
+
+
+def _bands(mask: Mask, pixel_bytes: int) -> list[slice]:
+    height, width = mask.shape
+    return rows_in_bands(height, pixel_bytes * width, _READ)

@@ -1,23 +1,45 @@
-"""What `reconstruct` returns."""
+"""Result of the reconstruction of a recording."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights, MapRows, Source
+from acquisition import (
+    BandStore,
+    ComputedRows,
+    Lights,
+    MapRows,
+    MemoryMaps,
+    Source,
+    rows_in_bands,
+)
 from processing._metrics import AngularError
+from processing._normal_map import NormalMap
 from processing._reconstruction.light_strengths import LightStrengths
 from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality
-from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._surface.height_map import HeightMap
-from processing._uncertainty.normal_uncertainty import NormalUncertainty
+from processing._uncertainty.normal_uncertainty import (
+    NormalUncertainty,
+    in_degrees,
+    valid_reasons,
+)
 from processing._uncertainty.pixel_variances import Origin
 from processing._uncertainty.sample_kind import SampleKind
 from rig import Notice
+
+Float = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+Rows = npt.NDArray[Any]
+
+# Bytes of rows that are finished at once.
+_BAND = 32_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,17 +54,15 @@ class Reconstruction:
         The lights of the images that were used, in their order.
     mask
         ``(H, W)`` bool, the object: the mask of the source, or one computed from the images.
-    stereo
-        Normals of the valid pixels, gray albedo and residual.
-    albedo
-        ``(H, W, 3)`` float32 linear RGB if the images have colour, else the gray albedo
-        ``(H, W)``; see `colour_albedo`. 0 outside the mask of the normals.
-    uncertainty
-        Standard deviations of the normals, what the samples show, and why pixels are not valid.
-    specular
-        ``(H, W)`` float32 mean light above a matte surface, see `specular_residual`.
-    surface
-        The height; None if it was not requested.
+    valid
+        ``(H, W)`` bool, the pixels with a normal.
+    maps
+        The maps of a result by the names of their files, in memory or in files: ``normals``
+        ``(H, W, 3)``, ``albedo`` ``(H, W, 3)`` linear RGB if the images have colour, else
+        ``(H, W)``, ``residual``, ``specular``, ``used``, ``normal_sigma_deg``,
+        ``normal_sigma_common_deg``, ``validity`` and ``samples_*``; and ``gray_albedo``.
+    noise, neighbour_correlation
+        As in `NormalUncertainty`.
     quality
         Agreement of images, lights and normals.
     excluded
@@ -52,64 +72,148 @@ class Reconstruction:
     error
         Error of the normals over `mask`; None if the source has no ground truth.
     previews
-        The first and the last linear image, each ``(H, W)`` float32.
+        The first and the last linear image, each ``(H, W)`` float32; in files, where the mask is.
     near_height
         Where the surface is, under near lights; None under distant lights.
     warnings
         Warnings about the source, the stack, the normals and the height.
+    store
+        Files of the maps, which `BandStore.remove` deletes; None if they are in memory.
+    surface
+        The height; None if it was not requested.
     """
 
     source: Source
     lights: Lights
-    mask: npt.NDArray[np.bool_]
-    stereo: PhotometricStereoResult
-    albedo: npt.NDArray[np.float32]
-    uncertainty: NormalUncertainty
-    specular: npt.NDArray[np.float32]
-    surface: HeightMap | None
+    mask: Mask
+    valid: Mask
+    maps: Mapping[str, MapRows]
+    noise: Origin
+    neighbour_correlation: float
     quality: ImageQuality
     excluded: tuple[str, ...]
     strengths: LightStrengths | None
     error: AngularError | None
-    previews: tuple[npt.NDArray[np.float32], ...]
+    previews: tuple[MapRows, ...]
     near_height: NearHeight | None
     warnings: tuple[Notice, ...]
+    store: BandStore | None = None
+    surface: HeightMap | None = None
+
+    @cached_property
+    def normals(self) -> NormalMap:
+        """Normals of the valid pixels."""
+        return NormalMap.of_unit_vectors(self.maps["normals"][:], self.valid)
 
     @property
-    def valid(self) -> npt.NDArray[np.bool_]:
-        """``(H, W)`` bool, the pixels with a normal."""
-        return self.stereo.normal_map.mask
+    def albedo(self) -> Float:
+        """``(H, W, 3)`` float32 linear RGB if the images have colour, else ``(H, W)``."""
+        return self.maps["albedo"][:]
 
     @property
-    def noise(self) -> Origin:
-        """Where the law of the noise is from, see `NormalUncertainty`."""
-        return self.uncertainty.noise
+    def gray_albedo(self) -> Float:
+        """``(H, W)`` float32 gray albedo, see `photometric_stereo`."""
+        return self.maps["gray_albedo"][:]
 
     @property
-    def neighbour_correlation(self) -> float:
-        """Whether the residuals are noise, see `NormalUncertainty`."""
-        return self.uncertainty.neighbour_correlation
+    def residual(self) -> Float:
+        """``(H, W)`` float32 residual of the gray images, see `photometric_stereo`."""
+        return self.maps["residual"][:]
 
     @property
-    def maps(self) -> dict[str, MapRows]:
-        """The maps of a result by the names of their files."""
-        samples = self.uncertainty.samples
-        return {
-            "normals": self.stereo.normal_map.normals,
-            "albedo": self.albedo,
-            "residual": self.stereo.residual,
-            "specular": self.specular,
-            "used": self.stereo.used,
-            "normal_sigma_deg": self.uncertainty.sigma_deg,
-            "normal_sigma_common_deg": self.uncertainty.common_sigma_deg,
-            "validity": self.uncertainty.reason,
-            **{f"samples_{kind.name.lower()}": samples[kind] for kind in SampleKind},
-        }
+    def used(self) -> npt.NDArray[np.uint16]:
+        """``(H, W)`` uint16, number of samples of each pixel."""
+        return self.maps["used"][:]
+
+    @property
+    def specular(self) -> Float:
+        """``(H, W)`` float32 mean light above a matte surface, see `specular_residual`."""
+        return self.maps["specular"][:]
+
+    @cached_property
+    def uncertainty(self) -> NormalUncertainty:
+        """Standard deviations of the normals, what the samples show, why pixels are not valid."""
+        samples = [self.maps[f"samples_{kind.name.lower()}"][:] for kind in SampleKind]
+        return NormalUncertainty(
+            self.maps["normal_sigma_deg"][:],
+            self.maps["normal_sigma_common_deg"][:],
+            np.stack(samples),
+            self.maps["validity"][:],
+            self.noise,
+            self.neighbour_correlation,
+        )
 
     def __repr__(self) -> str:
-        parts = [str(self.source.path), repr(self.stereo.normal_map)]
+        height, width = self.mask.shape
+        count = int(np.count_nonzero(self.valid))
+        parts = [
+            str(self.source.path),
+            f"NormalMap(float32[{height}, {width}, 3], {count} normals)",
+        ]
         if self.surface is not None:
             parts.append(f"height in {self.surface.unit}")
         if self.error is not None:
             parts.append(f"mean error {self.error.mae_deg:.2f} deg")
         return f"Reconstruction({', '.join(parts)})"
+
+
+def finished_maps(
+    store: MemoryMaps | BandStore, valid: Mask, common: np.float32, origin: Origin
+) -> dict[str, MapRows]:
+    """Return the maps of a result from what the solver wrote.
+
+    Maps in memory are finished here, others whenever their rows are read.
+
+    Parameters
+    ----------
+    store
+        Maps of `map_forms`, and ``colour`` if the images have colour.
+    valid
+        ``(H, W)`` bool, the pixels that have a normal.
+    common
+        Variance that all pixels have besides their own.
+    origin
+        Where the law of the noise is from.
+    """
+
+    def finished(name: str, finish: Callable[[Rows, slice], Rows]) -> MapRows:
+        file = store[name]
+        if isinstance(store, BandStore):
+            return ComputedRows(file.shape, file.dtype, lambda rows: finish(file[rows], rows))
+        row = file.dtype.itemsize * int(np.prod(file.shape[1:]))
+        for rows in rows_in_bands(len(file), row, _BAND):
+            file[rows] = finish(file[rows], rows)
+        return file
+
+    def where_valid(name: str) -> MapRows:
+        def finish(values: Rows, rows: slice) -> Rows:
+            inside = valid[rows]
+            return np.where(inside[..., None] if values.ndim == 3 else inside, values, 0)
+
+        return finished(name, finish)
+
+    def deviations(name: str, besides: np.float32) -> MapRows:
+        def finish(values: Rows, rows: slice) -> Rows:
+            variances = values + besides
+            in_degrees(variances, valid_reasons(store["reason"][rows], origin))
+            return variances
+
+        return finished(name, finish)
+
+    def counts(kind: SampleKind) -> ComputedRows:
+        samples = store["samples"]
+        return ComputedRows(valid.shape, samples.dtype, lambda rows: samples[rows][:, kind])
+
+    gray = where_valid("albedo")
+    maps: dict[str, MapRows] = {
+        "normals": where_valid("normals"),
+        "albedo": where_valid("colour") if "colour" in store else gray,
+        "gray_albedo": gray,
+        "residual": where_valid("residual"),
+        "specular": where_valid("specular"),
+        "used": store["used"],
+        "normal_sigma_deg": deviations("sigma", common),
+        "normal_sigma_common_deg": deviations("common_sigma", np.float32(0)),
+        "validity": store["reason"],
+    }
+    return maps | {f"samples_{kind.name.lower()}": counts(kind) for kind in SampleKind}

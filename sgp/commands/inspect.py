@@ -35,7 +35,7 @@ def inspect(source: Input, *, options: RecordingOptions = _DEFAULTS) -> Result:
     """
     opened = open_recording(source, options)
     # The tests compute the normals that they need: the quicker method is enough.
-    stage = compute_normals(opened.source, SourceOptions(**vars(options), method="ls"))
+    stage = compute_normals(opened.source, SourceOptions(**vars(options), method="ls").stage())
     metrics: InspectMetrics = {
         "images": len(stage.lights),
         "lights": "near" if stage.lights.near else "distant",

@@ -53,7 +53,7 @@ def test_lights_come_from_the_spheres_and_the_mask_leaves_them_out(recording, sp
     assert not (result.mask & source.not_object).any()
     assert np.count_nonzero(result.mask ^ truth) < 0.03 * truth.sum()
     middle = normals_of(OBJECT, 0.7 * OBJECT_RADIUS)[1]  # lit by every light
-    assert angles_deg(result.stereo.normal_map.normals, normals)[middle].mean() < 0.4
+    assert angles_deg(result.normals.normals, normals)[middle].mean() < 0.4
 
 
 def test_a_mask_of_the_recording_also_leaves_them_out(recording, spheres):

@@ -48,7 +48,7 @@ def error_deg(source: Source) -> float:
     """Return the mean error of the normals that all lights reach."""
     normals, mask = ball()
     lit = mask & (normals @ LIGHTS.unit_directions.T > 0.05).all(axis=-1)
-    found = reconstruct(source, method="ls").stereo.normal_map.normals
+    found = reconstruct(source, method="ls").normals.normals
     across = np.linalg.norm(np.cross(normals, found), axis=-1)
     return float(np.degrees(np.arctan2(across, np.sum(normals * found, axis=-1)))[lit].mean())
 

@@ -71,7 +71,7 @@ def recording(colour, seed=3, noise=True, white=0):
 
 
 def rms_deg(result):
-    return float(np.sqrt(np.mean(angle_deg(result.stereo.normal_map.normals, true_normals()) ** 2)))
+    return float(np.sqrt(np.mean(angle_deg(result.normals.normals, true_normals()) ** 2)))
 
 
 def bound_deg(colour):
@@ -122,7 +122,7 @@ def test_errors_are_as_large_as_predicted(channel):
     found = result.uncertainty
     assert found.valid.all()
     assert found.neighbour_correlation < 0.1
-    error = angle_deg(result.stereo.normal_map.normals, true_normals())[found.valid]
+    error = angle_deg(result.normals.normals, true_normals())[found.valid]
     sigma = found.sigma_deg[found.valid].astype(float)
     for part in np.array_split(np.argsort(sigma), 3):
         ratio = np.sqrt(np.mean(error[part] ** 2) / np.mean(sigma[part] ** 2))
@@ -134,7 +134,7 @@ def test_channels_without_signal_do_not_count(noise):
     with_black = reconstruct(recording((0.8, 0.0, 0.0), noise=noise), channel="rgb")
     red = reconstruct(recording((0.8, 0.8, 0.8), noise=noise), channel="rgb")
     assert rms_deg(with_black) < 2 * rms_deg(red)
-    assert with_black.stereo.normal_map.mask.all()
+    assert with_black.normals.mask.all()
     # A single pixel of noise may be brighter.
     assert np.quantile(with_black.albedo[..., 1:], 0.999) < 0.01
 
@@ -143,8 +143,8 @@ def test_a_channel_is_left_out_where_it_is_saturated():
     result = reconstruct(recording((0.8, 0.8, 0.8), white=40), channel="rgb")
     assert rms_deg(result) < 0.6
     assert not result.albedo[:, :40, 0].any()
-    assert (result.stereo.used[:, :40] == 0).all()
-    assert (result.stereo.used[:, 40:] == 12).all()
+    assert (result.used[:, :40] == 0).all()
+    assert (result.used[:, 40:] == 12).all()
 
 
 @pytest.mark.parametrize("channel", ["rgb", "joint"])

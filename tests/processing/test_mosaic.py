@@ -81,7 +81,7 @@ def recording(channel, cfa, seed=5):
 
 
 def errors(result):
-    return angle_deg(result.stereo.normal_map.normals, scene()[0])
+    return angle_deg(result.normals.normals, scene()[0])
 
 
 @pytest.mark.parametrize("pattern", quick(["RGGB", "GBRG"], every=2))

@@ -82,7 +82,7 @@ def test_a_region_gives_the_normals_of_the_complete_recording(session):
     part = reconstruct(crop(source, x, y, width, height))
     window = np.s_[y : y + height, x : x + width]
     np.testing.assert_array_equal(part.mask, whole.mask[window])
-    found, expected = part.stereo.normal_map.normals, whole.stereo.normal_map.normals[window]
+    found, expected = part.normals.normals, whole.normals.normals[window]
     # The mean height is found from another part of the object.
     np.testing.assert_allclose(found, expected, atol=1e-3)
     assert part.surface.points()[..., :2][part.mask] == pytest.approx(
@@ -94,7 +94,7 @@ def test_a_region_gives_the_normals_of_the_complete_recording(session):
 def test_a_lower_resolution_stays_close_to_the_truth(session):
     source = read_source(session)
     part = reconstruct(downscale(source, 2))
-    assert part.stereo.albedo.shape == part.source.size == tuple(n // 2 for n in source.size)
+    assert part.gray_albedo.shape == part.source.size == tuple(n // 2 for n in source.size)
     assert part.error.mae_deg < 3.0
     assert part.surface.pixel_size == pytest.approx(
         2 * reconstruct(source).surface.pixel_size, rel=1e-9
@@ -113,8 +113,8 @@ def test_a_source_and_its_reconstruction_survive_pickling(session):
     copy = pickle.loads(pickle.dumps(source))
     np.testing.assert_array_equal(copy.frames[2].read(), source.frames[2].read())
     np.testing.assert_array_equal(
-        reconstruct(copy, surface=False).stereo.normal_map.normals,
-        reconstruct(source, surface=False).stereo.normal_map.normals,
+        reconstruct(copy, surface=False).normals.normals,
+        reconstruct(source, surface=False).normals.normals,
     )
 
 

@@ -18,13 +18,14 @@ import processing
 from acquisition import DataError, MissingPathError
 from processing import (
     NormalMap,
+    SuperResolutionStage,
     angle_deg,
     angular_error,
     low_resolution,
     read_superres_model,
     super_resolve,
 )
-from processing._superres import enlargement as module
+from processing._superres import memory as memory_module
 from processing._superres.blend import blend
 from processing._superres.filling import filled_outwards
 from processing._superres.interpolation import bicubic, smoothly, units, without_averaging
@@ -222,8 +223,8 @@ def test_tiles_equal_the_whole(scale, self_ensemble, monkeypatch):
     low = masked(rough(45, 70, seed=4), disc(45, 70))
     made = super_resolve(low, scale, self_ensemble=self_ensemble)
     steps = []
-    monkeypatch.setattr(module, "TILE_PX", 16)
-    monkeypatch.setattr(module, "_HALOS", 0)
+    monkeypatch.setattr(memory_module, "TILE_PX", 16)
+    monkeypatch.setattr(memory_module, "_HALOS", 0)
     tiled = super_resolve(
         low, scale, self_ensemble=self_ensemble, on_progress=lambda *step: steps.append(step)
     )
@@ -417,7 +418,7 @@ def test_scales_sizes_and_names_that_do_not_exist(monkeypatch):
     def full(way, size):
         raise MemoryError
 
-    monkeypatch.setattr(module.Enlargement, "forms", full)
+    monkeypatch.setattr(SuperResolutionStage, "forms", full)
     with pytest.raises(DataError, match="48 x 48 pixels does not fit into the memory"):
         super_resolve(low, 4)
 

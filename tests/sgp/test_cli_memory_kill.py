@@ -10,11 +10,10 @@ import pytest
 from acquisition import Lights, write_lights, write_mask, write_png
 from processing import (
     NormalMap,
-    ShapeFilter,
-    least_memory_of_separation,
-    least_memory_of_super_resolution,
-    least_memory_of_synthesis,
-    least_memory_of_transfer,
+    SeparationStage,
+    SuperResolutionStage,
+    SynthesisStage,
+    TransferStage,
     write_normals,
 )
 from tests.sgp.killed import Server, Unfinished, check_killed, server
@@ -83,7 +82,7 @@ def write_waves(folder: Path, size: tuple[int, int]) -> None:
 @pytest.mark.slow
 def test_superres(server: Server, tmp_path: Path) -> None:
     write_waves(tmp_path / "low", LOW)
-    memory = f"{least_memory_of_super_resolution(LOW, 2) // 1024 + 1}K"
+    memory = f"{SuperResolutionStage.of(2, method='bicubic').need(LOW).least // 1024 + 1}K"
     command = ["detail", "superres", str(tmp_path / "low"), "--scale", "2", "--memory", memory]
     found = Unfinished(tmp_path / "out", "superres", (2 * LOW[0], 2 * LOW[1], 3), "normals")
     check_killed(server, [*command, "--out"], found, tmp_path / "whole", kills=6, seed=11)
@@ -92,7 +91,7 @@ def test_superres(server: Server, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_separation(server: Server, tmp_path: Path) -> None:
     write_waves(tmp_path / "map", MAP)
-    memory = f"{least_memory_of_separation(MAP, ShapeFilter()) // 1024 + 300}K"
+    memory = f"{SeparationStage().need(MAP).least // 1024 + 300}K"
     command = ["detail", "separate", str(tmp_path / "map"), "--memory", memory, "--out"]
     found = Unfinished(tmp_path / "out", "detail", (*MAP, 3), "shape")
     check_killed(server, command, found, tmp_path / "whole", kills=6, seed=12)
@@ -102,7 +101,7 @@ def test_separation(server: Server, tmp_path: Path) -> None:
 def test_transfer(server: Server, tmp_path: Path) -> None:
     write_waves(tmp_path / "cloth", CLOTH)
     write_waves(tmp_path / "map", MAP)
-    memory = f"{least_memory_of_transfer(CLOTH, MAP) // 1024 + 500}K"
+    memory = f"{TransferStage().need(CLOTH, MAP).least // 1024 + 500}K"
     maps = [str(tmp_path / "cloth"), str(tmp_path / "map")]
     command = ["detail", "transfer", *maps, "--refine", "2", "--memory", memory, "--out"]
     begin = CLOTH[0] + 1
@@ -125,7 +124,7 @@ synthesis_memory._SHEET = 10_000
 @pytest.mark.parametrize("options", [[], ["--tileable"]], ids=["", "for tiling"])
 def test_synthesis(server: Server, tmp_path: Path, options: list[str]) -> None:
     write_waves(tmp_path / "cloth", CLOTH)
-    memory = f"{least_memory_of_synthesis(CLOTH, SHEET) // 2**20 + 100}M"
+    memory = f"{SynthesisStage(SHEET).need(CLOTH).least // 2**20 + 100}M"
     size = f"{SHEET[1]}x{SHEET[0]}"
     words = [str(tmp_path / "cloth"), "--size", size, "--patch", "16", *options]
     command = ["detail", "synthesize", *words, "--memory", memory, "--out"]

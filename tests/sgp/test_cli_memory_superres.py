@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from acquisition import BandStore
-from processing import NormalMap, least_memory_of_super_resolution, write_normals
-from processing._superres import enlargement, memory
+from processing import NormalMap, SuperResolutionStage, write_normals
+from processing._superres import memory
 from tests.sgp.test_cli_memory import bands, check_equal, stop  # noqa: F401 - a fixture
 
 SIZE = (95, 13)
@@ -21,7 +21,7 @@ SIZE = (95, 13)
 def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Interpreter and libraries count as nothing, so that tiny maps do not fit; small tiles."""
     monkeypatch.setattr(memory, "_FIXED", 0)
-    monkeypatch.setattr(enlargement, "TILE_PX", 16)
+    monkeypatch.setattr(memory, "TILE_PX", 16)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +37,7 @@ def low(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def least(scale: int) -> str:
-    return f"{least_memory_of_super_resolution(SIZE, scale) // 1024 + 1}K"
+    return f"{SuperResolutionStage.of(scale).need(SIZE).least // 1024 + 1}K"
 
 
 @pytest.mark.slow
@@ -72,12 +72,12 @@ def test_an_interrupted_enlargement_continues(sgp, low, tmp_path, monkeypatch) -
     """After a full disk and Ctrl-C, also with more memory; what is complete is not done again."""
     command = ["detail", "superres", low, "--scale", 4, "--method", "bicubic", "--out"]
     out, limit = tmp_path / "out", ["--memory", least(4)]
-    done: list[int] = []
+    done: list[tuple[str, int]] = []
     complete = BandStore.complete
 
     def noted(store: BandStore, step: str, rows: slice) -> None:
         complete(store, step, rows)
-        done.append(rows.start)
+        done.append((step, rows.start))
 
     monkeypatch.setattr(BandStore, "complete", noted)
     full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
