@@ -1,6 +1,5 @@
-from ._blocks.block_surface import BlockSurface as BlockSurface
 from ._blocks.block_surface import integrate_in_blocks as integrate_in_blocks
-from ._blocks.memory import surface_memory as surface_memory
+from ._blocks.surface_stage import SurfaceStage as SurfaceStage
 from ._curvature.curvature import Curvature as Curvature
 from ._curvature.curvature import curvature as curvature
 from ._detail.filter_kind import FilterKind as FilterKind
@@ -113,17 +112,12 @@ from ._superres.super_resolve import super_resolve as super_resolve
 from ._surface.consistency import axes_notices as axes_notices
 from ._surface.consistency import axes_notices_of_rows as axes_notices_of_rows
 from ._surface.curl import NormalCurl as NormalCurl
-from ._surface.curl import curl_in_rows as curl_in_rows
 from ._surface.curl import curl_notices as curl_notices
 from ._surface.curl import normal_curl as normal_curl
 from ._surface.height_errors import HeightUncertainty as HeightUncertainty
 from ._surface.height_map import HeightMap as HeightMap
-from ._surface.height_map import HeightRows as HeightRows
 from ._surface.height_picture import HeightPicture as HeightPicture
-from ._surface.height_picture import HeightScale as HeightScale
 from ._surface.height_picture import height_picture as height_picture
-from ._surface.height_picture import height_samples as height_samples
-from ._surface.height_picture import height_scale as height_scale
 from ._surface.height_profile import HeightProfile as HeightProfile
 from ._surface.height_profile import height_profile as height_profile
 from ._surface.integrability import Integrability as Integrability
@@ -133,9 +127,7 @@ from ._surface.jumps import Jumps as Jumps
 from ._surface.mesh import Mesh as Mesh
 from ._surface.mesh import height_mesh as height_mesh
 from ._surface.mesh_files import write_mesh as write_mesh
-from ._surface.mesh_rows import write_mesh_rows as write_mesh_rows
 from ._surface.normal_residual import normal_residual as normal_residual
-from ._surface.normal_residual import residual_of_rows as residual_of_rows
 from ._surface.prior import HeightPrior as HeightPrior
 from ._surface.prior_file import read_prior as read_prior
 from ._surface.scale import surface_scale as surface_scale

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from acquisition import BandStore, read_image
-from processing._blocks import memory as block_memory
+from processing import Need, SurfaceStage
+from processing._blocks import surface_stage
 from processing._detail import rows
 from processing._reconstruction import memory
-from sgp import _memory_limit, _stored_run, _surface_memory
+from sgp import _memory_limit, _stored_run
 from tests.sgp.test_cli_memory import files, stop
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 
@@ -28,8 +29,8 @@ def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
         (memory, "_FIXED"),
         (rows, "_FIXED"),
         (rows, "_MOST_MARGINS"),
-        (block_memory, "_FIXED"),
-        (_surface_memory, "_PROGRAM"),
+        (surface_stage, "_FIXED"),
+        (surface_stage, "_PROGRAM"),
     ):
         monkeypatch.setattr(module, name, 0)
     for module in (_stored_run, _memory_limit):  # the map is too small for several bands
@@ -108,8 +109,7 @@ def test_near_lights_and_a_surface_from_files(sgp, tmp_path, monkeypatch) -> Non
     assert sgp(*given, "--out", tmp_path / "whole").code == 0
     assert sgp(*given, "--out", tmp_path / "blocks", "--memory", LITTLE).code == 0
     check_equal(tmp_path / "blocks", tmp_path / "whole")
-    monkeypatch.setattr(_surface_memory, "_blocks", lambda *_, **__: {})
-    monkeypatch.setattr(_surface_memory, "_whole", lambda *_, **__: 0)
+    monkeypatch.setattr(SurfaceStage, "need", lambda *_: Need(0, 0, "a surface"))
     assert sgp(*given, "--out", tmp_path / "files", "--memory", LITTLE).code == 0
     left, right = files(tmp_path / "files"), files(tmp_path / "whole")
     assert [n for n in left if left[n] != right[n]] == []
