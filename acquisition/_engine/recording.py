@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from types import FrameType, TracebackType
 from typing import Any, Final, Self, cast
@@ -414,11 +414,7 @@ class Recording:
             planned,
             frame.pixels,
             report=CameraReport(
-                exposure_us=frame.exposure_us,
-                gain_db=frame.gain_db,
-                frame_id=frame.frame_id,
-                timestamp_ns=frame.timestamp_ns,
-                temperature_c=frame.temperature_c,
+                **{item.name: getattr(frame, item.name) for item in fields(CameraReport)}
             ),
             echo=None if shot.echo is None else Echo(**asdict(shot.echo)),
             status="ok" if rejected is None else "rejected",

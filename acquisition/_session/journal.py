@@ -26,7 +26,7 @@ from pydantic import (
 )
 
 from acquisition._pixels.frame_quality import PERCENTILE_NAMES
-from acquisition._plan.planned_shot import Role, ShotKey
+from acquisition._plan.planned_shot import PlannedShot, Role, ShotKey
 from acquisition._storage import sha256_of
 from rig import validation_message
 
@@ -152,6 +152,11 @@ class FrameLine(_Line):
     def key(self) -> ShotKey:
         """Identity of the shot, as in `PlannedShot.key`."""
         return self.role, self.led, self.bracket, self.repeat
+
+    @property
+    def shot(self) -> PlannedShot:
+        """The shot by itself, without a plan."""
+        return PlannedShot(self.role, self.led, self.bracket, self.repeat, self.exposure_us)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

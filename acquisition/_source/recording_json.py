@@ -26,6 +26,8 @@ from acquisition._values.transfer_curve import LINEAR
 from rig import MAX_TOML_BYTES, Notice, pluralize, read_bounded
 
 RECORD_FILE: Final = "recording.json"
+# Fields of a session and of an export that say what they are of.
+LABELS: Final = ("object", "operator", "place", "notes", "rights")
 
 Values = Literal["raw", "linear"]
 # Name of a file in the same folder.
@@ -269,11 +271,7 @@ def read_identity(path: str | Path) -> Identity | None:
     else:
         return None
     return Identity(
-        stated.object,
-        stated.operator,
-        stated.place,
-        stated.notes,
-        stated.rights,
-        stated.started_utc.isoformat(timespec="seconds"),
-        stated.simulated,
+        **stated.model_dump(include=set(LABELS)),
+        started_utc=stated.started_utc.isoformat(timespec="seconds"),
+        simulated=stated.simulated,
     )
