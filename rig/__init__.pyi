@@ -65,11 +65,11 @@ from ._guard import parse_toml as parse_toml
 from ._guard import read_bounded as read_bounded
 from ._guard import read_head as read_head
 from ._guard import status_when_read as status_when_read
-from ._in_threads import in_threads as in_threads
 from ._kernel_cache import kernel_folder as kernel_folder
-from ._kernel_folder import KernelWatch as KernelWatch
-from ._kernel_folder import private_folder as private_folder
-from ._kernel_folder import watch_kernels as watch_kernels
+from ._kernels import KernelWatch as KernelWatch
+from ._kernels import in_threads as in_threads
+from ._kernels import private_folder as private_folder
+from ._kernels import watch_kernels as watch_kernels
 from ._memory import memory_budget as memory_budget
 from ._memory import memory_of_computer as memory_of_computer
 from ._memory import memory_size as memory_size

@@ -79,13 +79,16 @@ _Sample = Annotated[int, Field(ge=0, le=65535)]
 _Percentiles = Annotated[dict[str, _Sample], AfterValidator(_checked_percentiles)]
 
 
-class _Part(BaseModel):
-    """Part of a line. Types are strict: the text "3", 3.0 and true are not the integer 3."""
+class LinePart(BaseModel):
+    """Part of a line that readers act on: unknown keys are refused.
+
+    Types are strict: the text "3", 3.0 and true are not the integer 3.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
-class _Line(_Part):
+class _Line(LinePart):
     seq: Annotated[int, Field(ge=0)]
     time_utc: Annotated[str, AfterValidator(_checked_time)]
 
@@ -97,7 +100,7 @@ class StartLine(_Line):
     session_toml_sha256: Sha256
 
 
-class Echo(_Part):
+class Echo(LinePart):
     """Reply of the LED board: its sequence number and the LED that was on.
 
     ``lit_us`` is the time for which the LED was on, and ``active_us`` the time for which the

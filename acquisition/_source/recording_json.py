@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, Field
 
 from acquisition._errors import DataError, convert_read_errors, missing_path
 from acquisition._plan.planned_shot import Role
 from acquisition._session.layout import MANIFEST
 from acquisition._session.manifest import CameraRecord, Manifest, parse_manifest
-from acquisition._session.value_records import TransferRecord
+from acquisition._session.value_records import Table, TransferRecord
 from acquisition._source.source import Source
 from acquisition._storage import write_durably
 from acquisition._text_files import parse_json, read_text
@@ -36,11 +36,7 @@ _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length
 _FOR_OTHERS = ("export.json", "alicevision_lights.json")
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class ExportedFrame(_Record):
+class ExportedFrame(Table):
     """One image: its file in the folder, and the shot of the session that it shows.
 
     ``led`` is the LED of a light, None for the other roles.
@@ -55,7 +51,7 @@ class ExportedFrame(_Record):
     gain_db: float | None
 
 
-class RecordingNotes(_Record):
+class RecordingNotes(Table):
     """Metadata that the layouts of other programs cannot hold.
 
     ``camera`` describes the samples of the exported files: if ``values`` is raw, samples and
