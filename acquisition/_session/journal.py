@@ -251,30 +251,31 @@ def parse_journal(data: bytes) -> Journal:
     def journal(**state: Any) -> Journal:
         return Journal(tuple(lines), b"".join(kept), previous, **state)
 
-    pieces = data.split(b"\n")
-    tail = pieces.pop()
-    for number, piece in enumerate(pieces, 1):
+    def fault(piece: bytes) -> str:
+        """Keep an intact line, or return what is wrong with it."""
+        nonlocal previous
         own = _seal_of(piece, previous)
         if own is None:
-            return journal(damage=f"line {number} is damaged: its hash does not match")
+            return "is damaged: its hash does not match"
         line = _understood(piece, len(lines))
         if isinstance(line, str):
-            return journal(damage=f"line {number} is not understood: {line}")
+            return f"is not understood: {line}"
         lines.append(line)
         kept.append(piece + b"\n")
         previous = own
+        return ""
+
+    pieces = data.split(b"\n")
+    tail = pieces.pop()
+    for number, piece in enumerate(pieces, 1):
+        if wrong := fault(piece):
+            return journal(damage=f"line {number} {wrong}")
     if not tail:
         return journal()
     number = len(lines) + 1
-    own = _seal_of(tail, previous)
-    if own is not None:
-        line = _understood(tail, len(lines))
-        if isinstance(line, str):
-            return journal(damage=f"line {number} is not understood: {line}")
-        lines.append(line)
-        kept.append(tail + b"\n")
-        previous = own
-        return journal(unterminated=True)
+    if _seal_of(tail, previous) is not None:
+        wrong = fault(tail)
+        return journal(damage=f"line {number} {wrong}") if wrong else journal(unterminated=True)
     # An interrupted write leaves the beginning of a line. A complete line followed by one other
     # byte was not interrupted: its newline was changed afterwards.
     if _seal_of(tail[:-1], previous) is not None:
