@@ -83,7 +83,7 @@ from ._open import open_board as open_board
 from ._open import open_rig as open_rig
 from ._open_board import OpenBoard as OpenBoard
 from ._rig import Rig as Rig
+from ._shooting.shooting import Wires as Wires
 from ._shooting.shot import Shot as Shot
-from ._shooting.wires import Wires as Wires
 from ._short_repr import short_repr as short_repr
 from ._validation_message import validation_message as validation_message
