@@ -95,9 +95,7 @@ def read_image_with_alpha(
         # After the header check, which is faster and may refuse the file.
         check_png_file(path)
         pixels = image.decoded(path, image.file.read_image, image.page, 0, 0)
-    alpha_channel = image.spec.alpha_channel
-    alpha = None if alpha_channel < 0 else np.ascontiguousarray(pixels[..., alpha_channel])
-    return image.colours(pixels), alpha
+    return image.colours(pixels), image.alpha(pixels)
 
 
 def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:
@@ -261,7 +259,6 @@ class ImageRows:
             self._opened = opened.pop_all()
         spec = self._image.spec
         size = (spec.height, spec.width)
-        self._alpha = spec.alpha_channel
         self.shape: tuple[int, ...] = size if len(self._image.channels) == 1 else (*size, 3)
         self.dtype = np.dtype(self._image.dtype)
 
@@ -274,9 +271,7 @@ class ImageRows:
     def with_alpha(self, rows: slice) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
         """Return rows as `read_image_with_alpha` does: the colours, and alpha or None."""
         band = self._read(rows)
-        if self._alpha < 0:
-            return self._image.colours(band), None
-        return self._image.colours(band), np.ascontiguousarray(band[..., self._alpha])
+        return self._image.colours(band), self._image.alpha(band)
 
     def _read(self, rows: slice) -> npt.NDArray[Any]:
         """Return rows ``(h, W, channels)`` of all channels of the file."""

@@ -88,6 +88,11 @@ class OpenedImage(NamedTuple):
         pixels = np.ascontiguousarray(pixels)
         return ~pixels if self.inverted else pixels
 
+    def alpha(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+        """Return the alpha ``(h, w)`` of pixels ``(h, w, channels)``; None without alpha."""
+        place = self.spec.alpha_channel
+        return None if place < 0 else np.ascontiguousarray(pixels[..., place])
+
     def decoded(self, path: Path, read: Callable[..., Any], *place: int) -> npt.NDArray[Any]:
         """Return all channels that a method of the reader decodes at a place, in `dtype`."""
         with (
