@@ -59,7 +59,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "rig/_shooting/sequence.py": (_VALUES, _BY_CLOCK, "rig/test_rig_sequence.py"),
     "rig/_shooting/shooting.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
     "rig/_shooting/shot.py": (_VALUES,),
-    "rig/_shooting/wires.py": (_VALUES,),
     "rig/_board/protocol.py": ("rig/test_protocol_lines.py",),
     "rig/_board/replies.py": ("rig/test_board_replies.py",),
     "calibration/_radiance/developer.py": (
