@@ -184,7 +184,7 @@ def _unsound(
 
 
 def check_normal_rows(name: str, value: object) -> None:
-    """Refuse what has no normals and mask of which rows are read; errors are those of `check_normal_map`."""
+    """Refuse what has no normals and mask, such as a plain array, by `check_normal_map`."""
     if not (hasattr(value, "normals") and hasattr(value, "mask")):
         check_normal_map(name, value)
 
