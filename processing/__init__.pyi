@@ -110,7 +110,6 @@ from ._superres.super_resolution import SuperResolution as SuperResolution
 from ._superres.super_resolution_stage import SuperResolutionStage as SuperResolutionStage
 from ._superres.super_resolve import super_resolve as super_resolve
 from ._surface.consistency import axes_notices as axes_notices
-from ._surface.consistency import axes_notices_of_rows as axes_notices_of_rows
 from ._surface.curl import NormalCurl as NormalCurl
 from ._surface.curl import curl_notices as curl_notices
 from ._surface.curl import normal_curl as normal_curl

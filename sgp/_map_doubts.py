@@ -6,10 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
-import acquisition
 import processing
 import rig
 from sgp._hashes import input_hashes
@@ -37,36 +33,23 @@ def read_map(
     """
     read = processing.read_normals(path, green=green, max_pixels=max_pixels)
     input_hashes(read.files)
-    named = with_doubts(
-        read.warnings, path, read.normal_map.normals, read.normal_map.mask, green, option
-    )
+    named = with_doubts(read.warnings, path, read.normal_map, green, option)
     return read._replace(warnings=named)
 
 
 def with_doubts(
     notices: tuple[rig.Notice, ...],
     path: Path,
-    normals: acquisition.MapRows,
-    mask: npt.NDArray[np.bool_],
+    given: processing.NormalRows,
     green: Green = "up",
     option: str | None = "--green",
 ) -> tuple[rig.Notice, ...]:
     """Return the notices of a reader with those about the axes, unless it has named the axes."""
     if any(notice.code == "normals-channels-swapped" for notice in notices):
         return notices
-    return (*notices, *axes_doubts(path, normals, mask, green, option))
-
-
-def axes_doubts(
-    path: Path,
-    normals: acquisition.MapRows,
-    mask: npt.NDArray[np.bool_],
-    green: Green = "up",
-    option: str | None = "--green",
-) -> list[rig.Notice]:
-    """Return notices if normals, in memory or on disk, are a surface only with other axes."""
-    doubts = processing.axes_notices_of_rows(normals, mask)
-    return [replace(with_remedy(doubt, green, option), where=str(path)) for doubt in doubts]
+    doubts = processing.axes_notices(given)
+    named = [replace(with_remedy(doubt, green, option), where=str(path)) for doubt in doubts]
+    return (*notices, *named)
 
 
 def with_remedy(notice: rig.Notice, green: Green, option: str | None = "--green") -> rig.Notice:

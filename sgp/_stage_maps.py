@@ -53,8 +53,8 @@ class MapInput:
         found = processing.store_normals(
             self.path, file, green=self.green, max_pixels=self.max_pixels
         )
-        given = self.path, found.normals, found.mask, self.green, self.option
-        return found._replace(warnings=with_doubts(found.warnings, *given))
+        named = with_doubts(found.warnings, self.path, found, self.green, self.option)
+        return found._replace(warnings=named)
 
 
 @dataclass(frozen=True, eq=False)

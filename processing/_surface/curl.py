@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, MapRows, MapToFill
-from processing._normal_map import check_normal_map
+from processing._normal_map import check_normal_rows
 from processing._stages.stage import NormalRows, size_of
 from processing._surface.chord_rule import ChordRule
 from processing._surface.height_map import HeightMap
@@ -95,8 +95,7 @@ def normal_curl(
     >>> f"{found.spread_deg:.1f}"
     '1.0'
     """
-    if into is None:
-        check_normal_map("normal_map", normal_map)
+    check_normal_rows("normal_map", normal_map)
     normals, mask = normal_map.normals, normal_map.mask
     rows, columns = shape = size_of(normal_map)
     if camera is not None and camera.size != shape:

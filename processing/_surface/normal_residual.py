@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, MapRows, MapToFill, rows_in_bands
-from processing._normal_map import check_normal_map
+from processing._normal_map import check_normal_rows
 from processing._stages.stage import NormalRows
 from processing._surface.height_map import HeightMap
 from rig import check_type
@@ -56,8 +56,7 @@ def normal_residual(
     True
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
-    if into is None:
-        check_normal_map("normal_map", normal_map)
+    check_normal_rows("normal_map", normal_map)
     rows, columns = height_map.mask.shape
     if normal_map.mask.shape != (rows, columns):
         raise DataError(

@@ -59,21 +59,21 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
     assert sgp(*given, "--out", tmp_path / "whole").code == 0
     out, written = tmp_path / "out", []
     command = [*given, "--out", out, "--memory", LITTLE]
-    for name in ("write_normals_stage", "write_separation", "stored_surface"):
+    for name in ("write_normals_stage", "write_separation", "integrated"):
         monkeypatch.setattr(_stored_run, name, noted(getattr(_stored_run, name), name, written))
     with monkeypatch.context() as patched:
         patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
         assert sgp(*command).code == 130
     assert written == []
     assert (out / "normals" / ".part-normals").is_dir()
-    for name in ("write_separation", "stored_surface", "normals_panels"):
+    for name in ("write_separation", "integrated", "surface_panels"):
         with monkeypatch.context() as patched:
             patched.setattr(_stored_run, name, raises)
             assert sgp(*command).code == 130
     line = sgp(*command, "--stl").error_line(2)
     assert "differs in stl: repeat that command" in line
     assert sgp(*command).code == 0
-    assert written == ["write_normals_stage", "write_separation", "stored_surface"]
+    assert written == ["write_normals_stage", "write_separation", "integrated"]
     check_equal(out, tmp_path / "whole")
     assert (out / "summary.json").is_file()
 
