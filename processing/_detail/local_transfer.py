@@ -15,7 +15,7 @@ from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._detail.similarity import Pose, Similarity
 from processing._detail.transfer import TransferFidelity, fidelity_of
-from processing._detail.transfer_rows import scale_slopes
+from processing._detail.transfer_stage import scale_slopes
 from processing._normal_map import NormalMap, check_normal_map
 from rig import Progress, no_progress, pluralize
 

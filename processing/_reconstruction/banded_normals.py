@@ -17,7 +17,7 @@ from processing._reconstruction.error_bars import (
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.recorded_images import Band, RowSample
 from processing._reconstruction.specular import mean_excess
-from processing._reconstruction.surface_points import SurfacePoints
+from processing._reconstruction.views import SurfacePoints
 from processing._stereo.frames import Frames
 from processing._stereo.image_noise import law_of_images
 from processing._stereo.light_model import LightModel

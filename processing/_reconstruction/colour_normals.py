@@ -10,8 +10,12 @@ import numpy.typing as npt
 from acquisition import MemoryMaps
 from calibration import StackNoise, luma
 from processing._reconstruction.banded_normals import AROUND, ShownBySample, check_lights
-from processing._reconstruction.colour_maps import ColourImages, ColourMaps
-from processing._reconstruction.colours import laws_of_colours, solve_colours
+from processing._reconstruction.colours import (
+    ColourImages,
+    ColourMaps,
+    laws_of_colours,
+    solve_colours,
+)
 from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.joint_colours import law_of_joint_samples, solve_jointly

@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from processing._reconstruction.cells import Samples
 from processing._reconstruction.recorded_images import Images
-from processing._reconstruction.samples import Samples
 from processing._reconstruction.self_calibration import Factors, angles_deg, solve
 from rig import Notice, pluralize
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights
-from processing._reconstruction.coarse_images import coarse_images
+from processing._reconstruction.mean_height_search import coarse_images
 from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.strength_fit import fit_strengths
 from processing._reconstruction.views import View

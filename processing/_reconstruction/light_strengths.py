@@ -17,7 +17,7 @@ from processing._reconstruction.strength_fit import (
     solve_normals,
 )
 from processing._uncertainty.normal_uncertainty import STRUCTURED
-from processing._uncertainty.residual_structure import correlation_of_neighbours
+from processing._uncertainty.reference_solver import correlation_of_neighbours
 from rig import Notice, check_type, pluralize, short_repr
 
 Double = npt.NDArray[np.float64]

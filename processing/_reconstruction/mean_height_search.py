@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights
 from calibration import EstimateError
-from processing._reconstruction.coarse_images import CoarseImages
-from processing._reconstruction.common_shift import CommonShift, common_shift
+from processing._reconstruction.recorded_images import Images
+from processing._reconstruction.views import View
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
 from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
-from processing._uncertainty.residual_structure import correlation_of_neighbours
-from rig import no_progress
+from processing._uncertainty.reference_solver import correlation_of_neighbours
+from rig import no_progress, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
+# Light vectors change slowly: this many pixels, averages of blocks, show the shape well enough.
+_PIXELS = 60_000
+# Returns the costs ``(P, N)`` of samples if the surface is higher by some mm, under some lights.
+Costs = Callable[[float, Lights], Double]
 # Pixels that show the mean height.
 _SAMPLED = 2500
 # The albedo and the normal of a pixel explain three samples at any height, and a fourth one hardly
@@ -36,6 +43,103 @@ _ACCURACY_MM = 0.01
 _METHOD: Method = "cauchy"
 # Shift of all lights in differences of the cost, relative to their distance.
 _SHIFT = 0.013
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseImages:
+    """The images in averages of ``factor x factor`` pixels."""
+
+    values: Float
+    mask: Mask
+    view: View
+    origins: Double
+    rays: Double
+    factor: int
+
+    def points(self, depth: Double) -> Double:
+        return np.asarray(self.origins + depth[..., None] * self.rays, np.float64)
+
+
+def coarse_images(values: Images, mask: Mask, view: View) -> CoarseImages:
+    """Average blocks; a block with a missing sample or a pixel outside the mask is left out."""
+    factor = max(1, math.isqrt(int(np.count_nonzero(mask)) // _PIXELS))
+    while True:
+        height, width = (size // factor for size in mask.shape)
+        blocks = mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
+        inside = np.asarray(blocks.all(axis=(1, 3)), np.bool_)
+        if factor == 1 or np.count_nonzero(inside) * factor**2 > 0.5 * np.count_nonzero(mask):
+            break
+        factor -= 1
+    small = view.downscaled(factor) if factor > 1 else view
+    if factor > 1:
+        size = (width, height)
+        averages = np.zeros((len(values), height, width), np.float32)
+        for image, out in zip(values, averages, strict=True):
+            part = image[: height * factor, : width * factor]
+            # Averages of whole blocks; NaN spreads to its block.
+            cv2.resize(part, size, dst=out, interpolation=cv2.INTER_AREA)
+    else:
+        averages = values if isinstance(values, np.ndarray) else values.stack().values
+    return CoarseImages(averages, inside, small, *small.rays(), factor)
+
+
+@dataclass(frozen=True, eq=False)
+class CommonShift:
+    """The shift of all lights along Z with which images agree best.
+
+    Parameters
+    ----------
+    best_mm, sigma_mm
+        The shift and its standard deviation. It is a small part of the true one, because the
+        surface, which is bent under wrong lights, stays as it is.
+    """
+
+    best_mm: float
+    sigma_mm: float
+
+    __repr__ = short_repr
+
+
+def raised(lights: Lights, rise_mm: float) -> Lights:
+    """Return lights with positions that are all higher."""
+    return replace(
+        lights, positions_mm=np.asarray(lights.positions_mm) + np.array([0.0, 0.0, rise_mm])
+    )
+
+
+def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:
+    """Estimate a shift of all lights together with a mean height, by one step of Newton.
+
+    Parameters
+    ----------
+    costs
+        Cost of each sample, 0 where it is missing, around a minimum of their sum.
+    lights
+        N lights with positions.
+    step_mm
+        Step of the differences.
+    """
+
+    def at(height: int, shift: int) -> Double:
+        return costs(height * step_mm, raised(lights, shift * step_mm))
+
+    here, higher, lower, up, down = at(0, 0), at(1, 0), at(-1, 0), at(0, 1), at(0, -1)
+    mixed = np.sum(at(1, 1) + at(-1, -1) - at(1, -1) - at(-1, 1)) / 4
+    by_height, by_shift = (np.sum(pair - 2 * here) for pair in (higher + lower, up + down))
+    curvature = np.array([[by_height, mixed], [mixed, by_shift]]) / step_mm**2
+    if not (by_height > 0 and np.linalg.det(curvature) > 0):
+        return CommonShift(0.0, np.inf)
+    inverse = np.linalg.inv(curvature)
+    slopes = np.stack([higher - lower, up - down]) / (2 * step_mm)
+    best = -inverse @ slopes.sum(axis=(1, 2))
+    variances = []
+    # Between pixels by noise, between lights also by their errors, see `MeanHeightSearch`.
+    for axis in (1, 2):
+        of_one = slopes.sum(axis=axis)
+        free = max(of_one.shape[1] - 4, 1) / of_one.shape[1]
+        scatter = of_one - of_one.mean(axis=1, keepdims=True)
+        variances.append(float((inverse @ (scatter @ scatter.T / free) @ inverse)[1, 1]))
+    return CommonShift(float(best[1]), float(np.sqrt(max(variances))))
 
 
 class MeanHeightSearch:

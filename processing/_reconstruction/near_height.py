@@ -12,9 +12,13 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
-from processing._reconstruction.coarse_images import CoarseImages, coarse_images
-from processing._reconstruction.common_shift import CommonShift, raised
-from processing._reconstruction.mean_height_search import MeanHeightSearch
+from processing._reconstruction.mean_height_search import (
+    CoarseImages,
+    CommonShift,
+    MeanHeightSearch,
+    coarse_images,
+    raised,
+)
 from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.views import View
 from processing._stereo.method import Method

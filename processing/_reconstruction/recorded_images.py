@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration import BandedStack, Stack, StackNoise, luma
-from processing._reconstruction.surface_points import SurfacePoints
+from processing._reconstruction.views import SurfacePoints
 from rig import Notice
 
 Float = npt.NDArray[np.float32]

@@ -16,10 +16,32 @@ from processing._stages.stage import Need, NormalRows, Size, Step
 from processing._synthesis.exemplar import CLASSES
 from processing._synthesis.quilting import Quilt, first_pixels, overlap_of
 from processing._synthesis.seam_steps import CutSteps, cut_steps, part_in_middle
-from processing._synthesis.softened_cuts import softened_bands, softening_share
 from processing._synthesis.spectrum_match import KERNEL, filtered_bands, matching_kernel
-from processing._synthesis.strips import CORRECTED_ROWS, ROWS, Begun, StripRange, strip_ranges
-from processing._synthesis.synthesis_memory import memory_need
+from processing._synthesis.strips import (
+    CORRECTED_ROWS,
+    ROWS,
+    Begun,
+    StripRange,
+    bands_with_margins,
+    strip_ranges,
+)
+
+Float = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+# Rows of the part in the middle in which steps are measured.
+_MEASURED = 1024
+# The interpreter, libraries and compiled kernels; the figures, of at most 2048 x 2048 pixels.
+_FIXED = 330_000_000
+_FIGURES = 300_000_000
+_MOST_FIGURES = 2048 * 2048
+# Bytes per pixel: of the exemplar and its separation, of each of its copies, and of a sheet in
+# memory while it is written.
+_EXEMPLAR, _COPY, _SHEET = 70, 28, 16
+# Bytes per pixel: of masks while the sheet is on disk, of a strip, and of rows while they are
+# filtered.
+_ON_DISK, _OF_STRIP, _OF_BAND = 3, 30, 70
+_MARGIN = 64
 
 
 @dataclass(frozen=True)
@@ -58,7 +80,7 @@ class SynthesisStage:
     def need(self, *sizes: Size) -> Need:
         """Return the memory for an exemplar of (height, width)."""
         copies = (4 if self.rotate else 1) * (2 if self.mirror else 1)
-        return memory_need(sizes[0], self.size, self.patch, self.overlap, copies)
+        return _memory_need(sizes[0], self.size, self.patch, self.overlap, copies)
 
     def forms(self, *sizes: Size) -> Mapping[str, Form]:
         """Return shapes and types of the maps."""
@@ -200,3 +222,88 @@ class SynthesisStage:
             height = before.shape[0]
             rows = slice(bands.start * CORRECTED_ROWS, min(bands.stop * CORRECTED_ROWS, height))
             after[rows] = before[rows]
+
+
+def _memory_need(exemplar: Size, size: Size, patch: int, overlap: int | None, copies: int) -> Need:
+    """Return the memory of a synthesis.
+
+    Parameters
+    ----------
+    exemplar, size
+        (height, width) of exemplar and sheet.
+    patch, overlap
+        As for `synthesize`.
+    copies
+        Number of turned and mirrored copies of the exemplar.
+    """
+    height, width = size
+    whole = _outside(exemplar, copies) + _figures(size) + _SHEET * height * width
+    stride = patch - (patch // 4 if overlap is None else overlap)
+    strip = min(ROWS * stride + patch, height) * _OF_STRIP
+    band = min(CORRECTED_ROWS + _MARGIN, height) * _OF_BAND
+    most = max(_figures(size), width * max(strip, band))
+    least = _outside(exemplar, copies) + _ON_DISK * height * width + most
+    return Need(whole, min(least, whole), f"a sheet of {width} x {height} pixels")
+
+
+def _outside(exemplar: tuple[int, int], copies: int) -> int:
+    """Return the bytes of what does not depend on the sheet."""
+    return _FIXED + exemplar[0] * exemplar[1] * (_EXEMPLAR + _COPY * copies)
+
+
+def _figures(size: tuple[int, int]) -> int:
+    """Return the bytes that the figures of a sheet need."""
+    return _FIGURES * min(size[0] * size[1], _MOST_FIGURES) // _MOST_FIGURES
+
+
+def softening_share(sheet: MapRows, labels: MapRows) -> float:
+    """Return the share that the pixels at a cut take of each other; 0 if none is needed.
+
+    It makes the mean step across cuts as large as that inside patches. A step of d between the two
+    pixels at a straight cut becomes (1 - 2 s) d if each takes a share s of the other: if steps
+    across cuts are a tenth larger, the share is 0.045.
+
+    Parameters
+    ----------
+    sheet
+        ``(H, W, 3)`` unit vectors.
+    labels
+        ``(H, W)`` numbers of the patches.
+    """
+    height = labels.shape[0]
+    middle = slice(max(0, height - _MEASURED) // 2, max(0, height - _MEASURED) // 2 + _MEASURED)
+    ratio = cut_steps(part_in_middle(sheet, middle), part_in_middle(labels, middle)).ratio
+    return (1 - 1 / ratio) / 2 if ratio > 1 else 0.0
+
+
+def softened_bands(
+    sheet: MapRows, labels: MapRows, share: float, *, wrapped: bool, begin: int = 0
+) -> Iterator[tuple[slice, Float]]:
+    """Yield bands of rows whose cuts are softened, beginning with a band."""
+    height = labels.shape[0]
+    for rows, band in bands_with_margins(sheet, 1, wrapped=wrapped, begin=begin):
+        first, last = rows.start, rows.stop
+        before = labels[first - 1 : first] if first else labels[height - 1 : height]
+        after = labels[last : last + 1] if last < height else labels[:1]
+        numbers = np.concatenate([before, labels[rows], after])
+        if not wrapped and first == 0:
+            numbers[0] = numbers[1]
+        if not wrapped and last == height:
+            numbers[-1] = numbers[-2]
+        yield rows, _softened(band, numbers, share, wrapped=wrapped)[1:-1]
+
+
+def _softened(rows: Float, labels: Bytes, share: float, *, wrapped: bool) -> Float:
+    """Return rows in which the pixels on both sides of a cut took a share of each other."""
+    softened = rows.copy()
+    for axis in (0, 1):
+        # The first row and column have no neighbour before them, unless columns are wrapped.
+        cut = labels != np.roll(labels, 1, axis)
+        if axis == 0 or not wrapped:
+            cut[(slice(None),) * axis + (0,)] = False
+        here = np.nonzero(cut)
+        before = (here[0] - 1, here[1]) if axis == 0 else (here[0], here[1] - 1)
+        step = np.float32(share) * (rows[here] - rows[before])
+        softened[here] -= step
+        softened[before] += step
+    return np.asarray(softened / np.linalg.norm(softened, axis=2, keepdims=True), np.float32)

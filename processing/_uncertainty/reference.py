@@ -56,8 +56,8 @@ from processing._uncertainty.tile_reference import (
 # Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
 # Compiled in: processing/_uncertainty/judged_samples.py 8a45666b122a
 # Compiled in: processing/_uncertainty/light_table.py 62cfc3cb4f29
-# Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
 # Compiled in: processing/_uncertainty/reflectance_left.py 1727cdc90181
+# Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
 # Compiled in: processing/_uncertainty/tile_light_errors.py 3681c91c20ba
 # Compiled in: processing/_uncertainty/tile_reference.py a32060cfca99
 

@@ -119,7 +119,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "cauchy",
             "least_squares",
             "light_model",
-            "near_vectors",
             "pixel_algebra",
             "trimmed",
         )
@@ -147,8 +146,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "processing/test_photometric_near.py",
     ),
     "processing/_curvature/curvature.py": ("processing/test_curvature.py",),
-    "processing/_curvature/plane_fit.py": ("processing/test_curvature.py",),
-    "processing/_curvature/positions.py": ("processing/test_curvature.py",),
     **{
         f"processing/_uncertainty/{name}.py": ("processing/test_normal_uncertainty.py",)
         for name in (
@@ -157,7 +154,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "pixel_variances",
             "reference",
             "reflectance_left",
-            "residual_structure",
+            "reference_solver",
             "tangents",
         )
     },
@@ -165,7 +162,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "processing/test_tile_reference.py",
         "processing/test_normal_uncertainty.py",
     ),
-    "processing/_uncertainty/model_error.py": (
+    "processing/_uncertainty/pixel_variances.py": (
         "processing/test_model_error.py",
         "processing/test_normal_uncertainty.py",
     ),
@@ -183,7 +180,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
     ),
     "processing/_uncertainty/colours.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/joint_colours.py": ("processing/test_joint_colours.py",),
-    "processing/_reconstruction/joint_noise.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/specular.py": ("processing/test_specular.py",),
     "processing/_surface/alternation.py": ("processing/test_alternation.py",),
     "processing/_surface/anchors.py": ("processing/test_height_doubt.py",),
@@ -211,7 +207,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_DETAIL}/transfer.py": ("processing/test_transfer.py",),
     f"{_DETAIL}/placement.py": ("processing/test_transfer.py",),
     "processing/_fill/fill.py": ("processing/test_fill.py",),
-    "processing/_fill/harmonic.py": ("processing/test_fill.py",),
     "processing/_fill/quilted.py": ("processing/test_fill.py",),
     f"{_DETAIL}/rotation.py": ("processing/test_rotation.py",),
     f"{_DETAIL}/similarity.py": ("processing/test_local_transfer.py",),

@@ -26,8 +26,7 @@ from processing import (
     super_resolve,
 )
 from processing._superres import memory as memory_module
-from processing._superres.blend import blend
-from processing._superres.filling import filled_outwards
+from processing._superres.enlarge import blend, filled_outwards
 from processing._superres.interpolation import bicubic, smoothly, units, without_averaging
 from processing._superres.network import Network, turned
 
