@@ -3,10 +3,11 @@ from ._blocks.block_surface import integrate_in_blocks as integrate_in_blocks
 from ._blocks.memory import surface_memory as surface_memory
 from ._curvature.curvature import Curvature as Curvature
 from ._curvature.curvature import curvature as curvature
+from ._detail.choices import FilterKind as FilterKind
+from ._detail.choices import Tile as Tile
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
 from ._detail.local_transfer import transfer_local as transfer_local
 from ._detail.placement import Placement as Placement
-from ._detail.placement import Tile as Tile
 from ._detail.properties import ChainStep as ChainStep
 from ._detail.properties import DetailComparison as DetailComparison
 from ._detail.properties import compare_details as compare_details
@@ -22,7 +23,6 @@ from ._detail.separation import relative_detail as relative_detail
 from ._detail.separation import separate as separate
 from ._detail.separation_stage import SeparationStage as SeparationStage
 from ._detail.separation_stage import separate_rows as separate_rows
-from ._detail.shape_filter import FilterKind as FilterKind
 from ._detail.shape_filter import ShapeFilter as ShapeFilter
 from ._detail.similarity import Pose as Pose
 from ._detail.similarity import Similarity as Similarity
@@ -71,7 +71,6 @@ from ._reconstruction.quality import ImageQuality as ImageQuality
 from ._reconstruction.quality import image_quality as image_quality
 from ._reconstruction.reconstruct import MapFiles as MapFiles
 from ._reconstruction.reconstruct import NormalsStage as NormalsStage
-from ._reconstruction.reconstruct import StereoChannel as StereoChannel
 from ._reconstruction.reconstruct import reconstruct as reconstruct
 from ._reconstruction.reconstruction import Reconstruction as Reconstruction
 from ._reconstruction.scheme_check import Disagreement as Disagreement
@@ -97,6 +96,7 @@ from ._stages.stage import computed as computed
 from ._stages.stage import run_steps as run_steps
 from ._stereo.frame_normals import normals_of_frames as normals_of_frames
 from ._stereo.method import Method as Method
+from ._stereo.method import StereoChannel as StereoChannel
 from ._stereo.photometric_stereo import PhotometricStereoResult as PhotometricStereoResult
 from ._stereo.photometric_stereo import photometric_stereo as photometric_stereo
 from ._stereo.solve import Estimator as Estimator
@@ -154,6 +154,6 @@ from ._synthesis.synthesize import Synthesis as Synthesis
 from ._synthesis.synthesize import synthesize as synthesize
 from ._uncertainty.normal_uncertainty import UNIFORM_DEG as UNIFORM_DEG
 from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty
-from ._uncertainty.normal_uncertainty import Reason as Reason
-from ._uncertainty.normal_uncertainty import SampleKind as SampleKind
 from ._uncertainty.normal_uncertainty import normal_uncertainty as normal_uncertainty
+from ._uncertainty.sample_kind import Reason as Reason
+from ._uncertainty.sample_kind import SampleKind as SampleKind

@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import ComputedRows, DataError, MapRows, MapToFill
+from processing._detail.choices import TILES, Tile
 from processing._detail.copies import cut_row, lay
 from processing._normal_map import NormalMap
 
-Tile = Literal["cut", "mirror", "plain"]
 Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
-
-TILES: tuple[Tile, ...] = get_args(Tile)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from processing._detail.choices import FILTER_KINDS, FilterKind
 from processing._detail.separation_kernels import finish, gains, leave, separate_once, tiles
 from processing._normal_map import NormalMap
 from rig import Progress, in_threads, no_progress
@@ -17,14 +18,12 @@ from rig import Progress, in_threads, no_progress
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 EdgeAware = Literal["guided", "bilateral"]
-FilterKind = Literal["gaussian", "box", "guided", "bilateral"]
 
 # Chosen on synthetic scenes with occlusions, folds and weak to strong relief (w of 3, 5 and 8), as
 # a compromise between a small residue along edges and a small loss of relief elsewhere.
 _GUIDED_REACH = 0.8  # of w
 _GUIDED_EPSILON = 0.004
 _BILATERAL_RANGE = 0.3
-FILTER_KINDS: tuple[FilterKind, ...] = get_args(FilterKind)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import MemoryMaps
-from processing._detail.placement import Placement, Tile
+from processing._detail.choices import Tile
+from processing._detail.placement import Placement
 from processing._detail.seam import SeamSteps, border_steps
 from processing._detail.separation import Separation, separate, sums_of_rows
 from processing._detail.shape_filter import ShapeFilter

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Form, MapRows, Maps, MapToFill
-from processing._detail.placement import Cover, Placement, Tile, place_at
+from processing._detail.choices import Tile
+from processing._detail.placement import Cover, Placement, place_at
 from processing._detail.rotation import rotate_between, rotate_from_z
 from processing._detail.seam import SeamSteps, border_sums, steps_of_sums
 from processing._detail.separation import sums_of_rows

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -37,20 +36,23 @@ from processing._reconstruction.error_bars import (
     check_any_valid,
     validity_notices,
 )
-from processing._reconstruction.examination import Examination
-from processing._reconstruction.examined import check_facing, examination_of, geometry_of
+from processing._reconstruction.examination import (
+    Examination,
+    check_facing,
+    examination_of,
+    geometry_of,
+)
 from processing._reconstruction.mosaic import albedo_of_sites, gray_picture
 from processing._reconstruction.reconstruction import Reconstruction, finished_maps
 from processing._reconstruction.views import Perspective
 from processing._stages.stage import Need
-from processing._stereo.method import Method
+from processing._stereo.method import Method, StereoChannel
 from processing._stereo.photometric_stereo import check_solved
 from processing._surface.integration import integrate
-from processing._uncertainty.normal_uncertainty import Reason
+from processing._uncertainty.sample_kind import Reason
 from rig import Notice, Progress, check_type, no_progress, pluralize
 
 Mask = npt.NDArray[np.bool_]
-StereoChannel = Literal["gray", "rgb", "joint", "mosaic"]
 
 # The interpreter, libraries and compiled kernels, and buffers of the threads.
 _FIXED = 450_000_000

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from processing._uncertainty.normal_uncertainty import Reason, SampleKind
 from processing._uncertainty.pixel_variances import (
     PixelVariances,
     Shown,
@@ -16,6 +15,7 @@ from processing._uncertainty.pixel_variances import (
     pixel_variances,
     shown_by,
 )
+from processing._uncertainty.sample_kind import Reason, SampleKind
 from processing._uncertainty.solved_stack import SolvedStack
 
 Float = npt.NDArray[np.float32]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Final
 
 import numpy as np
@@ -14,6 +13,7 @@ from acquisition import CameraModel, DataError, Lights
 from calibration import StackNoise, check_linear
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.pixel_variances import Counts, Origin, PixelVariances, pixel_variances
+from processing._uncertainty.sample_kind import Reason
 from processing._uncertainty.solved_stack import SolvedStack
 from rig import Progress, check_type, no_progress, pluralize, short_repr
 
@@ -25,35 +25,6 @@ Mask = npt.NDArray[np.bool_]
 UNIFORM_DEG: Final = math.degrees(math.sqrt((math.pi**2 - 4) / 2))
 # Least correlation of residuals that are not noise.
 STRUCTURED = 0.1
-
-
-class SampleKind(IntEnum):
-    """What a sample shows; the order is that of the maps of counts.
-
-    `LIT` samples agree with a Lambertian surface. The surface faces away from the light of an
-    `ATTACHED` one, something else blocks the light of a `CAST` one, and an `OUTLIER` contradicts
-    the others: a highlight, or light from elsewhere. `MISSING` are samples of near lights that
-    shine in another direction.
-    """
-
-    LIT = 0
-    ATTACHED = 1
-    CAST = 2
-    SATURATED = 3
-    OUTLIER = 4
-    MISSING = 5
-
-
-class Reason(IntEnum):
-    """Why a pixel has no valid normal; the values are the samples of ``invalid.png``."""
-
-    OUTSIDE = 0
-    VALID = 1
-    SATURATED = 2
-    SHADOW = 3
-    OUTLIERS = 4
-    COPLANAR = 5
-    UNSOLVED = 6
 
 
 @dataclass(frozen=True, eq=False)

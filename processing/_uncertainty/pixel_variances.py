@@ -14,9 +14,9 @@ from calibration import StackNoise
 from processing._stereo.image_noise import law_of_images
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.normal_uncertainty import Reason, SampleKind
 from processing._uncertainty.reference import PARTS
 from processing._uncertainty.reference_solver import Pixels, ReferenceSolver, row_blocks
+from processing._uncertainty.sample_kind import Reason, SampleKind
 from processing._uncertainty.solved_stack import SolvedStack
 from rig import Progress, no_progress, short_repr
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from acquisition import CameraModel, Lights
 from processing._uncertainty.judged_samples import LIT, Kinds
 from processing._uncertainty.light_table import ERRORS, light_table
-from processing._uncertainty.normal_uncertainty import SampleKind
 from processing._uncertainty.reference import PARTS, reference_solutions
+from processing._uncertainty.sample_kind import SampleKind
 from rig import in_threads
 
 Float = npt.NDArray[np.float32]

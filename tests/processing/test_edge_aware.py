@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from processing._detail.choices import FilterKind
 from processing._detail.separation import separate
-from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals

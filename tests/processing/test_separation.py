@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from acquisition import DataError
+from processing._detail.choices import FilterKind
 from processing._detail.separation import combine, separate
-from processing._detail.shape_filter import FilterKind, ShapeFilter
+from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg, ssim
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals, write_normals

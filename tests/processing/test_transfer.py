@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from processing._detail.placement import Cover, Placement, Tile, largest_rectangle
+from processing._detail.choices import Tile
+from processing._detail.placement import Cover, Placement, largest_rectangle
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._detail.transfer import TransferResult, scale_slopes, transfer
