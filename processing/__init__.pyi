@@ -6,6 +6,8 @@ from ._curvature.curvature import curvature as curvature
 from ._detail.choices import FilterKind as FilterKind
 from ._detail.choices import Tile as Tile
 from ._detail.local_transfer import LocalTransferResult as LocalTransferResult
+from ._detail.local_transfer import Pose as Pose
+from ._detail.local_transfer import Similarity as Similarity
 from ._detail.local_transfer import transfer_local as transfer_local
 from ._detail.placement import Placement as Placement
 from ._detail.properties import ChainStep as ChainStep
@@ -18,14 +20,12 @@ from ._detail.rotation_similarity import RotationSimilarity as RotationSimilarit
 from ._detail.rotation_similarity import rotation_similarity as rotation_similarity
 from ._detail.seam import SeamSteps as SeamSteps
 from ._detail.separation import Separation as Separation
+from ._detail.separation import SeparationStage as SeparationStage
 from ._detail.separation import combine as combine
 from ._detail.separation import relative_detail as relative_detail
 from ._detail.separation import separate as separate
-from ._detail.separation_stage import SeparationStage as SeparationStage
-from ._detail.separation_stage import separate_rows as separate_rows
+from ._detail.separation import separate_rows as separate_rows
 from ._detail.shape_filter import ShapeFilter as ShapeFilter
-from ._detail.similarity import Pose as Pose
-from ._detail.similarity import Similarity as Similarity
 from ._detail.transfer import TransferFidelity as TransferFidelity
 from ._detail.transfer import TransferResult as TransferResult
 from ._detail.transfer import transfer as transfer
@@ -107,8 +107,8 @@ from ._superres.method import SuperResolutionMethod as SuperResolutionMethod
 from ._superres.model import Deviations as Deviations
 from ._superres.model import SuperResolutionModel as SuperResolutionModel
 from ._superres.model import read_superres_model as read_superres_model
-from ._superres.super_resolution import SuperResolution as SuperResolution
 from ._superres.super_resolution_stage import SuperResolutionStage as SuperResolutionStage
+from ._superres.super_resolve import SuperResolution as SuperResolution
 from ._superres.super_resolve import super_resolve as super_resolve
 from ._surface.consistency import axes_notices as axes_notices
 from ._surface.consistency import axes_notices_of_rows as axes_notices_of_rows
@@ -149,8 +149,8 @@ from ._synthesis.method import Synthesizer as Synthesizer
 from ._synthesis.onto import TargetSynthesis as TargetSynthesis
 from ._synthesis.onto import synthesize_onto as synthesize_onto
 from ._synthesis.seam_steps import CutSteps as CutSteps
-from ._synthesis.synthesis_stage import SynthesisStage as SynthesisStage
 from ._synthesis.synthesize import Synthesis as Synthesis
+from ._synthesis.synthesize import SynthesisStage as SynthesisStage
 from ._synthesis.synthesize import synthesize as synthesize
 from ._uncertainty.normal_uncertainty import UNIFORM_DEG as UNIFORM_DEG
 from ._uncertainty.normal_uncertainty import NormalUncertainty as NormalUncertainty

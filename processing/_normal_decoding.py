@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import BandFile, DataError, rows_in_bands
 from processing._normal_encoding import NormalEncoding, normal_encoding
 from processing._normal_map import directions
-from processing._normal_pixels import clear, lengths
 from rig import Notice, in_threads, pluralize
 
 Float = npt.NDArray[np.float32]
@@ -20,6 +20,8 @@ Mask = npt.NDArray[np.bool_]
 Pixels = npt.NDArray[Any]
 Green = Literal["up", "down"]
 
+# Larger components cannot belong to a unit vector, and their squares would overflow.
+_LONGEST = 1000.0
 # Normals with a smaller z hardly face the camera. Of 66 maps, at most .7 % do not (an owl,
 # which also shows its back); if another component is stored as z, nearly half of them.
 _LEAST_Z, _MOST_AWAY = 0.02, 0.1
@@ -240,7 +242,7 @@ def decode_normals(
         if green == "down":
             vectors[..., 1] *= -1
         length = np.zeros(vectors.shape[:2], np.float32)
-        lengths(vectors, length)
+        _lengths(vectors, length)
         drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
         off = np.abs(np.subtract(length, 1, out=length), out=length)
         # Alpha often includes background: some programs erase only pixels of the object.
@@ -311,7 +313,7 @@ def _stored(pixels: PixelRows, normals: Float | BandFile, bands: list[slice]) ->
         with np.errstate(over="ignore"):
             values = np.ascontiguousarray(part, np.float32)
         # A pixel of zeros is background in either reading and must not influence the choice.
-        clear(values, drawn[rows])
+        _clear(values, drawn[rows])
         normals[rows] = values
     return _Stored(drawn, finite, alpha)
 
@@ -398,3 +400,49 @@ def _eight_bits(file: Path) -> Notice:
     cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
     text = f"8-bit normals are quantised, an error of about {cost} degree"
     return Notice("normals-8-bit", text, str(file))
+
+
+@numba.njit(nogil=True, cache=True)
+def encode(
+    first: int, last: int, normals: Float, mask: Mask, green: float, out: npt.NDArray[np.uint16]
+) -> None:
+    """Write ``round((n / 2 + 0.5) * 65535)``, and z toward the camera outside a mask.
+
+    Parameters
+    ----------
+    normals, mask
+        ``(H, W, 3)`` vectors, 0 outside, and ``(H, W)``.
+    green
+        1, or -1 to invert the second channel.
+    out
+        ``(H, W, 3)``.
+    """
+    for r in range(first, last):
+        for c in range(mask.shape[1]):
+            x, y = np.float64(normals[r, c, 0]), np.float64(normals[r, c, 1])
+            z = np.float64(normals[r, c, 2]) if mask[r, c] else 1.0
+            out[r, c, 0] = np.uint16(np.rint((x * 0.5 + 0.5) * 65535))
+            out[r, c, 1] = np.uint16(np.rint((y * (green * 0.5) + 0.5) * 65535))
+            out[r, c, 2] = np.uint16(np.rint((z * 0.5 + 0.5) * 65535))
+
+
+@numba.njit(cache=True)
+def _clear(vectors: Float, drawn: Mask) -> None:
+    """Set ``(H, W, 3)`` vectors that are not finite or too long to 0, and write which are not 0."""
+    for r in range(len(drawn)):
+        for c in range(drawn.shape[1]):
+            x, y, z = vectors[r, c, 0], vectors[r, c, 1], vectors[r, c, 2]
+            # False for NaN.
+            usable = abs(x) < _LONGEST and abs(y) < _LONGEST and abs(z) < _LONGEST
+            if not usable:
+                vectors[r, c, 0] = vectors[r, c, 1] = vectors[r, c, 2] = 0
+            drawn[r, c] = usable and (x != 0 or y != 0 or z != 0)
+
+
+@numba.njit(cache=True)
+def _lengths(vectors: Float, out: Float) -> None:
+    """Write the lengths of ``(H, W, 3)`` vectors."""
+    for r in range(len(out)):
+        for c in range(out.shape[1]):
+            x, y, z = vectors[r, c, 0], vectors[r, c, 1], vectors[r, c, 2]
+            out[r, c] = np.sqrt(x * x + y * y + z * z)

@@ -15,13 +15,13 @@ from processing._detail.choices import Tile
 from processing._detail.placement import Cover, Placement, place_at
 from processing._detail.rotation import rotate_between, rotate_from_z
 from processing._detail.seam import SeamSteps, border_sums, steps_of_sums
-from processing._detail.separation import sums_of_rows
-from processing._detail.separation_stage import (
+from processing._detail.separation import (
     LEAST_ROWS,
     fixed,
     halo_rows,
     pixel_bytes,
     separate_rows,
+    sums_of_rows,
     useful_rows,
 )
 from processing._detail.shape_filter import ShapeFilter

@@ -24,8 +24,7 @@ from processing._reconstruction.specular import excess
 from processing._stereo.method import Method
 from processing._stereo.noise_law import NoiseLaw
 from processing._uncertainty.colours import shown_by_colours, variances_of_colours
-from processing._uncertainty.pixel_variances import Origin, origin_of, some_of
-from processing._uncertainty.solved_stack import SolvedStack
+from processing._uncertainty.pixel_variances import Origin, SolvedStack, origin_of, some_of
 from rig import Progress
 
 Float = npt.NDArray[np.float32]

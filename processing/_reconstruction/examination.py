@@ -15,13 +15,13 @@ from acquisition import DataError, Lights, Source
 from calibration import BandedStack, EstimateError, Stack
 from processing._mask import mask_of_images
 from processing._reconstruction.curve_check import curve_warnings
-from processing._reconstruction.height_with_strengths import HeightWithStrengths
 from processing._reconstruction.light_strengths import (
     LightStrengths,
     light_strengths,
     of_source,
     with_strengths,
 )
+from processing._reconstruction.mean_height_search import HeightWithStrengths
 from processing._reconstruction.mosaic import blocks_of_sites
 from processing._reconstruction.near_height import Heights, NearHeight, height_limits
 from processing._reconstruction.quality import ImageQuality, quality_of

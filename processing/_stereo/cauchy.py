@@ -9,20 +9,19 @@ import numpy as np
 
 from processing._stereo.pixel_algebra import (
     IN_PLACE,
+    MAD_TO_SIGMA,
     Double,
     Float,
     law_or_alike,
+    ranked,
+    reweighted,
     rms_residual,
     usable_samples,
     weighted_solution,
 )
-from processing._stereo.ranks import MAD_TO_SIGMA, ranked
-from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_stereo/ranks.py 785cb2179947
-# Compiled in: processing/_stereo/reweighted.py eb8405535879
+# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).

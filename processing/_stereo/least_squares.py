@@ -13,15 +13,14 @@ from processing._stereo.pixel_algebra import (
     Double,
     Float,
     law_or_alike,
+    reweighted,
     rms_residual,
     usable_samples,
     weighted_solution,
 )
-from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_stereo/reweighted.py eb8405535879
+# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
 
 
 def least_squares(

@@ -16,7 +16,7 @@ Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
 
 _FAST = {"contract", "nsz"}
 

@@ -10,17 +10,15 @@ from processing._stereo.pixel_algebra import (
     Double,
     Float,
     law_or_alike,
+    ranked,
+    reweighted,
     rms_residual,
     usable_samples,
     weighted_solution,
 )
-from processing._stereo.ranks import ranked
-from processing._stereo.reweighted import reweighted
 from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_stereo/ranks.py 785cb2179947
-# Compiled in: processing/_stereo/reweighted.py eb8405535879
+# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
 
 # Share of the samples that is left out on either side.
 _TRIMMED = 0.2

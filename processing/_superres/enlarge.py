@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from acquisition import MapRows
 from processing._detail.rotation import rotate_from_z
-from processing._detail.separation_stage import halo_rows
+from processing._detail.separation import halo_rows
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap

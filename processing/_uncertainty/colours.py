@@ -10,13 +10,13 @@ import numpy.typing as npt
 from processing._uncertainty.pixel_variances import (
     PixelVariances,
     Shown,
+    SolvedStack,
     common_error,
     deviations,
     pixel_variances,
     shown_by,
 )
 from processing._uncertainty.sample_kind import Reason, SampleKind
-from processing._uncertainty.solved_stack import SolvedStack
 
 Float = npt.NDArray[np.float32]
 

@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, cast
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights
+from acquisition import CameraModel, Lights
 from calibration import StackNoise
+from processing._stereo.frames import Frames
 from processing._stereo.image_noise import law_of_images
+from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.reference import PARTS
 from processing._uncertainty.reference_solver import Pixels, ReferenceSolver, row_blocks
 from processing._uncertainty.sample_kind import Reason, SampleKind
-from processing._uncertainty.solved_stack import SolvedStack
 from rig import Progress, no_progress, short_repr
 
 Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Double = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 # Sums over this many pixels across, drawn toward 1 by a few degrees of freedom.
@@ -44,6 +45,61 @@ _SAMPLED = 4000
 # Fewest images and pixels whose differences show that there is no noise.
 _FEWEST_IMAGES = 5
 _FEWEST_PIXELS = 100
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolvedStack:
+    """Images of an object with their solution.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)``, or ``(N, H, W, 3)`` in colour.
+    lights, mask, points_mm, camera, depth_sigma, noise
+        As in `normal_uncertainty`.
+    normals, albedo
+        Given normals ``(H, W, 3)``, and albedo ``(H, W)``, or ``(H, W, 3)`` in colour.
+    """
+
+    values: Float
+    lights: Lights
+    mask: Mask
+    normals: Float
+    albedo: Float
+    points_mm: npt.NDArray[np.float64] | None = None
+    camera: CameraModel | None = None
+    depth_sigma: float = 0.0
+    noise: StackNoise | None = None
+
+    def of_colours(self) -> list[SolvedStack]:
+        """Return the channels of images in colour."""
+        return [
+            replace(
+                self,
+                values=np.ascontiguousarray(self.values[..., channel]),
+                albedo=np.ascontiguousarray(self.albedo[..., channel]),
+                noise=None if self.noise is None else self.noise.of_colour(channel),
+            )
+            for channel in range(self.values.shape[-1])
+        ]
+
+    def frames(self) -> Frames:
+        return Frames(self.values)
+
+    def model(self) -> LightModel:
+        """Return the light vectors at the pixels."""
+        return LightModel(self.lights, self.points_mm, self.mask)
+
+    def solver(self) -> ReferenceSolver:
+        """Return what solves the pixels again."""
+        scaled = self.normals, self.albedo
+        return ReferenceSolver(self.lights, scaled, self.points_mm, self.camera, self.depth_sigma)
+
+    def law(self) -> NoiseLaw | None:
+        """Return the law of the noise; None if it is unknown."""
+        if self.noise is None:
+            return None
+        return NoiseLaw(self.noise, (len(self.values), *self.mask.shape))
 
 
 @dataclass(frozen=True, eq=False)

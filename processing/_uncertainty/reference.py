@@ -53,13 +53,13 @@ from processing._uncertainty.tile_reference import (
     write_shared,
 )
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_uncertainty/judged_samples.py 8a45666b122a
-# Compiled in: processing/_uncertainty/light_table.py 62cfc3cb4f29
-# Compiled in: processing/_uncertainty/reflectance_left.py 1727cdc90181
-# Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
-# Compiled in: processing/_uncertainty/tile_light_errors.py 3681c91c20ba
-# Compiled in: processing/_uncertainty/tile_reference.py a32060cfca99
+# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
+# Compiled in: processing/_uncertainty/judged_samples.py 2da23b283f9a
+# Compiled in: processing/_uncertainty/light_table.py 491cfbe3c4bb
+# Compiled in: processing/_uncertainty/reflectance_left.py 1da4687c28c3
+# Compiled in: processing/_uncertainty/tangents.py caa2a8fcd801
+# Compiled in: processing/_uncertainty/tile_light_errors.py 872a1bf61785
+# Compiled in: processing/_uncertainty/tile_reference.py 99404a740efd
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

@@ -119,7 +119,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "cauchy",
             "least_squares",
             "light_model",
-            "pixel_algebra",
             "trimmed",
         )
     },
@@ -128,13 +127,14 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "processing/test_photometric_best.py",
             "processing/test_photometric_stereo.py",
         )
-        for name in ("best", "least_trimmed", "reflectance_fit")
+        for name in ("best", "reflectance_fit")
     },
-    "processing/_stereo/ranks.py": ("processing/test_photometric_stereo.py",),
-    **{
-        f"processing/_stereo/{name}.py": ("processing/test_photometric_noise.py",)
-        for name in ("noise_law", "reweighted")
-    },
+    "processing/_stereo/noise_law.py": ("processing/test_photometric_noise.py",),
+    "processing/_stereo/pixel_algebra.py": (
+        "processing/test_photometric_stereo.py",
+        "processing/test_photometric_near.py",
+        "processing/test_photometric_noise.py",
+    ),
     **{
         f"processing/_stereo/{name}.py": ("processing/test_tile_least_squares.py",)
         for name in ("frames", "tile_kernels", "tile_least_squares")
@@ -209,7 +209,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "processing/_fill/fill.py": ("processing/test_fill.py",),
     "processing/_fill/quilted.py": ("processing/test_fill.py",),
     f"{_DETAIL}/rotation.py": ("processing/test_rotation.py",),
-    f"{_DETAIL}/similarity.py": ("processing/test_local_transfer.py",),
+    f"{_DETAIL}/local_transfer.py": ("processing/test_local_transfer.py",),
     f"{_DETAIL}/properties.py": ("processing/test_properties.py",),
     "simulator/_shapes/surface.py": (
         "simulator/test_surface_trace.py",

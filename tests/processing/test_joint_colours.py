@@ -13,7 +13,7 @@ from processing._reconstruction.joint_colours import JointNoise, law_of_joint_sa
 from processing._stereo.method import METHODS
 from processing._uncertainty.colours import shown_by_colours, variances_of_colours
 from processing._uncertainty.normal_uncertainty import as_uncertainty
-from processing._uncertainty.solved_stack import SolvedStack
+from processing._uncertainty.pixel_variances import SolvedStack
 
 SIZE = (70, 60)
 COUNT = 20
