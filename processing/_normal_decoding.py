@@ -350,8 +350,7 @@ def _were_colours(values: Float) -> bool:
 
 def _share(alpha: Pixels) -> Float:
     full = float(np.iinfo(alpha.dtype).max) if np.issubdtype(alpha.dtype, np.integer) else 1.0
-    share: Float = np.nan_to_num(alpha.astype(np.float32) / np.float32(full))
-    return share
+    return np.asarray(np.nan_to_num(alpha.astype(np.float32) / np.float32(full)))
 
 
 def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
@@ -370,8 +369,7 @@ def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
 
 
 def _partly(share: Float) -> Mask:
-    partly: Mask = (share > 0) & (share < 1)
-    return partly
+    return np.asarray((share > 0) & (share < 1))
 
 
 def _is_premultiplied(

@@ -247,8 +247,7 @@ class Separation:
 
 def sums_of_rows(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> Sums:
     """Return the sum of each row over a mask, which does not depend on the other rows."""
-    sums: Sums = np.where(mask, values, np.float32(0)).sum(axis=1, dtype=np.float64)
-    return sums
+    return np.asarray(np.where(mask, values, np.float32(0)).sum(axis=1, dtype=np.float64))
 
 
 def separate(

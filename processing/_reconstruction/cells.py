@@ -107,8 +107,7 @@ def samples_of(cells: Cells, lights: Lights, pixels: int = _PIXELS) -> Samples:
 def _distances(lights: Lights, points: Double) -> Double:
     """Return the distances ``(P, N)`` from points to lights."""
     positions = np.asarray(lights.positions_mm)
-    distances: Double = np.linalg.norm(points[:, None] - positions[None], axis=2)
-    return distances
+    return np.asarray(np.linalg.norm(points[:, None] - positions[None], axis=2))
 
 
 def _falloff(lights: Lights, points: Double) -> Double:

@@ -256,8 +256,7 @@ def _sigmas(fit: StrengthFit, places: npt.NDArray[np.intp], shape: tuple[int, ..
     parts = np.zeros((_TILES**2, fit.scores.shape[1]))
     np.add.at(parts, tiles[0] * _TILES + tiles[1], fit.scores)
     of_pixels, of_parts = (np.diag(fit.covariance(scores)) for scores in (fit.scores, parts))
-    sigmas: Double = np.sqrt(np.maximum(np.maximum(of_pixels, of_parts), 0))
-    return sigmas
+    return np.asarray(np.sqrt(np.maximum(np.maximum(of_pixels, of_parts), 0)))
 
 
 def _relief(fit: StrengthFit) -> float:

@@ -306,8 +306,7 @@ def _plateaus(cells: Cells) -> Mask:
         seen = seen[np.isfinite(seen)]
         if len(seen):
             share[i] = np.mean(seen > _EQUAL * np.quantile(seen, _LARGEST))
-    found: Mask = share > max(_PLATEAU, _PLATEAU_TYPICAL * float(np.median(share)))
-    return found
+    return np.asarray(share > max(_PLATEAU, _PLATEAU_TYPICAL * float(np.median(share))))
 
 
 def _light_faults(
@@ -373,8 +372,7 @@ def _tilt(fit: StrengthFit, middle: Double) -> Double:
     across = np.linalg.svd(mean[None])[2][1:]
     facing = np.maximum(middle @ mean, 0.05 * np.linalg.norm(middle, axis=1))
     design = np.column_stack([np.ones(len(middle)), (middle @ across.T) / facing[:, None]])
-    found: Double = design @ _most_agree(design, fit.logarithms)
-    return found
+    return np.asarray(design @ _most_agree(design, fit.logarithms))
 
 
 def _most_agree(design: Double, values: Double) -> Double:

@@ -16,19 +16,18 @@ from processing._stereo.pixel_algebra import (
     Double,
     Float,
     count_up_to,
-    law_or_alike,
     ranked,
     reweighted,
     rms_residual,
+    solved_pixels,
     usable_samples,
     weighted_solution,
 )
 from processing._stereo.reflectance_fit import reflectance_fit
-from rig import in_threads
 
-# Compiled in: processing/_stereo/cauchy.py 011415313cfd
-# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
-# Compiled in: processing/_stereo/reflectance_fit.py f3539ffdd024
+# Compiled in: processing/_stereo/cauchy.py 7d6abe045ad8
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_stereo/reflectance_fit.py 047fdfacecd8
 
 Triples = npt.NDArray[np.int64]
 # Candidates per pixel, and the number of triples that are drawn to find as many.
@@ -59,13 +58,9 @@ def best(
 
     This is an `Estimator`; see there for the parameters and the result.
     """
-    scaled = np.zeros((len(values), 3))
-    rms = np.zeros(len(values))
     triples = _light_triples(values.shape[1])
     toward = np.array([[0, 0, 1]], np.float32) if view is None else view
-    of_noise = law_or_alike(law, values.shape[1])
-    in_threads(_solve_pixels, len(values), values, vectors, *of_noise, toward, triples, scaled, rms)
-    return scaled, rms
+    return solved_pixels(_solve_pixels, values, vectors, law, toward, triples)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")

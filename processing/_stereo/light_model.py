@@ -16,7 +16,7 @@ Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 _FAST = {"contract", "nsz"}
 

@@ -7,12 +7,15 @@ After a change in this file, the lines "Compiled in" of its callers must change;
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numba
 import numpy as np
 import numpy.typing as npt
 from numba.core.options import DefaultOptions
+
+from rig import in_threads
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -50,6 +53,16 @@ ANY_ORDER = {"reassoc", "contract", "nsz"}
 IN_PLACE: dict[str, Any] = {"cache": True}
 if hasattr(DefaultOptions, "_nrt"):
     IN_PLACE["_nrt"] = False
+
+
+def solved_pixels(
+    kernel: Callable[..., None], values: Float, vectors: Float, law: Float | None, *more: Any
+) -> tuple[Double, Double]:
+    """Return the scaled normals and residuals that a kernel writes; see `Estimator`."""
+    scaled, rms = np.zeros((len(values), 3)), np.zeros(len(values))
+    of_noise = law_or_alike(law, values.shape[1])
+    in_threads(kernel, len(values), values, vectors, *of_noise, *more, scaled, rms)
+    return scaled, rms
 
 
 def law_or_alike(law: Float | None, lights: int) -> tuple[Float, bool]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, Double, Float, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 _ITERATIONS = 12
 # In the first iterations samples up to this multiple of the spread have weight 1, others 0.

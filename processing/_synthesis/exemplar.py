@@ -196,15 +196,13 @@ def _class_shares(angle: Float, classes: npt.NDArray[np.int32], mask: Mask, patc
     mean = float(np.mean(known, dtype=np.float64))
     goal = [width * wanted, [_MEAN * mean / spread], _EVEN * np.sqrt(even), [_SUM]]
     found = nnls(np.concatenate(rows), np.concatenate(goal))[0]
-    shares: Double = found / found.sum()
-    return shares
+    return np.asarray(found / found.sum())
 
 
 def _below(above: npt.NDArray[np.intp], use: Float) -> Double:
     """Return the share of the use of pixels below each level; ``above`` counts levels."""
     counts = np.bincount(above, use, minlength=_LEVELS + 1)
-    shares: Double = np.cumsum(counts)[:-1] / counts.sum()
-    return shares
+    return np.asarray(np.cumsum(counts)[:-1] / counts.sum())
 
 
 def _even_use(places: Mask, mask: Mask, patch: int) -> Float:

@@ -356,8 +356,7 @@ def _checked_map(name: str, values: npt.ArrayLike, mask: Mask) -> Float:
     if missing:
         raise DataError(f"the {name} has no number at {missing} pixels inside the mask")
     y, x = distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    nearest: Float = array.astype(np.float32)[y, x]
-    return nearest
+    return np.asarray(array.astype(np.float32)[y, x])
 
 
 def _checked_scale(values: npt.ArrayLike, mask: Mask) -> Float:

@@ -158,8 +158,7 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
     for _ in range(_ROUNDS):
         gains *= np.exp(_smoothed(np.log(wanted / expected(gains))) / 2)
         gains = np.clip(gains, _LEAST_GAIN, _MOST_GAIN)
-    scaled: Double = gains * np.sqrt(_total(has, block) / _total(expected(gains), block))
-    return scaled
+    return np.asarray(gains * np.sqrt(_total(has, block) / _total(expected(gains), block)))
 
 
 def _smoothed(values: Double) -> Double:
@@ -225,8 +224,7 @@ def band_power(part: NormalMap, block: int) -> Double:
     part, block
         As for `_band_powers`.
     """
-    power: Double = _band_powers(part, block, BANDS).mean(axis=0)
-    return power
+    return np.asarray(_band_powers(part, block, BANDS).mean(axis=0))
 
 
 def _band_powers(part: NormalMap, block: int, bands: int) -> Double:
@@ -260,8 +258,7 @@ def _windowed_power(slopes: Float) -> Float:
     """Return the power ``(block, block / 2 + 1)`` of blocks ``(..., 2, block, block)``, summed."""
     tapered = (slopes - slopes.mean(axis=(-2, -1), keepdims=True)) * _taper(slopes.shape[-1])
     waves = rfft2(tapered).reshape(-1, *slopes.shape[-2:-1], slopes.shape[-1] // 2 + 1)
-    power: Float = (np.square(waves.real) + np.square(waves.imag)).sum(axis=0)
-    return power
+    return np.asarray((np.square(waves.real) + np.square(waves.imag)).sum(axis=0))
 
 
 @cache
@@ -272,8 +269,7 @@ def _taper(block: int) -> Float:
 
 def _frequencies(side: int) -> Double:
     """Return the frequencies ``(side, side / 2 + 1)`` of a transform in cycles per pixel."""
-    found: Double = np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side))
-    return found
+    return np.asarray(np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)))
 
 
 def _numbers(block: int, bands: int) -> npt.NDArray[np.int64]:
@@ -288,5 +284,4 @@ def _band_counts(block: int, bands: int) -> npt.NDArray[np.int64]:
 def _banded(power: npt.NDArray[np.floating], bands: int) -> Double:
     """Return the mean of a power in each band."""
     sums = np.bincount(_numbers(len(power), bands), power.ravel())[1 : bands + 1]
-    means: Double = sums / _band_counts(len(power), bands)
-    return means
+    return np.asarray(sums / _band_counts(len(power), bands))

@@ -53,13 +53,13 @@ from processing._uncertainty.tile_reference import (
     write_shared,
 )
 
-# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
-# Compiled in: processing/_uncertainty/judged_samples.py 2da23b283f9a
-# Compiled in: processing/_uncertainty/light_table.py 491cfbe3c4bb
-# Compiled in: processing/_uncertainty/reflectance_left.py 1da4687c28c3
-# Compiled in: processing/_uncertainty/tangents.py caa2a8fcd801
-# Compiled in: processing/_uncertainty/tile_light_errors.py 872a1bf61785
-# Compiled in: processing/_uncertainty/tile_reference.py 99404a740efd
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_uncertainty/judged_samples.py 2643378c9bb7
+# Compiled in: processing/_uncertainty/light_table.py 0b269081592c
+# Compiled in: processing/_uncertainty/reflectance_left.py 5d8a92af97ea
+# Compiled in: processing/_uncertainty/tangents.py 91cfd81bafa7
+# Compiled in: processing/_uncertainty/tile_light_errors.py c836fb4e2762
+# Compiled in: processing/_uncertainty/tile_reference.py 77b3795fef70
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

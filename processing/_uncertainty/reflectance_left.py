@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py 86f3fe818bb9
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
