@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from processing._superres import super_resolution as median
+from processing._superres import super_resolve as median
 
 
 def test_the_median_is_that_of_all_values(monkeypatch) -> None:

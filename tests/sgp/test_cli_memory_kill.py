@@ -26,7 +26,7 @@ COUNT = 12
 MEMORY = "8M"
 NO_PROGRAM = """
 from processing._blocks import memory as blocks
-from processing._detail import separation_stage as rows
+from processing._detail import separation as rows
 from processing._reconstruction import reconstruct as memory
 from sgp import _surface_memory
 
@@ -114,7 +114,7 @@ def test_transfer(server: Server, tmp_path: Path) -> None:
 
 # Sheets count as large: their least memory is more than such a small one needs in memory.
 LARGE_SHEETS = """
-from processing._synthesis import synthesis_stage as synthesis_memory
+from processing._synthesis import synthesize as synthesis_memory
 
 synthesis_memory._SHEET = 10_000
 """

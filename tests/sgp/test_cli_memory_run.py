@@ -10,7 +10,7 @@ import pytest
 
 from acquisition import BandStore, read_image
 from processing._blocks import memory as block_memory
-from processing._detail import separation_stage as rows
+from processing._detail import separation as rows
 from processing._reconstruction import reconstruct as memory
 from sgp import _memory_limit, _stored_run, _surface_memory
 from tests.sgp.test_cli_memory import files, stop
