@@ -23,14 +23,19 @@ from acquisition import (
 from calibration import BandedStack, Channel, Stack, linear_stack, luma, open_stack
 from processing._metrics import AngularError, angular_error
 from processing._normal_map import NormalMap
-from processing._reconstruction.banded_normals import ShownBySample, map_forms, solve_bands
+from processing._reconstruction.banded_normals import (
+    GraySolver,
+    ShownBySample,
+    map_forms,
+    solve_bands,
+)
 from processing._reconstruction.colour_albedo import (
     ColourSums,
     colour_albedo,
     coloured,
     may_have_colour,
 )
-from processing._reconstruction.colour_normals import colours_in_bands
+from processing._reconstruction.colour_normals import ColourSolver
 from processing._reconstruction.error_bars import (
     ErrorBarMaps,
     check_any_valid,
@@ -263,9 +268,12 @@ class NormalsStage:
         on_progress: Progress,
     ) -> ShownBySample:
         """Fill the maps; ``colours`` are gray images in colour, for the albedo."""
+        solver: GraySolver | ColourSolver
         if isinstance(maps, MemoryMaps) and examined.images.in_colour:
             joint = self.channel == "joint"
-            return colours_in_bands(examined, self.method, on_progress, maps, joint=joint)
+            solver = ColourSolver(examined, self.method, maps, joint=joint)
+        else:
+            solver = GraySolver(examined, self.method, maps)
         rows = None
         if files is not None:
             count, colour = len(examined.lights), colours is not None
@@ -275,7 +283,10 @@ class NormalsStage:
             if colours is not None:
                 maps["colour"][band] = _albedo_in_colour(maps, colours, examined, band)
 
-        return solve_bands(examined, self.method, on_progress, maps, rows, on_band)
+        solve_bands(examined, solver, on_progress, maps, rows, on_band)
+        if isinstance(solver, ColourSolver):
+            solver.finish()
+        return solver.shown
 
     def _opened(
         self, source: Source, opened: ExitStack, on_progress: Progress, *, in_bands: bool
