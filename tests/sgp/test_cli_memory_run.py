@@ -11,8 +11,8 @@ import pytest
 from acquisition import BandStore, read_image
 from processing import Need, SurfaceStage
 from processing._blocks import surface_stage
-from processing._detail import rows
-from processing._reconstruction import memory
+from processing._detail import separation as rows
+from processing._reconstruction import reconstruct as memory
 from sgp import _memory_limit, _stored_run
 from tests.sgp.test_cli_memory import files, stop
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
