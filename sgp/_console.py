@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, ClassVar, Self, TypeVar
 
-from sgp._fitted import fitted
-from sgp._printable import printable
-from sgp._stderr import STDERR
+from rig import KernelWatch
+from sgp._terminal import STDERR, fitted, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -151,3 +150,29 @@ class _Lines:
         left_s = (now_s - self._began_s) * (total - done) / (done - self._first)
         note(f"{self._what}: {done} of {total}, about {left_s:.0f} s left")
         self._printed_s = now_s
+
+
+_TEXT = "compiling kernels for this computer, once; this can take some minutes"
+
+
+class Compiling(KernelWatch):
+    """Reports on stderr that kernels are compiled, or that they cannot be kept."""
+
+    def __init__(self) -> None:
+        self._stated = False
+        self._bar = ExitStack()
+
+    def compiling(self, active: int) -> None:
+        """Show a bar while a kernel is compiled, and a line at the first."""
+        if active and not self._stated:
+            self._stated = True
+            note(_TEXT)
+        if active == 0:
+            self._bar.close()
+        elif active == 1:
+            self._bar.enter_context(busy("compiling kernels"))
+
+    def uncached(self, reason: str) -> None:
+        """State that kernels cannot be kept, which also says that they are compiled."""
+        self._stated = True
+        note(f"note: {reason}")

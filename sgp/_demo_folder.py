@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 import acquisition
 import rig
 from sgp._exit import UsageError
 from sgp._hashes import sha256
-from sgp._output import check_folder
+from sgp._output import check_folder, locked
 from sgp._result import dumps
-
-try:
-    import fcntl
-except ImportError:  # Windows: two demos in one folder are not detected
-    fcntl = None  # type: ignore[assignment]
 
 MARK = ".made-by-sgp-demo"
 # Files and folders that a demo writes; a later demo replaces only these.
@@ -90,7 +84,8 @@ def claimed(out: Path, *, force: bool) -> Iterator[DemoFolder]:
     if not existed:
         check_folder(out, force=force)
         acquisition.make_folder(out)
-    with _locked(out):
+    other = f"another demo is running in {out}: wait until it has ended, or choose another --out"
+    with locked(out, other):
         _make_room(out, force=force)
         folder = DemoFolder(out)
         folder.begin()
@@ -98,27 +93,6 @@ def claimed(out: Path, *, force: bool) -> Iterator[DemoFolder]:
             yield folder
         finally:
             folder.finish()
-
-
-@contextmanager
-def _locked(out: Path) -> Iterator[None]:
-    if fcntl is None:
-        yield
-        return
-    place = os.open(out, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        # Some file systems do not support locks.
-        with suppress(OSError):
-            try:
-                fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise UsageError(
-                    f"another demo is running in {out}: wait until it has ended, or choose "
-                    "another --out"
-                ) from None
-        yield
-    finally:
-        os.close(place)
 
 
 def _make_room(out: Path, *, force: bool) -> None:

@@ -7,9 +7,9 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, get_type_hints
+from typing import Annotated, Literal, get_type_hints
 
 from cyclopts import CoercionError, Parameter, Token
 from cyclopts.validators import Number
@@ -114,6 +114,8 @@ def _rig(kind: object, tokens: Sequence[Token]) -> Path:
 # What an option for lights gives for those of the rig file.
 RIG_LIGHTS = Path("rig")
 RigOption = Annotated[Path | None, Parameter(converter=_rig)]
+# Direction of the green channel of a normal map.
+Green = Literal["up", "down"]
 _INPUT = object()
 # Files or folders that must exist when the command starts.
 Input = Annotated[Path, _INPUT]
@@ -263,16 +265,9 @@ class SourceOptions(RecordingOptions):
 
     def stage(self, pixel_mm: float | None = None) -> processing.NormalsStage:
         """Return the computation of normals with these options, and the size of a pixel."""
-        return processing.NormalsStage(
-            method=self.method,
-            channel=self.channel,
-            distant=self.distant,
-            height_mm=self.height_mm,
-            rests_on_plane=self.rests_on_plane,
-            pixel_mm=pixel_mm,
-            exclude_disagreeing=self.exclude_disagreeing,
-            semi_calibrated=self.semi_calibrated,
-        )
+        named = (field.name for field in fields(processing.NormalsStage))
+        stated = {name: getattr(self, name) for name in named if name != "pixel_mm"}
+        return processing.NormalsStage(pixel_mm=pixel_mm, **stated)
 
 
 def require_inputs(command: Callable[..., object], arguments: Mapping[str, object]) -> None:

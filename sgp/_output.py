@@ -6,7 +6,8 @@ import functools
 import inspect
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -20,6 +21,11 @@ from sgp._hashes import SEAL, input_hashes, output_files, seal, sha256
 from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
 from sgp._recordings import CALIBRATIONS, recordings_of
 from sgp._result import Result, dumps, plain
+
+try:
+    import fcntl
+except ImportError:  # Windows: two commands in one folder are not detected
+    fcntl = None  # type: ignore[assignment]
 
 P = ParamSpec("P")
 
@@ -170,6 +176,30 @@ def _is_derived(target: Path) -> bool:
     )
 
 
+@contextmanager
+def locked(folder: Path, error: str) -> Iterator[None]:
+    """Lock a folder as long as this is open, where the file system supports locks.
+
+    Raises
+    ------
+    UsageError
+        With the text ``error``, if another process has locked it.
+    """
+    if fcntl is None:
+        yield
+        return
+    place = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with suppress(OSError):
+            try:
+                fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise UsageError(error) from None
+        yield
+    finally:
+        os.close(place)
+
+
 def check_folder(out: Path, *, force: bool | None = None) -> None:
     """Refuse an output folder that is not empty, unless ``force``.
 
@@ -277,6 +307,22 @@ def write_record(
     }
     record[SEAL] = seal(json.loads(dumps(record)))
     acquisition.write_durably(path, f"{dumps(record)}\n".encode())
+
+
+def stated(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what provenance states of a command's arguments, which are its first `locals`."""
+    unstated = ("out", "max_pixels", "force")
+    found = {name: value for name, value in arguments.items() if name not in unstated}
+    source = found.get("source")
+    return found | ({"source": source[0]} if source and len(source) == 1 else {})
+
+
+def complete_provenance(
+    command: str, parameters: Mapping[str, Any], result: Result
+) -> dict[str, Any]:
+    """Return the provenance of a file that is passed on without its record, with its figures."""
+    noticed = {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
+    return provenance(command, parameters, result.inputs) | noticed
 
 
 def provenance(command: str, parameters: Mapping[str, Any], inputs: list[Path]) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import acquisition
+import rig
 from sgp._console import shown
-from sgp._plot_folder import choose_plot_folder
-from sgp._printable import printable
+from sgp._terminal import printable
 
 # matplotlib is imported where it draws: the commands' help texts must not wait for it.
 if TYPE_CHECKING:
@@ -21,6 +22,25 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
     from matplotlib.text import Text
+
+_VARIABLE = "MPLCONFIGDIR"
+
+
+def choose_plot_folder() -> None:
+    """Choose a private folder if matplotlib, before it is loaded, would find none of the user."""
+    if os.environ.get(_VARIABLE):
+        return
+    try:
+        for variable, usual in (("XDG_CONFIG_HOME", ".config"), ("XDG_CACHE_HOME", ".cache")):
+            place = Path(os.environ.get(variable) or Path.home() / usual) / "matplotlib"
+            place.mkdir(parents=True, exist_ok=True)
+            if not os.access(place, os.W_OK):
+                raise PermissionError
+    except (OSError, RuntimeError):  # RuntimeError: there is no home folder
+        folder = rig.private_folder()
+        if folder is not None:
+            os.environ[_VARIABLE] = str(folder / "matplotlib")
+
 
 # Inches. A slot is the place of a picture; around it are its title, colour scale and scale bar.
 _SLOT_AREA: Final = 3.4**2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -72,3 +74,28 @@ def _identity(stated: object) -> acquisition.Identity:
     values = stated if isinstance(stated, dict) else {}
     texts = {key: values[key] for key in _TEXTS if isinstance(values.get(key), str)}
     return acquisition.Identity(**texts, simulated=values.get("simulated") is True)
+
+
+JOURNAL = "journal.jsonl"
+# Lines that a compaction appends to a journal.
+_EVENTS = ("reopened", "compacted")
+
+
+def compacted_since(journal: Path, digest: str) -> acquisition.Session | None:
+    """Return the session if a compaction is all that followed a journal with this SHA-256.
+
+    The frames are the same then, in smaller files, whose sizes the journal states.
+    """
+    try:
+        lines = journal.read_bytes().splitlines(keepends=True)
+        session = acquisition.Session.open(journal.parent)
+    except (OSError, acquisition.DataError):
+        return None
+    before = hashlib.sha256()
+    for number, line in enumerate(lines, 1):
+        before.update(line)
+        if before.hexdigest() == digest:
+            later = [json.loads(one).get("event") for one in lines[number:]]
+            same = bool(later) and session.complete and set(later) <= set(_EVENTS)
+            return session if same else None
+    return None

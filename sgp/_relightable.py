@@ -13,13 +13,13 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
+from sgp._metrics import RtiMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import image_panel, map_panel
-from sgp._relight_metrics import RtiMetrics
-from sgp._relight_options import RelightOptions
 from sgp._result import Result
 from sgp._result_source import NormalsResult, open_source_of
+from sgp._stage_options import RelightOptions
 
 Mask = npt.NDArray[np.bool_]
 
@@ -83,9 +83,7 @@ def fit_result(
     depth = found.depth if near else None
     fit = processing.fit_recording(
         source,
-        basis=options.basis,
-        colours=options.colours,
-        values=options.values,
+        **vars(options),
         distant=distant,
         depth_mm=None if depth is None else acquisition.read_image(depth, max_pixels=max_pixels),
         height_mm=found.height_mm(),
@@ -113,9 +111,7 @@ def _of_normals(
     fit = processing.fit_normals(
         normal_map,
         acquisition.read_image(albedo, max_pixels=max_pixels),
-        basis=options.basis,
-        colours=options.colours,
-        values=options.values,
+        **vars(options),
         on_progress=progress,
     )
     text = (
@@ -143,17 +139,17 @@ def write_relightable(
     result.outputs |= {path.stem: path for path in files}
     planes = _difference(image, stored, made.lights)
     inside = mask & np.isfinite(residual)
-    metrics: RtiMetrics = {
-        "fitted_to": made.fitted_to,
-        "directions": made.directions,
-        "lights": len(made.lights),
-        "coefficients": image.coefficients.shape[2],
-        "pixels": int(np.count_nonzero(mask)),
-        "pixels_without_samples": made.fit.without_samples,
-        "white": made.fit.white,
-        "fit_rms": float(np.median(residual[inside])) if inside.any() else float("nan"),
-        "planes_rms": planes[0],
-    }
+    metrics = figures_of(
+        RtiMetrics,
+        made,
+        lights=len(made.lights),
+        coefficients=image.coefficients.shape[2],
+        pixels=int(np.count_nonzero(mask)),
+        pixels_without_samples=made.fit.without_samples,
+        white=made.fit.white,
+        fit_rms=float(np.median(residual[inside])) if inside.any() else float("nan"),
+        planes_rms=planes[0],
+    )
     height, width = image.size
     kind = "images" if made.fitted_to == "images" else "shading of normals"
     result.summary = [
@@ -163,16 +159,17 @@ def write_relightable(
         f"planes within {planes[0]:.2f} of 255 rms of the fit",
     ]
     if image.basis == "ptm":
-        result.outputs["ptm"] = folder / "relight.ptm"
-        added = _difference(image, processing.write_ptm(result.outputs["ptm"], image), made.lights)
+        added = _difference(
+            image,
+            processing.write_ptm(result.file("ptm", folder / "relight.ptm"), image),
+            made.lights,
+        )
         metrics["ptm_rms"], metrics["ptm_largest"] = added
         result.summary.append(
             f"relight.ptm within {added[0]:.2f} of 255 rms of the fit, {added[1]:.1f} at most"
         )
-    result.outputs["fit_rms"] = folder / "fit_rms.exr"
-    acquisition.write_exr(result.outputs["fit_rms"], residual)
-    result.outputs["picture"] = folder / "relit.png"
-    _draw(result.outputs["picture"], stored, residual, mask, options)
+    acquisition.write_exr(result.file("fit_rms", folder / "fit_rms.exr"), residual)
+    _draw(result.file("picture", folder / "relit.png"), stored, residual, mask, options)
     result.metrics = metrics
     return result
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import rig
-from sgp._printable import printable_json
+from sgp._terminal import printable_json
 
 
 @dataclass
@@ -45,6 +45,11 @@ class Result:
     parameters: dict[str, Any] = field(default_factory=dict)
     ok: bool = True
     failing_code: int = 4
+
+    def file(self, name: str, path: Path) -> Path:
+        """Add an output; return its path, to which the caller writes it."""
+        self.outputs[name] = path
+        return path
 
     def to_json(self) -> str:
         """Return the one object that ``--json`` prints."""

@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 import simulator
-from sgp._overview import write_figure
-from sgp._plot_folder import choose_plot_folder
+from sgp._overview import choose_plot_folder, write_figure
 
 Picture = npt.NDArray[np.float32]
 

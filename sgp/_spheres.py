@@ -13,10 +13,10 @@ import numpy.typing as npt
 import acquisition
 import calibration
 import rig
-from sgp._calibration_metrics import SpheresMetrics
 from sgp._console import Stages
-from sgp._output import provenance
-from sgp._result import Result, plain
+from sgp._metrics import SpheresMetrics
+from sgp._output import complete_provenance
+from sgp._result import Result
 from sgp._threads import opencv_threads
 
 
@@ -100,8 +100,7 @@ def add_sphere_lights(
         write_calibration(
             outputs["lights"], seen.lights, command, {"source": seen.source.path}, described
         )
-    shown = [ShownSpheres(seen.source, seen.brightest)]
-    draw_spheres(outputs["lights_png"], shown, seen.estimate)
+    draw_spheres(outputs["lights_png"], [(seen.source, seen.brightest)], seen.estimate)
     result.outputs |= outputs
     result.warnings = [*described.warnings, *result.warnings]
     result.summary = [*described.summary, *result.summary]
@@ -131,8 +130,7 @@ def write_calibration(
     out: Path, lights: acquisition.Lights, command: str, parameters: dict[str, Any], result: Result
 ) -> None:
     """Write lights.json including its record, because the file is passed on without its folder."""
-    made_by = provenance(command, parameters, result.inputs)
-    made_by |= {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
+    made_by = complete_provenance(command, parameters, result)
     acquisition.write_lights(out, lights, provenance=made_by)
 
 
@@ -192,18 +190,15 @@ def _say_errors(lights: acquisition.Lights) -> list[str]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class ShownSpheres:
-    """A recording that shows spheres, and the brightest value ``(H, W)`` of each pixel."""
-
-    source: acquisition.Source
-    brightest: npt.NDArray[np.float32]
-
-
 def draw_spheres(
-    path: Path, shown: Sequence[ShownSpheres], estimate: calibration.SphereCalibration
+    path: Path,
+    shown: Sequence[tuple[acquisition.Source, npt.NDArray[np.float32]]],
+    estimate: calibration.SphereCalibration,
 ) -> None:
-    """Write a picture of the spheres in each recording, and of their lights."""
+    """Write a picture of the spheres and lights; ``shown`` has the brightest value of each pixel.
+
+    There is one such ``(H, W)`` for each recording.
+    """
     from sgp._overview import source_title, write_overview
     from sgp._panels.light_errors import ellipsoids_panel, residuals_panel
     from sgp._panels.lights import lights_panel, spheres_panel
@@ -211,15 +206,15 @@ def draw_spheres(
     title = "spheres and highlights"
     panels = [
         spheres_panel(
-            f"{title}: {one.source.path}" if len(shown) > 1 else title, one.brightest, estimate, k
+            f"{title}: {source.path}" if len(shown) > 1 else title, brightest, estimate, k
         )
-        for k, one in enumerate(shown)
+        for k, (source, brightest) in enumerate(shown)
     ]
     panels.append(lights_panel("lights, rings in degrees from the viewing axis", estimate.lights))
     errors = [ellipsoids_panel(estimate.lights), residuals_panel(estimate.lights)]
     panels += [panel for panel in errors if panel is not None]
-    names = ", ".join(str(one.source.path) for one in shown)
-    write_overview(path, source_title(shown[0].source, names), panels, columns=2)
+    names = ", ".join(str(source.path) for source, _ in shown)
+    write_overview(path, source_title(shown[0][0], names), panels, columns=2)
 
 
 def draw_candidates(

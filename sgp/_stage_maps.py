@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import acquisition
 import processing
 import rig
 from sgp._console import Stages
-from sgp._map_doubts import read_map, with_doubts
+from sgp._hashes import input_hashes
+from sgp._map_doubts import with_remedy
 from sgp._memory_limit import Limit, identity, other_maps_refused
+from sgp._options import Green
 
-Green = Literal["up", "down"]
 Computed = acquisition.MemoryMaps | acquisition.BandStore
 
 
@@ -30,14 +31,14 @@ class MapInput:
     green
         Direction of the green channel.
     option
-        The option that states it.
+        The option that states it, None if the command has none.
     max_pixels
         Largest allowed number of pixels.
     """
 
     path: Path
     green: Green = "up"
-    option: str = "--green"
+    option: str | None = "--green"
     max_pixels: int = rig.MAX_PIXELS
 
     def find(self) -> processing.FoundNormals:
@@ -45,16 +46,27 @@ class MapInput:
         return processing.find_normals(self.path, max_pixels=self.max_pixels)
 
     def read(self) -> processing.NormalMapFile:
-        """Read the map, with notices about its axes."""
-        return read_map(self.path, green=self.green, option=self.option, max_pixels=self.max_pixels)
+        """Read the map; its notices name it if it is a surface only with other axes."""
+        read = processing.read_normals(self.path, green=self.green, max_pixels=self.max_pixels)
+        input_hashes(read.files)
+        return read._replace(warnings=self._with_doubts(read.warnings, read.normal_map))
 
     def store(self, file: Path) -> processing.StoredNormals:
         """Read the map into a file of rows."""
         found = processing.store_normals(
             self.path, file, green=self.green, max_pixels=self.max_pixels
         )
-        named = with_doubts(found.warnings, self.path, found, self.green, self.option)
-        return found._replace(warnings=named)
+        return found._replace(warnings=self._with_doubts(found.warnings, found))
+
+    def _with_doubts(
+        self, notices: tuple[rig.Notice, ...], rows: processing.NormalRows
+    ) -> tuple[rig.Notice, ...]:
+        """Return the notices of a reader with those about the axes, unless it named these."""
+        if any(notice.code == "normals-channels-swapped" for notice in notices):
+            return notices
+        doubts = processing.axes_notices(rows)
+        named = (with_remedy(doubt, self.green, self.option) for doubt in doubts)
+        return (*notices, *(replace(one, where=str(self.path)) for one in named))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +128,7 @@ def stage_maps(
             made = processing.computed(stage, *maps, on_progress=progress)
         yield StageMaps(made, tuple(maps), notices, used)
         return
-    greens = {given.option.strip("-").replace("-", "_"): given.green for given in inputs}
+    greens = {str(one.option).strip("-").replace("-", "_"): one.green for one in inputs}
     depends_on = identity(
         {**options_of(stage), **greens}, [*(path for one in found for path in one.files), *files]
     )

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
 from cyclopts import Parameter
 
+import acquisition
 import processing
+from sgp._console import Stages
 from sgp._exit import UsageError
-from sgp._options import Count, Order, Positive, Triangles
+from sgp._options import Count, Green, Order, Positive, Triangles
+
+Mask = npt.NDArray[np.bool_]
 
 
 @Parameter(name="*")
@@ -24,7 +30,20 @@ class MapOptions:
         DirectX. EXR files always hold the vectors themselves.
     """
 
-    green_out: Literal["up", "down"] = "up"
+    green_out: Green = "up"
+
+    def write(
+        self, folder: Path, normals: acquisition.MapRows, mask: Mask, name: str = "normals"
+    ) -> dict[str, Path]:
+        """Write a map with its mask, and show the progress; return the files."""
+        with Stages() as progress:
+            return processing.write_normal_rows(
+                folder, normals, mask, name, green=self.green_out, on_progress=progress
+            )
+
+    def write_map(self, folder: Path, normal_map: processing.NormalMap) -> dict[str, Path]:
+        """Write a map of normals as `write` does."""
+        return self.write(folder, normal_map.normals, normal_map.mask)
 
 
 @Parameter(name="*")
@@ -54,6 +73,10 @@ class SeparationOptions:
     def stage(self) -> processing.SeparationStage:
         """Return the separation with this filter."""
         return processing.SeparationStage(self.shape_filter())
+
+
+# What a command has by default.
+MAPS, SEPARATION = MapOptions(), SeparationOptions()
 
 
 @Parameter(name="*")
@@ -137,3 +160,25 @@ class SurfaceOptions:
             "--close": self.close,
             "--base": self.base is not None,
         }
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class RelightOptions:
+    """Options for fitting functions of the direction of the light.
+
+    Parameters
+    ----------
+    basis
+        ptm (polynomial with 6 coefficients), hsh4 or hsh9 (hemispherical harmonics with 4 or 9).
+    colours
+        lrgb (one function per pixel and a colour that it is multiplied by) or rgb (one function per
+        channel, for coloured highlights; the files are about twice as large).
+    values
+        display (samples of the sRGB curve, as viewers show them) or linear (proportional to light,
+        for further computation).
+    """
+
+    basis: processing.LightBasis = "ptm"
+    colours: processing.RelightColours = "lrgb"
+    values: processing.RelightValues = "display"

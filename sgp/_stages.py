@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import acquisition
 import processing
@@ -79,6 +80,15 @@ def open_source(
     if hashed:
         input_hashes(files)
     return source, files
+
+
+def open_sources(
+    paths: Sequence[Path], **options: Any
+) -> tuple[list[acquisition.Source], list[Path]]:
+    """Read several sources as `open_source` does; return them and all their files, each once."""
+    opened = [open_source(path, **options) for path in paths]
+    files = dict.fromkeys(file for _, read in opened for file in read)
+    return [source for source, _ in opened], list(files)
 
 
 def _flattened(source: acquisition.Source, flat: Path, max_pixels: int) -> acquisition.Source:

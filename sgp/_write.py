@@ -10,25 +10,23 @@ import numpy.typing as npt
 
 import acquisition
 import processing
-from sgp._console import Stages, shown
+from sgp._console import shown
 from sgp._output import provenance
-from sgp._quality import add_quality, quality_lines
+from sgp._quality import add_quality, add_uncertainty, quality_lines, sigma_lines
 from sgp._result import Result
 from sgp._stage_metrics import NormalsMetrics, SeparationMetrics
-from sgp._stage_options import MapOptions
-from sgp._uncertainty import add_uncertainty, sigma_lines
+from sgp._stage_options import MAPS, MapOptions
 
 _WRITERS = 2  # files that are encoded at the same time
 _FLOATS = ("albedo", "residual", "specular", "normal_sigma_deg")
 # Values that are read at once.
 _READ = 4_000_000
-_MAPS = MapOptions()
 
 
 def write_normals_stage(
     folder: Path,
     stage: processing.Reconstruction,
-    maps: MapOptions = _MAPS,
+    maps: MapOptions = MAPS,
     picture: processing.AlbedoPicture | None = None,
     *,
     command: str,
@@ -40,10 +38,7 @@ def write_normals_stage(
     with their provenance: the command and its input files.
     """
     result, maps_of = Result(warnings=list(stage.warnings)), stage.maps
-    with Stages() as progress:
-        result.outputs = processing.write_normal_rows(
-            folder, maps_of["normals"], stage.valid, green=maps.green_out, on_progress=progress
-        )
+    result.outputs = maps.write(folder, maps_of["normals"], stage.valid)
     values = {name: maps_of[name] for name in _FLOATS} | {"used": _as_float(maps_of["used"])}
     result.outputs |= {name: folder / f"{name}.exr" for name in values}
     with ThreadPoolExecutor(_WRITERS) as pool:
@@ -54,8 +49,7 @@ def write_normals_stage(
         for done in shown("writing maps", written):
             done.result()
     for name in (*(f"samples_{kind.name.lower()}" for kind in processing.SampleKind), "validity"):
-        result.outputs[name] = folder / f"{name}.png"
-        acquisition.write_png(result.outputs[name], maps_of[name])
+        acquisition.write_png(result.file(name, folder / f"{name}.png"), maps_of[name])
     white = _write_albedo(folder / "albedo.png", maps_of["albedo"], stage.valid, picture)
     result.outputs["albedo_png"] = folder / "albedo.png"
     result.parameters = {"albedo_png": {"white": white}}
@@ -176,21 +170,17 @@ def write_separation(
     folder: Path,
     parts: acquisition.Maps,
     mask: npt.NDArray[np.bool_],
-    maps: MapOptions = _MAPS,
+    maps: MapOptions = MAPS,
 ) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""
-    outputs: dict[str, Path] = {}
-    with Stages() as progress:
-        for name in ("shape", "detail"):
-            outputs |= processing.write_normal_rows(
-                folder, parts[name], mask, name, green=maps.green_out, on_progress=progress
-            )
-    metrics: SeparationMetrics = {
-        "separability_deg": processing.SeparationStage.separability_deg(parts, mask)
+    outputs = {
+        key: path
+        for name in ("shape", "detail")
+        for key, path in maps.write(folder, parts[name], mask, name).items()
     }
-    separability = metrics["separability_deg"]
+    separability = processing.SeparationStage.separability_deg(parts, mask)
     return Result(
         outputs=outputs,
-        metrics=metrics,
+        metrics=SeparationMetrics(separability_deg=separability),
         summary=[f"separability {separability:.2f} deg (shape left in the detail; 0 is best)"],
     )

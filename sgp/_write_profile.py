@@ -4,15 +4,86 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 import acquisition
 import processing
-from sgp._detail_metrics import HeightProfileMetrics
-from sgp._overview import write_overview
-from sgp._panels.profile import profile_panels
+from sgp._metrics import HeightProfileMetrics
+from sgp._overview import Panel, add_scale, set_plot_area, write_overview
+from sgp._panels.maps import signed_panel
 from sgp._result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_ACROSS, _UP = 240, 160  # cells of the plot
+_BEYOND: Final = 0.02  # of the range of heights, above and below
+_STRAY: Final = 0.001  # share of the result that the plot leaves out at either end
+
+
+def profile_panels(title: str, profile: processing.HeightProfile) -> list[Panel]:
+    """Return a profile's plots, of all pixels and of their 5 x 5 means, and a map of differences.
+
+    Pixels of the same target height share one place on the axis. If the result is shifted
+    differently in two regions of the surface, the plot has two branches; the map shows the regions.
+    """
+    return [
+        profile_panel(f"{title}, rms {profile.rms:.3g} {profile.unit}", profile),
+        profile_panel(
+            f"5 x 5 means of the result, rms {profile.smoothed_rms:.3g} {profile.unit}",
+            profile,
+            smoothed=True,
+        ),
+        signed_panel("where branches are: result minus target", profile.difference, profile.unit),
+    ]
+
+
+def profile_panel(
+    title: str, profile: processing.HeightProfile, *, smoothed: bool = False
+) -> Panel:
+    """Plot how many pixels have which height, in ascending order of the target's heights.
+
+    All pixels are counted, because single points would cover each other.
+    """
+    heights = profile.smoothed if smoothed else profile.result
+    count = len(profile.target)
+    ends = np.quantile(profile.result, [_STRAY, 1 - _STRAY])
+    low, high = min(ends[0], profile.target[0]), max(ends[1], profile.target[-1])
+    margin = _BEYOND * (high - low) or 1.0
+    limits = low - margin, high + margin
+    cells, _, _ = np.histogram2d(
+        np.arange(count), heights, (_ACROSS, _UP), ((0, max(count, 2)), limits)
+    )
+    pick = profile.ranks()
+
+    def draw(axes: Axes) -> None:
+        from matplotlib.colors import LogNorm
+        from matplotlib.ticker import EngFormatter, MaxNLocator
+
+        set_plot_area(axes)
+        most = max(float(cells.max()), 2.0)
+        shown = axes.imshow(
+            np.ma.masked_equal(cells.T, 0),
+            origin="lower",
+            aspect="auto",
+            interpolation="nearest",
+            extent=(0, max(count, 2), *limits),
+            cmap="YlOrBr",
+            norm=LogNorm(0.3, most),
+        )
+        axes.plot(pick, profile.target[pick], "-", color="white", lw=3)
+        axes.plot(pick, profile.target[pick], "-", color="tab:blue", lw=1.5, label="target, sorted")
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+        axes.tick_params(labelsize=8)
+        axes.set_xlabel("pixel, in ascending order of the target's height", fontsize=8)
+        axes.set_ylabel(f"height ({profile.unit})", fontsize=8, labelpad=1)
+        axes.legend(loc="upper left", fontsize=8)
+        add_scale(axes, shown, "pixels of the result per cell", "neither")
+
+    return Panel(title, draw)
 
 
 def write_height_profile(

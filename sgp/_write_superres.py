@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 import acquisition
 import processing
-from sgp._detail_metrics import SuperresMetrics
+from sgp._metrics import SuperresMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_vectors_panel, map_panel
+from sgp._panels.maps import Masked, lit_panel, map_panel
 from sgp._result import Result
 
 Mask = npt.NDArray[np.bool_]
@@ -78,12 +78,13 @@ def write_superres_picture(
     )
     plain, inside = _interpolated(made, low, coarse)
     fine, whole = Crop(rows, columns), Crop.around(mask)
+    large = Masked(maps["normals"], mask)
     shown = f"result, {mask.shape[1]} x {mask.shape[0]} pixels"
     panels = [
-        lit_vectors_panel("part of the given map", low.normals, low.mask, coarse),
-        lit_vectors_panel("bicubic interpolation", plain.normals, plain.mask, inside),
-        lit_vectors_panel("result", maps["normals"], mask, fine),
-        lit_vectors_panel(shown, maps["normals"], mask, whole),
+        lit_panel("part of the given map", low, coarse),
+        lit_panel("bicubic interpolation", plain, inside),
+        lit_panel("result", large, fine),
+        lit_panel(shown, large, whole),
     ]
     if "sigma_deg" in maps:
         title = "angle to interpolation"

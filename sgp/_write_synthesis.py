@@ -12,22 +12,13 @@ import numpy.typing as npt
 import acquisition
 import processing
 from sgp._console import Stages, shown
-from sgp._detail_metrics import SynthesisMetrics
+from sgp._metrics import SynthesisMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_panel, lit_vectors_panel
+from sgp._panels.maps import lit_panel
 from sgp._result import Result
 
 _MOST_SHOWN = 700  # pixels of a side of a picture
-_FIGURES = (
-    "detail_angle_deg",
-    "exemplar_angle_deg",
-    "slope_distance",
-    "spectrum_distance",
-    "exemplar_spectrum_distance",
-    "repeat_score",
-    "exemplar_repeat_score",
-)
 
 
 @dataclass(frozen=True)
@@ -74,7 +65,8 @@ def measure_texture(
     """Compare synthesised detail with its exemplar, add the summary, and return the figures."""
     figures = processing.texture_figures(detail.measured, exemplar, patch=detail.patch)
     # Each figure is computed when it is first used.
-    for name in shown("measuring", _FIGURES):
+    named = [name for name in SynthesisMetrics.__annotations__ if hasattr(type(figures), name)]
+    for name in shown("measuring", named):
         getattr(figures, name)
     steps = detail.steps
     height, width = detail.mask.shape
@@ -92,16 +84,8 @@ def measure_texture(
         f"steps          {_text(steps.across_deg)} deg across cuts, {_text(steps.inside_deg)} "
         "inside patches",
     ]
-    return SynthesisMetrics(
-        detail_angle_deg=figures.detail_angle_deg,
-        exemplar_angle_deg=figures.exemplar_angle_deg,
-        slope_distance=figures.slope_distance,
-        spectrum_distance=figures.spectrum_distance,
-        exemplar_spectrum_distance=figures.exemplar_spectrum_distance,
-        repeat_score=figures.repeat_score,
-        exemplar_repeat_score=figures.exemplar_repeat_score,
-        cut_step_deg=steps.across_deg,
-        inside_step_deg=steps.inside_deg,
+    return figures_of(
+        SynthesisMetrics, figures, cut_step_deg=steps.across_deg, inside_step_deg=steps.inside_deg
     )
 
 
@@ -144,10 +128,8 @@ def write_sheet_picture(
     part = Crop(slice(0, min(side, height)), slice(0, min(side, width)))
     panels = [
         lit_panel("exemplar", exemplar),
-        lit_vectors_panel("upper left part of the sheet", sheet.normals, sheet.mask, part),
-        lit_vectors_panel(
-            f"sheet, {width} x {height} pixels", sheet.normals, sheet.mask, Crop.around(sheet.mask)
-        ),
+        lit_panel("upper left part of the sheet", sheet, part),
+        lit_panel(f"sheet, {width} x {height} pixels", sheet),
     ]
     write_overview(path, title, panels, columns=3)
 

@@ -11,10 +11,10 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
-from sgp._detail_metrics import TransferMetrics
+from sgp._metrics import TransferMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
-from sgp._panels.maps import map_panel, vectors_panel
+from sgp._panels.maps import map_panel, normals_panel
 from sgp._result import Result
 from sgp._stage_maps import StageMaps
 
@@ -114,25 +114,13 @@ def write_transfer(out: Path, title: str, done: Transferred, result: Result) -> 
     maps = {"shape": done.shape_error_deg, "detail": done.detail_error_deg}
     means = {"shape": figures.shape_mae_deg, "detail": figures.detail_mae_deg}
     crop = Crop.around(done.mask)
-    panels = [vectors_panel("Result", done.normals, done.mask, crop)]
+    panels = [normals_panel("Result", done, crop)]
     for name, values in maps.items():
-        result.outputs[f"{name}_error"] = out / f"{name}_error.exr"
-        acquisition.write_exr(result.outputs[f"{name}_error"], values)
+        acquisition.write_exr(result.file(f"{name}_error", out / f"{name}_error.exr"), values)
         error = f"{name.capitalize()} error, mean {means[name]:.2f} deg"
         panels.append(map_panel(error, values, "deg", crop, error=True))
-    result.outputs["errors_picture"] = out / "errors.png"
-    write_overview(result.outputs["errors_picture"], title, panels, columns=3)
-    metrics: TransferMetrics = {
-        "shape_mae_deg": figures.shape_mae_deg,
-        "detail_mae_deg": figures.detail_mae_deg,
-        "shape_mae_deg_paper": figures.shape_mae_deg_paper,
-        "detail_mae_deg_paper": figures.detail_mae_deg_paper,
-        "shape_ssim": figures.shape_ssim,
-        "shape_ssim_paper": figures.shape_ssim_paper,
-        "detail_ssim": figures.detail_ssim,
-        "detail_ssim_paper": figures.detail_ssim_paper,
-        "pixels": figures.pixels,
-    }
+    write_overview(result.file("errors_picture", out / "errors.png"), title, panels, columns=3)
+    metrics = figures_of(TransferMetrics, figures)
     result.summary = [
         _where(done),
         f"shape error   {figures.shape_mae_deg:.2f} deg (paper's filter "

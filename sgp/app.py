@@ -17,8 +17,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 from sgp import __version__
 from sgp._help import HelpPage, PlainConsole, flowing, page, usage_complaint
-from sgp._printable import printable, printable_lines
-from sgp._stderr import STDERR
+from sgp._terminal import STDERR, fitted, printable, printable_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -75,7 +74,7 @@ _GROUPS: dict[str, tuple[str, dict[str, tuple[str, ...]]]] = {
             "sgp rig list",
             "sgp rig check --rig bench.toml",
         ),
-        {"rig_list": ("list_",), "rig": ("check", "light", "off", "snap", "selftest")},
+        {"rig": ("list_", "check", "light", "off", "snap", "selftest")},
     ),
     "calibrate": (
         page(
@@ -314,7 +313,6 @@ def run(app: App, tokens: list[str]) -> int:
 
 def _show(result: Any, as_json: bool) -> int:
     from sgp._console import note
-    from sgp._fitted import fitted
     from sgp._result import Result
 
     if not isinstance(result, Result):
@@ -344,8 +342,6 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
         findings = getattr(error, "findings", None)
         listed = {} if findings is None else {"findings": findings}
         print(dumps({"ok": False, "error": line, "exit_code": code, **listed}))
-    from sgp._fitted import fitted
-
     # One write: a signal must not separate the line from its end.
     STDERR.write(fitted(f"error: {line}", STDERR) + "\n")
     return code
@@ -366,7 +362,7 @@ def _run_in_process(app: App) -> int:
     """Run the command line of this process, which reports kernels that are compiled."""
     # An overwritten package is then reported as such.
     from rig import watch_kernels
-    from sgp._compiling import Compiling
+    from sgp._console import Compiling
 
     watch_kernels(Compiling())
     return run(app, sys.argv[1:])

@@ -22,7 +22,7 @@ from rig import Progress
 from sgp._overview import Panel
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_panel
-from sgp._panels.profile import profile_panels
+from sgp._write_profile import profile_panels
 
 PATCH_PX = 48
 _SIDE_PX, _QUICK_SIDE_PX = 2048, 1024

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import time
 from statistics import median
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from sgp._batch.task import Outcome, Task
 from sgp._console import note, terminal
-from sgp._printable import printable
-from sgp._stderr import STDERR
+from sgp._terminal import STDERR, printable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -47,14 +45,9 @@ class BatchProgress:
             self._live.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         if self._live is not None:
-            self._live.__exit__(kind, error, trace)
+            self._live.__exit__(*error)
 
     def started(self, task: Task) -> None:
         """Report that a task has begun, or waits for a worker of a cluster."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import acquisition
 import rig
 from sgp._batch.files import Stamp, difference, stamps
 from sgp._batch.task import Outcome, Task
+from sgp._output import check_folder, locked
 from sgp._result import dumps
 
 FORMAT, VERSION = "sgp-batch-state", 1
@@ -136,17 +138,7 @@ def state_of(task: Task, outcome: Outcome) -> State:
         source=str(task.source),
         lines=task.lines(),
         software=acquisition.software_version(),
-        error=outcome.error,
-        exit_code=outcome.exit_code,
-        attempts=outcome.attempts,
-        seconds=outcome.seconds,
-        cpu_seconds=outcome.cpu_seconds,
-        roots=list(outcome.roots),
-        files=dict(outcome.files),
-        outputs=list(outcome.outputs),
-        sizes=dict(outcome.sizes),
-        notices=dict(outcome.notices),
-        figures=dict(outcome.figures),
+        **vars(outcome),
     )
 
 
@@ -189,3 +181,25 @@ def reason_to_run(task: Task, states: Mapping[str, State]) -> str | None:
         if now != size:
             return f"{Path(name).name} has {now} bytes instead of {size}"
     return difference(state.files, stamps(state.roots))
+
+
+@contextmanager
+def batch_folder(out: Path) -> Iterator[States]:
+    """Create the folder of a batch or continue one; others are refused as long as this is open.
+
+    Raises
+    ------
+    UsageError
+        If the folder contains something else, or another batch is writing into it.
+    StorageError
+        If it cannot be created.
+    """
+    states = States(out / "state")
+    if not states.folder.is_dir():
+        check_folder(out)
+    acquisition.make_folder(states.folder)
+    other = f"another batch is writing into {out}: wait until it has ended, or choose another --out"
+    with locked(states.folder, other):
+        for folder in (out, states.folder):
+            acquisition.remove_part_files(folder)
+        yield states

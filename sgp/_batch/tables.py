@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 import rig
 from sgp._batch.state import State
-from sgp._printable import printable
+from sgp._terminal import printable
 
 _FIGURES = {
     "images": "images",

@@ -7,7 +7,6 @@ import select
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, Self
 
 import acquisition
@@ -15,7 +14,7 @@ import rig as rigs
 from sgp._capture.resume_command import ResumeCommand
 from sgp._console import Stages, note
 from sgp._exit import UsageError
-from sgp._stderr import STDERR
+from sgp._terminal import STDERR
 
 if sys.platform != "win32":
     import termios
@@ -47,12 +46,7 @@ class CaptureTalk:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self.on_progress.close()
         if error is not None and not isinstance(error, acquisition.SessionInUseError):
             self._report_state(error)

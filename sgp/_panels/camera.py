@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sgp._overview import Panel, set_plot_area
-from sgp._printable import printable
+from sgp._terminal import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import acquisition
 from sgp._overview import Panel
 from sgp._panels.crop import Crop
-from sgp._printable import printable
+from sgp._terminal import printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -41,26 +41,23 @@ def image_panel(
     return _picture(title, shown, crop, cmap="gray", vmin=0, vmax=1)
 
 
-def normals_panel(title: str, normal_map: processing.NormalMap, crop: Crop | None = None) -> Panel:
+class Masked(NamedTuple):
+    """Vectors ``(H, W, 3)``, which may be in a file, and the mask of those that count."""
+
+    normals: acquisition.MapRows
+    mask: Mask
+
+
+def normals_panel(title: str, rows: processing.NormalRows, crop: Crop | None = None) -> Panel:
     """Show normals as colours: red is right, green is up, blue is toward the camera."""
-    crop = crop or Crop.around(normal_map.mask)
-    return vectors_panel(title, normal_map.normals, normal_map.mask, crop)
+    crop = crop or Crop.around(rows.mask)
+    return _colours(title, crop.picture(rows.normals, rows.mask), crop)
 
 
-def vectors_panel(title: str, vectors: acquisition.MapRows, mask: Mask, crop: Crop) -> Panel:
-    """Show normals as `normals_panel`; they may be in a file."""
-    return _colours(title, crop.picture(vectors, mask), crop)
-
-
-def detail_panel(title: str, detail: processing.NormalMap, crop: Crop | None = None) -> Panel:
+def detail_panel(title: str, rows: processing.NormalRows, crop: Crop | None = None) -> Panel:
     """Show a detail component with amplified slopes; the title states the factor."""
-    crop = crop or Crop.around(detail.mask)
-    return slopes_panel(title, detail.normals, detail.mask, crop)
-
-
-def slopes_panel(title: str, vectors: acquisition.MapRows, mask: Mask, crop: Crop) -> Panel:
-    """Show a detail component as `detail_panel`; it may be in a file."""
-    normals = crop.picture(vectors, mask)
+    crop = crop or Crop.around(rows.mask)
+    normals = crop.picture(rows.normals, rows.mask)
     gain = detail_gain(normals)
     normals[..., :2] *= gain
     return _colours(f"{title}, slopes x {gain}", normals, crop)
@@ -135,15 +132,10 @@ def shaded_panel(
     return _lit(title, normals, crop)
 
 
-def lit_panel(title: str, normal_map: processing.NormalMap, crop: Crop | None = None) -> Panel:
+def lit_panel(title: str, rows: processing.NormalRows, crop: Crop | None = None) -> Panel:
     """Show a normal map lit from the upper left, as `shaded_panel` shows a height map."""
-    crop = crop or Crop.around(normal_map.mask)
-    return lit_vectors_panel(title, normal_map.normals, normal_map.mask, crop)
-
-
-def lit_vectors_panel(title: str, vectors: acquisition.MapRows, mask: Mask, crop: Crop) -> Panel:
-    """Show normals as `lit_panel`; they may be in a file."""
-    return _lit(title, crop.picture(vectors, mask), crop)
+    crop = crop or Crop.around(rows.mask)
+    return _lit(title, crop.picture(rows.normals, rows.mask), crop)
 
 
 def _lit(title: str, normals: npt.NDArray[np.floating[Any]], crop: Crop) -> Panel:

@@ -12,11 +12,12 @@ from sgp._overview import Panel
 from sgp._panels.crop import Crop
 from sgp._panels.lights import lights_panel
 from sgp._panels.maps import (
+    Masked,
+    detail_panel,
     image_panel,
     map_panel,
+    normals_panel,
     shaded_panel,
-    slopes_panel,
-    vectors_panel,
 )
 from sgp._stage_metrics import NormalsMetrics
 
@@ -61,7 +62,7 @@ def normals_panels(
         image_panel(f"light {lights.ids[0]}", maps["first"], crop, mask),
         image_panel(f"light {lights.ids[-1]}", maps["last"], crop, mask),
         lights_panel(f"{lights_title}, rings in degrees", lights, true_lights),
-        vectors_panel("normals (right red, up green)", maps["normals"], mask, crop),
+        normals_panel("normals (right red, up green)", Masked(maps["normals"], mask), crop),
         image_panel("albedo", maps["albedo"], crop, mask),
         _highlights(maps["specular"], maps["albedo"], mask, crop),
         _residual(maps["residual"], maps["albedo"], mask, crop),
@@ -93,8 +94,8 @@ def separation_panels(
 ) -> list[Panel]:
     """Return pictures of the shape component and the detail component."""
     return [
-        vectors_panel("shape component", shape, mask, crop),
-        slopes_panel("detail component", detail, mask, crop),
+        normals_panel("shape component", Masked(shape, mask), crop),
+        detail_panel("detail component", Masked(detail, mask), crop),
     ]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +12,11 @@ import numpy.typing as npt
 import acquisition
 import processing
 import rig
+from sgp._options import Green
 from sgp._record import ResultRecord
-from sgp._report.folder import ResultFolder, read_folder
-from sgp._report.inputs import Inputs, changed_notice
+from sgp._report.folder import Inputs, ResultFolder, changed_notice, read_folder
 from sgp._report.large_maps import Values, large_normals
 
-Green = Literal["up", "down"]
 Companion = tuple[str, Values, npt.NDArray[np.bool_]]
 
 # By command: parameters that name a normal map, and what the page calls it.

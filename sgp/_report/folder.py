@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import acquisition
 import rig
+from sgp._hashes import sha256
 from sgp._record import ResultRecord, is_record, read_record
 
 # Of the folders of `sgp run`; the first one that has a map counts.
@@ -141,3 +142,40 @@ def _missing(folder: ResultFolder) -> list[rig.Notice]:
             text = f"{folder.path / name}: these maps are missing: {', '.join(gone)}"
             notices.append(rig.Notice("map-missing", text))
     return notices
+
+
+State = Literal["same", "changed", "unlisted"]
+
+
+class Inputs:
+    """The inputs of the records of a folder, with the hashes that they had."""
+
+    def __init__(self, folder: ResultFolder) -> None:
+        self._hashes: dict[Path, str] = {}
+        for record in folder.records.values():
+            for name, digest in record.inputs.items():
+                self._hashes.setdefault(folder.located(name).absolute(), digest)
+
+    def state(self, path: Path) -> State:
+        """Return whether a file has the hash of the records; one that is gone has changed."""
+        digest = self._hashes.get(path.absolute())
+        if digest is None:
+            return "unlisted"
+        try:
+            return "same" if sha256(path) == digest else "changed"
+        except OSError:
+            return "changed"
+
+    def below(self, path: Path) -> list[Path]:
+        """Return the inputs that are this file, or in this folder."""
+        place = path.absolute()
+        return [file for file in self._hashes if file == place or place in file.parents]
+
+
+def changed_notice(files: Iterable[Path], what: str) -> rig.Notice:
+    """Return the notice about inputs that changed; ``what`` says what is not shown."""
+    first, *others = files
+    more = f" and {rig.pluralize(len(others), 'other file')}" if others else ""
+    verb = "have" if others else "has"
+    text = f"{first}{more} {verb} changed since the result was computed: {what}"
+    return rig.Notice("input-changed", text)

@@ -15,11 +15,10 @@ import processing
 import rig
 from sgp._panels.crop import Crop
 from sgp._report.folder import ResultFolder
-from sgp._report.jumps import jumps_plane
 from sgp._report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
 from sgp._report.large_maps import Values, known, large_normals, read_map
-from sgp._report.planes import Plane
-from sgp._report.tiles import Tile, tiles_of
+from sgp._report.planes import Plane, Tile, tiles_of
+from sgp._write_jumps import JUMP_DOWN
 
 Read = tuple[str, Values, npt.NDArray[np.bool_]]
 _MOSTLY: Final = 0.9
@@ -289,3 +288,62 @@ def _unit(name: str, folder: ResultFolder, unit: str) -> str:
     if name == "curvature_mean":
         return f"1/{own}"
     return f"1/{own}²" if name == "curvature_gaussian" else own
+
+
+# A reduced pixel is cut from its neighbour if this share of the pixels between them jumps.
+_SHARE = 0.5
+
+
+def jumps_plane(values: npt.NDArray[Any], crop: Crop, size: tuple[int, int]) -> Plane:
+    """Return a plane of ``size``: 1 with a jump to the right neighbour, plus 2 with one below."""
+    part = values[crop.rows, crop.columns]
+    down = part >= JUMP_DOWN
+    right = part % JUMP_DOWN > 0
+    cut = _between(right, size) + 2 * _between(down.T, size[::-1]).T
+    return Plane("jumps", "flags", cut.astype(np.uint8)[..., None])
+
+
+def _between(right: npt.NDArray[np.bool_], size: tuple[int, int]) -> npt.NDArray[np.int64]:
+    """Return for each reduced pixel whether the surface jumps on the way to the right one."""
+    rows, columns = size
+    high, wide = right.shape
+    row, column = np.nonzero(right)
+    # The boundary between two pixels, in reduced pixels, and the middle that is left of it.
+    left = np.floor((column + 1) * columns / wide - 0.5).astype(int)
+    inside = (left >= 0) & (left < columns - 1)
+    # A row counts once, however many jumps it has there.
+    found = np.unique(row[inside] * columns + left[inside])
+    place = (found // columns * rows // high) * columns + found % columns
+    count = np.bincount(place, minlength=rows * columns).reshape(rows, columns)
+    enough: npt.NDArray[np.bool_] = count >= max(1.0, _SHARE * high / rows)
+    return enough.astype(np.int64)
+
+
+def height_differences(folder: ResultFolder) -> dict[str, list[float]] | None:
+    """Return distances and the standard deviations there, in the unit; None without a record."""
+    for record in folder.records.values():
+        distances: Any = record.metrics.get("difference_distances_px")
+        sigma: Any = record.metrics.get("difference_sigma")
+        if distances and sigma and len(distances) == len(sigma):
+            size = scale(folder)[1] or 1.0
+            return {"distances": [size * one for one in distances], "sigma": sigma}
+    return None
+
+
+def camera_of(folder: ResultFolder, maps: Embedded) -> dict[str, Any] | None:
+    """Return distance and axis of a perspective camera; None if the view counts as parallel.
+
+    The axis has x to the right and y up from the middle of the embedded rectangle, in the unit.
+    """
+    for record in folder.records.values():
+        distance: Any = record.metrics.get("camera_distance")
+        axis: Any = record.metrics.get("camera_axis_px")
+        if not distance or not axis or "height" not in maps.planes:
+            continue
+        size = maps.pixel_size / maps.crop.step
+        column, row = (
+            (one.start + one.stop - 1) / 2 for one in (maps.crop.columns, maps.crop.rows)
+        )
+        place = [size * (axis[0] - column), size * (row - axis[1])]
+        return {"distance": float(distance), "axis": place}
+    return None

@@ -17,8 +17,7 @@ import acquisition
 import rig
 from sgp._panels.crop import Crop
 from sgp._recordings import recordings_of
-from sgp._report.folder import ResultFolder
-from sgp._report.inputs import Inputs, changed_notice
+from sgp._report.folder import Inputs, ResultFolder, changed_notice
 from sgp._report.maps import Embedded
 
 Pixels = npt.NDArray[np.uint8]

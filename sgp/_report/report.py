@@ -11,17 +11,22 @@ from typing import Any, Final
 import acquisition
 import rig
 from sgp._report.companions import Companion, companions
-from sgp._report.differences import camera_of, height_differences
 from sgp._report.folder import ResultFolder, read_folder
 from sgp._report.html import tag
-from sgp._report.identity import identity_list, marked
-from sgp._report.maps import Embedded, FolderMaps, embed, embed_beside
+from sgp._report.maps import (
+    Embedded,
+    FolderMaps,
+    camera_of,
+    embed,
+    embed_beside,
+    height_differences,
+)
 from sgp._report.page import colour_maps, page
+from sgp._report.planes import SIDE
 from sgp._report.prerendered import prerendered
 from sgp._report.recording import Recording, read_bare_recording, read_recording
 from sgp._report.scripts import VIEWS
-from sgp._report.sections import image_id, sections
-from sgp._report.tiles import SIDE
+from sgp._report.sections import identity_list, image_id, marked, sections
 from sgp._result import Result
 
 _PIXELS: Final = 1_300_000

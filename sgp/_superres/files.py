@@ -109,13 +109,9 @@ def _description(
     size, seeds, rugged = task.size, task.surfaces, task.rugged
     return {
         "format": _FORMAT,
-        "name": model.name,
-        "scale": model.scale,
-        "domain": model.domain,
+        **{name: getattr(model, name) for name in ("name", "scale", "domain")},
         "architecture": "rdn",
-        "blocks": size.blocks,
-        "convolutions": size.convolutions,
-        "growth": size.growth,
+        **{name: getattr(size, name) for name in ("blocks", "convolutions", "growth")},
         "halo_px": model.halo_px,
         "sha256": model.sha256,
         "deviations": None if model.deviations is None else asdict(model.deviations),

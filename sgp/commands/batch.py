@@ -14,15 +14,13 @@ from cyclopts.validators import Number
 import acquisition
 import rig as rigs
 from sgp._batch.cluster import check_scheduler, cluster
-from sgp._batch.folder import batch_folder
 from sgp._batch.local import LocalWorkers
-from sgp._batch.names import names_of
 from sgp._batch.perform import bound_arguments
 from sgp._batch.progress import BatchProgress
 from sgp._batch.recipe import Recipe, is_placed, option_words, placed, places_of, read_recipe
-from sgp._batch.state import State, States, reason_to_run, state_of
+from sgp._batch.state import State, States, batch_folder, reason_to_run, state_of
 from sgp._batch.tables import csv_table, html_table, other_results
-from sgp._batch.task import Outcome, Stage, Task, Workers
+from sgp._batch.task import Outcome, Stage, Task, Workers, names_of
 from sgp._console import note
 from sgp._exit import ClusterError, UsageError, exit_code
 from sgp._hashes import input_hashes
@@ -90,6 +88,7 @@ def batch(
         How often a source is tried again after an error of disk or network, or the end of its
         process.
     """
+    parameters = {name: value for name, value in locals().items() if name != "out"}
     if scheduler is not None and workers is not None:
         raise UsageError("--workers is for this computer and --scheduler for a cluster: give one")
     if scheduler is not None and memory is not None:
@@ -127,14 +126,6 @@ def batch(
             lost = error
         shown = {task.name: known[task.name] for task in tasks}
         result = _written(out, shown, recipe, len(due), len(known) - len(shown))
-        parameters = {
-            "source": list(source),
-            "recipe": recipe,
-            "workers": workers,
-            "memory": memory,
-            "scheduler": scheduler,
-            "retries": retries,
-        }
         write_record(out / "batch.json", "sgp batch", parameters, result)
         result.outputs["record"] = out / "batch.json"
         if lost is not None:
@@ -273,12 +264,6 @@ def _written(
     """Write the tables."""
     failed = {name: state for name, state in states.items() if state.error is not None}
     done = len(states) - len(failed)
-    metrics: BatchMetrics = {
-        "sources": len(states),
-        "done": done,
-        "failed": len(failed),
-        "computed": computed,
-    }
     outputs = {"table": out / "batch.csv", "page": out / "index.html"}
     acquisition.write_durably(outputs["table"], csv_table(states).encode(errors="backslashreplace"))
     page = html_table(out, states, others)
@@ -291,7 +276,12 @@ def _written(
         counts += f", {len(failed)} failed: run the command again to try them again"
     return Result(
         outputs=outputs,
-        metrics=metrics,
+        metrics=BatchMetrics(
+            sources=len(states),
+            done=done,
+            failed=len(failed),
+            computed=computed,
+        ),
         summary=[
             *summary,
             counts,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,12 +23,11 @@ from sgp._options import (
     distinct,
     named,
 )
-from sgp._output import check_file
+from sgp._output import check_file, stated
 from sgp._result import Result
 from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
 from sgp._sphere_marks import Marks, marks_of
 from sgp._spheres import (
-    ShownSpheres,
     advise_to_exclude,
     describe_spheres,
     draw_candidates,
@@ -111,6 +109,7 @@ def spheres(
     force
         Overwrite existing files.
     """
+    given = stated(locals())
     outputs = {"lights": out, "lp": out.with_suffix(".lp"), "picture": out.with_suffix(".png")}
     for path, suffix in zip(outputs.values(), (".json", ".lp", ".png"), strict=True):
         check_file(path, suffix, force=force)
@@ -143,22 +142,10 @@ def spheres(
         *rig_notices(estimate.lights, rig, first.setup.rig),
     ]
     result.inputs = files
-    several = len(source) > 1
-    parameters: dict[str, Any] = {
-        "source": source if several else source[0],
-        "radius_mm": radius_mm,
-        "camera": camera,
-        "mask": mask,
-        "sphere": sphere,
-        "gamma": gamma,
-        "flat": flat,
-        "exclude": exclude,
-        "rig": rig,
-        "transfer": first.transfer.record(),
-    }
+    parameters = given | {"transfer": first.transfer.record()}
     write_calibration(out, estimate.lights, "sgp calibrate spheres", parameters, result)
     acquisition.write_lights(outputs["lp"], estimate.lights)
-    shown = [ShownSpheres(one.source, one.brightest) for one in recordings]
+    shown = [(one.source, one.brightest) for one in recordings]
     draw_spheres(outputs["picture"], shown, estimate)
     return result
 

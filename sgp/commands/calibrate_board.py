@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Literal
 
 import calibration
-from sgp._board_options import squares_of
-from sgp._board_print import write_board_page
-from sgp._calibration_metrics import BoardMetrics
+from sgp._board import squares_of, write_board_page
 from sgp._exit import UsageError
+from sgp._metrics import BoardMetrics
 from sgp._options import Positive
 from sgp._output import check_file
 from sgp._result import Result
@@ -64,15 +63,14 @@ def board(
     write_board_page(out, chosen, paper)
     calibration.write_board(sidecar, chosen)
     width, height = chosen.size_mm
-    metrics: BoardMetrics = {
-        "width_mm": width,
-        "height_mm": height,
-        "corners": len(chosen.corners_mm),
-        "markers": chosen.markers,
-    }
     return Result(
         outputs={"page": out, "board": sidecar},
-        metrics=metrics,
+        metrics=BoardMetrics(
+            width_mm=width,
+            height_mm=height,
+            corners=len(chosen.corners_mm),
+            markers=chosen.markers,
+        ),
         summary=[
             f"{out}: {columns} x {rows} squares, {width:g} x {height:g} mm on {paper.upper()}",
             "print it at 100 %, and check with a ruler that both bars are 100 mm long",

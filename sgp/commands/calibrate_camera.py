@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,14 +9,14 @@ from typing import Any
 import acquisition
 import calibration
 import rig
-from sgp._board_options import board_of
+from sgp._board import board_of
 from sgp._board_views import FoundViews, find_views, mean_image
-from sgp._calibration_metrics import CameraMetrics
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._metrics import CameraMetrics
 from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, Real
-from sgp._output import claim_folder, provenance, writes_folder
-from sgp._result import Result, plain
+from sgp._output import claim_folder, complete_provenance, writes_folder
+from sgp._result import Result
 from sgp._stages import open_source
 
 _RECORD = "calibration.json"
@@ -98,7 +97,8 @@ def camera(
     found = find_views(source, sheet, gamma=gamma, max_pixels=max_pixels)
     estimate = _calibrated(found)
     plane, plane_files = _plane(working_plane, sheet, estimate, height_mm, gamma, max_pixels)
-    stated = _stated(found.sources)
+    # The camera that the first session states, if one does.
+    stated = next((one.camera for one in found.sources if one.camera is not None), None)
     model = estimate.camera if plane is None else plane.camera
     if plane is None:
         model = replace(model, working_distance_mm=working_distance_mm)
@@ -145,11 +145,6 @@ def _plane(
     frames = [frame for frame in source.frames if frame.role == "light"]
     view = calibration.find_board(mean_image(source, frames), board, str(path))
     return calibration.find_working_plane(estimate, view, height_mm=height_mm), files
-
-
-def _stated(sources: Sequence[acquisition.Source]) -> acquisition.CameraModel | None:
-    """Return the camera that the first session states, if one does."""
-    return next((one.camera for one in sources if one.camera is not None), None)
 
 
 def _scale_notices(
@@ -245,8 +240,7 @@ def _write(
         "picture": "camera.png",
     }
     result.outputs = {key: out / name for key, name in names.items()}
-    made_by = provenance("sgp calibrate camera", parameters, result.inputs)
-    made_by |= {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
+    made_by = complete_provenance("sgp calibrate camera", parameters, result)
     acquisition.write_camera(result.outputs["camera"], model, provenance=made_by)
     acquisition.write_camera(result.outputs["opencv"], model)
     acquisition.write_camera(result.outputs["colmap"], model)

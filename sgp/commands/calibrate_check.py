@@ -11,8 +11,8 @@ import numpy.typing as npt
 import acquisition
 import calibration
 import rig as rigs
-from sgp._comparison_metrics import CheckMetrics, LightDifferenceMetrics
 from sgp._exit import UsageError
+from sgp._metrics import CheckMetrics, LightDifferenceMetrics
 from sgp._options import Input, OptionalInput, Positive, RigOption
 from sgp._result import Result
 from sgp._rig_lights import rig_with_positions

@@ -7,13 +7,13 @@ from pathlib import Path
 import acquisition
 import calibration
 import rig
-from sgp._calibration_metrics import FlatMetrics
 from sgp._console import Stages
+from sgp._metrics import FlatMetrics, figures_of
 from sgp._options import Gamma, Inputs, LightsInput, OptionalInput, Pixels, Real
-from sgp._output import check_output, claim_folder, provenance
-from sgp._result import Result, plain
+from sgp._output import check_output, claim_folder, complete_provenance, stated
+from sgp._result import Result
 from sgp._rig_lights import given_lights
-from sgp._stages import open_source
+from sgp._stages import open_sources
 
 
 def flat(
@@ -63,20 +63,16 @@ def flat(
     force
         Write into an output folder that already contains files.
     """
+    given = stated(locals())
     check_output(out, (source, lights, camera, mask), force=force)
-    given = given_lights(lights, source)
-    known = given.lights
-    sources, files = list[acquisition.Source](), [given.file]
-    for path in source:
-        opened, read = open_source(
-            path, camera=camera, mask=mask, gamma=gamma, max_pixels=max_pixels
-        )
-        sources.append(opened)
-        files += read
+    known = given_lights(lights, source)
+    sources, files = open_sources(
+        source, camera=camera, mask=mask, gamma=gamma, max_pixels=max_pixels
+    )
     with Stages() as progress:
         found = calibration.calibrate_flat(
             sources,
-            known,
+            known.lights,
             z_mm=height_mm,
             mask=None if mask is None else sources[0].mask,
             on_progress=progress,
@@ -85,19 +81,10 @@ def flat(
         metrics=_metrics(found),
         warnings=[*found.warnings],
         summary=_lines(found),
-        inputs=list(dict.fromkeys(files)),
+        inputs=list(dict.fromkeys([known.file, *files])),
     )
-    parameters = {
-        "source": source[0] if len(source) == 1 else source,
-        "lights": lights,
-        "camera": camera,
-        "mask": mask,
-        "height_mm": height_mm,
-        "gamma": gamma,
-        "transfer": [one.transfer.record() for one in sources],
-    }
-    made_by = provenance("sgp calibrate flat", parameters, result.inputs)
-    made_by |= {"metrics": plain(result.metrics), "warnings": [*map(str, result.warnings)]}
+    parameters = given | {"transfer": [one.transfer.record() for one in sources]}
+    made_by = complete_provenance("sgp calibrate flat", parameters, result)
     folder = claim_folder(out, "flat.json")
     picture = folder / "flat.png"
     _draw(picture, sources[0], found.flat)
@@ -116,19 +103,9 @@ def flat(
 def _metrics(found: calibration.FlatCalibration) -> FlatMetrics:
     flat = found.flat
     smooth = flat.smooth if flat.smooth.ndim == 2 else flat.smooth.mean(axis=2)
-    return {
-        "corners": smooth[[0, 0, -1, -1], [0, -1, 0, -1]].tolist(),
-        "gradient_std": flat.gradient_std,
-        "prnu": found.prnu,
-        "pixel_std": flat.pixel_std or 0.0,
-        "card_std": found.card_std,
-        "uneven": found.uneven,
-        "stains": found.stains,
-        "covered": flat.covered,
-        "residual": found.residual,
-        "lights": len(found.lights),
-        "frames": found.frames,
-    }
+    corners = smooth[[0, 0, -1, -1], [0, -1, 0, -1]].tolist()
+    noise, lights = flat.pixel_std or 0.0, len(found.lights)
+    return figures_of(FlatMetrics, found, flat, corners=corners, pixel_std=noise, lights=lights)
 
 
 def _lines(found: calibration.FlatCalibration) -> list[str]:

@@ -13,9 +13,9 @@ import numpy.typing as npt
 import acquisition
 import calibration
 import rig
-from sgp._calibration_metrics import IntensitiesMetrics
 from sgp._console import Stages
 from sgp._exit import UsageError
+from sgp._metrics import IntensitiesMetrics
 from sgp._options import (
     Gamma,
     Inputs,
@@ -27,7 +27,7 @@ from sgp._options import (
     distinct,
     numbers,
 )
-from sgp._output import check_file
+from sgp._output import check_file, stated
 from sgp._result import Result
 from sgp._rig_lights import given_lights
 from sgp._spheres import write_calibration
@@ -103,6 +103,7 @@ def intensities(
     force
         Overwrite an existing file.
     """
+    given = stated(locals())
     check_file(out, ".json", force=force)
     distinct(source)
     if len(height_mm) not in (0, len(source)):
@@ -115,10 +116,10 @@ def intensities(
     if ball is not None and (height_mm or mask is not None or even):
         raise UsageError("--height-mm, --mask and --even describe a card: do not give --ball")
     outline = () if ball is None else tuple(numbers("--ball", ball, 3))
-    given = given_lights(lights, source)
-    positions = given.lights
+    known = given_lights(lights, source)
+    positions = known.lights
     surfaces: list[calibration.MatteSurface] = []
-    files, warnings, curves = [given.file], [*positions.warnings], list[dict[str, Any]]()
+    files, warnings, curves = [known.file], [*positions.warnings], list[dict[str, Any]]()
     for path, height in zip(source, height_mm or (0.0,) * len(source), strict=True):
         opened, read = open_source(
             path, camera=camera, mask=mask, gamma=gamma, flat=flat, max_pixels=max_pixels
@@ -167,20 +168,7 @@ def intensities(
         summary=_lines(estimate),
         inputs=list(dict.fromkeys(files)),
     )
-    parameters = {
-        "source": source[0] if len(source) == 1 else source,
-        "lights": lights,
-        "camera": camera,
-        "mask": mask,
-        "height_mm": height_mm,
-        "ball": ball,
-        "radius_mm": radius_mm,
-        "channel": channel,
-        "even": even,
-        "gamma": gamma,
-        "flat": flat,
-        "transfer": curves[0] if len(curves) == 1 else curves,
-    }
+    parameters = given | {"transfer": curves[0] if len(curves) == 1 else curves}
     write_calibration(out, estimate.lights, "sgp calibrate intensities", parameters, result)
     return result
 

@@ -12,7 +12,7 @@ from sgp._console import Stages
 from sgp._options import Inputs, Pixels
 from sgp._output import claim_folder, provenance, writes_folder
 from sgp._result import Result
-from sgp._stages import open_source
+from sgp._stages import open_sources
 
 _RECORD = "calibrate-sensor.json"
 
@@ -50,11 +50,7 @@ def sensor(
     force
         Overwrite an existing result.
     """
-    opened, files = [], list[Path]()
-    for path in source:
-        one, read = open_source(path, max_pixels=max_pixels)
-        opened.append(one)
-        files += read
+    opened, files = open_sources(source, max_pixels=max_pixels)
     with Stages() as progress:
         estimate = calibration.calibrate_sensor(opened, progress)
     result = Result(
@@ -62,7 +58,7 @@ def sensor(
         metrics=_metrics(estimate),
         warnings=list(estimate.warnings),
         summary=_lines(estimate),
-        inputs=list(dict.fromkeys(files)),
+        inputs=files,
     )
     made_by = provenance("sgp calibrate sensor", {"source": source}, result.inputs)
     made_by |= {"warnings": [*map(str, result.warnings)]}

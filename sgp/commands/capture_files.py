@@ -130,17 +130,16 @@ def export(
         written = prepared.write(out, on_progress=progress, replaced=earlier_files(out, _RECORD))
     notes = prepared.notes
     images = len(notes.frames)
-    metrics: ExportMetrics = {
-        "images": images,
-        "values": notes.values,
-        "subtracted": notes.subtracted,
-        "black_level_dn": notes.camera.black_level_dn,
-        "white_level_dn": notes.camera.white_dn,
-        "exposures_us": sorted({f.exposure_us for f in notes.frames if f.exposure_us}),
-    }
     return Result(
         outputs={path.name: path for path in written},
-        metrics=metrics,
+        metrics=ExportMetrics(
+            images=images,
+            values=notes.values,
+            subtracted=notes.subtracted,
+            black_level_dn=notes.camera.black_level_dn,
+            white_level_dn=notes.camera.white_dn,
+            exposures_us=sorted({f.exposure_us for f in notes.frames if f.exposure_us}),
+        ),
         warnings=[*(() if given is None else given.lights.warnings), *prepared.warnings],
         summary=[
             f"{out}: {rig.pluralize(images, 'image')}, {notes.values} values, "

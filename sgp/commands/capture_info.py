@@ -17,6 +17,12 @@ from sgp._output import check_file
 from sgp._result import Result
 from sgp._user_config import default_rig
 
+# Of a verification, besides whether the session is whole.
+_FIGURES = (
+    *("complete", "frames", "events", "bytes"),
+    *("problems", "missing", "left_out", "damaged", "set_aside"),
+)
+
 
 def verify(session: Input) -> Result:
     """Verify all hashes of a session and list damaged and missing frames.
@@ -34,15 +40,7 @@ def verify(session: Input) -> Result:
     result = Result(
         metrics={
             "whole": checked.ok,
-            "complete": checked.complete,
-            "frames": checked.frames,
-            "events": checked.events,
-            "bytes": checked.bytes,
-            "problems": list(checked.problems),
-            "missing": list(checked.missing),
-            "left_out": list(checked.left_out),
-            "damaged": list(checked.damaged),
-            "set_aside": list(checked.set_aside),
+            **{name: getattr(checked, name) for name in _FIGURES},
         },
         warnings=list(checked.warnings),
         summary=list(checked.problems),

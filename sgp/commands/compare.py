@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 import acquisition
 import processing
 import rig
-from sgp._map_doubts import read_map
-from sgp._metrics import CompareMetrics
-from sgp._options import Input, OptionalInput, Pixels
+from sgp._metrics import CompareMetrics, figures_of
+from sgp._options import Green, Input, OptionalInput, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_maps import MapInput
 
 
 @writes_folder("compare.json")
@@ -23,7 +22,7 @@ def compare(
     b: Input,
     *,
     mask: OptionalInput = None,
-    green: Literal["up", "down"] = "up",
+    green: Green = "up",
     out: Path | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -53,10 +52,7 @@ def compare(
     force
         Write into an output folder that already contains files.
     """
-    first, second = (
-        read_map(a, green=green, max_pixels=max_pixels),
-        read_map(b, green=green, max_pixels=max_pixels),
-    )
+    first, second = (MapInput(path, green, max_pixels=max_pixels).read() for path in (a, b))
     counted = None if mask is None else acquisition.read_mask(mask, second.normal_map.size)
     error = processing.angular_error(first.normal_map, second.normal_map, counted)
     if not error.coverage:
@@ -66,13 +62,12 @@ def compare(
         )
     maps = first.normal_map, second.normal_map
     where = second.normal_map.mask if counted is None else counted
-    metrics: CompareMetrics = {
-        "mae_deg": error.mae_deg,
-        "median_deg": error.median_deg,
-        "coverage": error.coverage,
-        "ssim": processing.ssim(*maps, where),
-        "ssim_paper": processing.ssim(*maps, where, protocol="paper"),
-    }
+    metrics = figures_of(
+        CompareMetrics,
+        error,
+        ssim=processing.ssim(*maps, where),
+        ssim_paper=processing.ssim(*maps, where, protocol="paper"),
+    )
     result = Result(
         metrics=metrics,
         warnings=[*first.warnings, *second.warnings],

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 import acquisition
 import processing
 import rig
-from sgp._map_doubts import read_map
-from sgp._options import FitScale, Input, OptionalInput, Pixels, Positive
+from sgp._options import FitScale, Green, Input, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
+from sgp._stage_maps import MapInput
 from sgp._stage_metrics import CurvatureMetrics
 
 
@@ -27,7 +26,7 @@ def curvature(
     depth: OptionalInput = None,
     pixel_mm: Positive | None = None,
     scale: FitScale = 2.0,
-    green: Literal["up", "down"] = "up",
+    green: Green = "up",
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -71,7 +70,7 @@ def curvature(
     from sgp._overview import write_overview
     from sgp._panels.maps import signed_panel
 
-    read = read_map(normals, green=green, max_pixels=max_pixels)
+    read = MapInput(normals, green, max_pixels=max_pixels).read()
     normal_map = read.normal_map
     if mask is not None:
         inside = acquisition.read_mask(mask, normal_map.size) & normal_map.mask

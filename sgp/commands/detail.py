@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import processing
 import rig
-from sgp._detail_metrics import CombineMetrics
-from sgp._map_doubts import read_map
 from sgp._memory_limit import Limit
-from sgp._options import Input, Memory, Pixels
+from sgp._metrics import CombineMetrics
+from sgp._options import Green, Input, Memory, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_options import MapOptions, SeparationOptions
+from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
 from sgp._write import write_separation
-
-Green = Literal["up", "down"]
-_SEPARATION, _MAPS = SeparationOptions(), MapOptions()
 
 
 @writes_folder("detail.json")
@@ -26,9 +21,9 @@ def separate(
     normals: Input,
     *,
     out: Path,
-    options: SeparationOptions = _SEPARATION,
+    options: SeparationOptions = SEPARATION,
     green: Green = "up",
-    maps: MapOptions = _MAPS,
+    maps: MapOptions = MAPS,
     memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -78,7 +73,7 @@ def combine(
     detail: Input,
     *,
     out: Path,
-    maps: MapOptions = _MAPS,
+    maps: MapOptions = MAPS,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -103,11 +98,12 @@ def combine(
     force
         Write into an output folder that already contains files.
     """
-    first, second = (read_map(path, option=None, max_pixels=max_pixels) for path in (shape, detail))
+    first, second = (
+        MapInput(path, option=None, max_pixels=max_pixels).read() for path in (shape, detail)
+    )
     combined = processing.combine(first.normal_map, second.normal_map)
     warnings = [*first.warnings, *second.warnings]
     count = int(combined.mask.sum())
-    metrics: CombineMetrics = {"pixels": count}
     lost = int(first.normal_map.mask.sum()) - count
     if lost:
         words = (
@@ -117,10 +113,8 @@ def combine(
         text = f"{rig.pluralize(lost, *words)} masked out"
         warnings.append(rig.Notice("shape-without-detail", text, str(detail)))
     return Result(
-        outputs=processing.write_normals(
-            claim_folder(out, "normals.json"), combined, green=maps.green_out
-        ),
-        metrics=metrics,
+        outputs=maps.write_map(claim_folder(out, "normals.json"), combined),
+        metrics=CombineMetrics(pixels=count),
         warnings=warnings,
         summary=[f"{rig.pluralize(count, 'normal')} in {out}"],
         inputs=[*first.files, *second.files],

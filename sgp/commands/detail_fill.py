@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -11,17 +10,15 @@ import acquisition
 import processing
 import rig
 from sgp._console import Stages
-from sgp._detail_metrics import FillMetrics
-from sgp._map_doubts import read_map
-from sgp._options import Count, Input, Pixels, Seed
+from sgp._metrics import FillMetrics, figures_of
+from sgp._options import Count, Green, Input, Pixels, Seed
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import lit_panel
 from sgp._result import Result
-from sgp._stage_options import MapOptions, SeparationOptions
-
-_SEPARATION, _MAPS = SeparationOptions(), MapOptions()
+from sgp._stage_maps import MapInput
+from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
 
 
 @writes_folder("fill.json")
@@ -33,9 +30,9 @@ def fill(
     patch: Count = 12,
     overlap: Count | None = None,
     seed: Seed = 0,
-    options: SeparationOptions = _SEPARATION,
-    green: Literal["up", "down"] = "up",
-    maps: MapOptions = _MAPS,
+    options: SeparationOptions = SEPARATION,
+    green: Green = "up",
+    maps: MapOptions = MAPS,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -74,7 +71,7 @@ def fill(
     force
         Write into an output folder that already contains files.
     """
-    read = read_map(normals, green=green, max_pixels=max_pixels)
+    read = MapInput(normals, green, max_pixels=max_pixels).read()
     given = read.normal_map
     mask = acquisition.read_mask(holes, given.size)
     result = Result(warnings=list(read.warnings), inputs=[*read.files, holes])
@@ -96,29 +93,26 @@ def fill(
             on_progress=progress,
         )
     claim_folder(out, "fill.json")
-    with Stages() as progress:
-        result.outputs = processing.write_normals(
-            out, filled.normal_map, green=maps.green_out, on_progress=progress
-        )
-    result.outputs["invented"] = out / "invented.png"
-    acquisition.write_mask(result.outputs["invented"], mask)
+    result.outputs = maps.write_map(out, filled.normal_map)
+    acquisition.write_mask(result.file("invented", out / "invented.png"), mask)
     _measure(filled, result)
-    result.outputs["picture"] = out / "fill.png"
-    _write_picture(result.outputs["picture"], f"Holes of {normals.name} filled", filled, given)
+    _write_picture(
+        result.file("picture", out / "fill.png"), f"Holes of {normals.name} filled", filled, given
+    )
     return result
 
 
 def _measure(filled: processing.FilledHoles, result: Result) -> None:
     seam = filled.seam
-    metrics: FillMetrics = {
-        "pixels": int(np.count_nonzero(filled.normal_map.mask)),
-        "filled_pixels": int(np.count_nonzero(filled.holes)),
-        "detail_angle_deg": filled.detail_angle_deg,
-        "surroundings_angle_deg": filled.surroundings_angle_deg,
-        "seam_step_deg": seam.seam_deg,
-        "interior_step_deg": seam.interior_deg,
-        "seam_ratio": seam.ratio,
-    }
+    metrics = figures_of(
+        FillMetrics,
+        filled,
+        pixels=int(np.count_nonzero(filled.normal_map.mask)),
+        filled_pixels=int(np.count_nonzero(filled.holes)),
+        seam_step_deg=seam.seam_deg,
+        interior_step_deg=seam.interior_deg,
+        seam_ratio=seam.ratio,
+    )
     result.metrics = metrics
     result.summary = [
         f"{rig.pluralize(metrics['filled_pixels'], 'pixel')} filled",

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 import acquisition
 import processing
 import rig
-from sgp._detail_metrics import ChainStepMetrics, LikenessMetrics, PropertiesMetrics
-from sgp._map_doubts import read_map
-from sgp._options import Input, Pixels
+from sgp._metrics import (
+    ChainStepMetrics,
+    LikenessMetrics,
+    PropertiesMetrics,
+    RotationSimilarityMetrics,
+    figures_of,
+)
+from sgp._options import Green, Input, Pixels
 from sgp._output import claim_folder, writes_folder
 from sgp._overview import Panel, write_overview
 from sgp._panels.maps import detail_panel, map_panel, normals_panel, shaded_panel
 from sgp._result import Result
-from sgp._stage_options import SeparationOptions
-
-_SEPARATION = SeparationOptions()
+from sgp._stage_maps import MapInput
+from sgp._stage_options import SEPARATION, SeparationOptions
 
 
 @writes_folder("properties.json")
@@ -27,8 +30,8 @@ def properties(
     normals: Input,
     *targets: Input,
     out: Path,
-    options: SeparationOptions = _SEPARATION,
-    green: Literal["up", "down"] = "up",
+    options: SeparationOptions = SEPARATION,
+    green: Green = "up",
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
 ) -> Result:
@@ -60,7 +63,7 @@ def properties(
     force
         Write into an output folder that already contains files.
     """
-    read = [read_map(path, green=green, max_pixels=max_pixels) for path in (normals, *targets)]
+    read = [MapInput(path, green, max_pixels=max_pixels).read() for path in (normals, *targets)]
     normal_map, *others = (one.normal_map for one in read)
     parts = processing.separate(normal_map, shape_filter=options.shape_filter())
     result = Result(
@@ -83,13 +86,17 @@ def properties(
     result.metrics = metrics
     claim_folder(out, "properties.json")
     for name, values in {"separability": parts.separability_map_deg, **surfaces}.items():
-        result.outputs[name] = out / f"{name}.exr"
-        acquisition.write_exr(result.outputs[name], values)
-    result.outputs["picture"] = out / "properties.png"
-    write_overview(result.outputs["picture"], "Detail of one map", panels, columns=3)
+        acquisition.write_exr(result.file(name, out / f"{name}.exr"), values)
+    write_overview(
+        result.file("picture", out / "properties.png"), "Detail of one map", panels, columns=3
+    )
     if exchange:
-        result.outputs["exchange_picture"] = out / "exchange.png"
-        write_overview(result.outputs["exchange_picture"], "Details exchanged", exchange, columns=2)
+        write_overview(
+            result.file("exchange_picture", out / "exchange.png"),
+            "Details exchanged",
+            exchange,
+            columns=2,
+        )
     return result
 
 
@@ -103,13 +110,10 @@ def _of_one(
         "separability_deg": parts.separability_deg,
         "detail_to_map_ssim": processing.ssim(parts.detail, normal_map),
         "detail_to_map_ssim_paper": processing.ssim(parts.detail, normal_map, protocol="paper"),
-        "rotation_similarity": {
-            "angle_deg": alike.angle_deg,
-            "norm_1": alike.norm_1,
-            "norm_2": alike.norm_2,
-            "norm_inf": alike.norm_inf,
+        "rotation_similarity": figures_of(RotationSimilarityMetrics, alike),
+        "idempotence": {
+            str(order): figures_of(LikenessMetrics, found) for order, found in orders.items()
         },
-        "idempotence": {str(order): _likeness(found) for order, found in orders.items()},
     }
     again = ", ".join(f"{order}: {like.ssim_paper:.4f}" for order, like in orders.items())
     summary += [
@@ -125,10 +129,6 @@ def _of_one(
         map_panel(title, parts.separability_map_deg, "deg", error=True),
     ]
     return metrics, panels
-
-
-def _likeness(found: processing.DetailComparison) -> LikenessMetrics:
-    return {"mae_deg": found.mae_deg, "ssim": found.ssim, "ssim_paper": found.ssim_paper}
 
 
 def _of_several(
@@ -148,14 +148,17 @@ def _of_several(
     )
     steps: list[ChainStepMetrics] = []
     for step in chain:
+        to_previous, to_original = (
+            figures_of(LikenessMetrics, found) for found in (step.to_previous, step.to_original)
+        )
         steps.append(
-            {
-                "target": str(paths[1 + step.target]),
-                "to_previous": _likeness(step.to_previous),
-                "to_original": _likeness(step.to_original),
-                "shape_mae_deg": step.shape_mae_deg,
-                "pixels": step.pixels,
-            }
+            figures_of(
+                ChainStepMetrics,
+                step,
+                target=str(paths[1 + step.target]),
+                to_previous=to_previous,
+                to_original=to_original,
+            )
         )
         summary.append(
             f"  {targets[step.target]:12} {step.to_previous.mae_deg:.2f} deg, "

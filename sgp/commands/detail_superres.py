@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -11,18 +12,15 @@ import acquisition
 import processing
 import rig
 from sgp._camera_doubts import camera_notices
-from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._memory_limit import Limit
-from sgp._options import Input, Memory, OptionalInput, Pixels, Positive
+from sgp._options import Green, Input, Memory, OptionalInput, Pixels, Positive
 from sgp._output import claim_folder, writes_folder
-from sgp._point_samples import points_notices
+from sgp._record import records_of
 from sgp._result import Result
 from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_options import MapOptions
+from sgp._stage_options import MAPS, MapOptions
 from sgp._write_superres import measure_superres, write_superres_maps, write_superres_picture
-
-_MAPS = MapOptions()
 
 
 @writes_folder("superres.json")
@@ -37,8 +35,8 @@ def superres(
     sampling: processing.PixelSampling | None = None,
     pixel_mm: Positive | None = None,
     camera: OptionalInput = None,
-    green: Literal["up", "down"] = "up",
-    maps: MapOptions = _MAPS,
+    green: Green = "up",
+    maps: MapOptions = MAPS,
     memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -120,10 +118,7 @@ def superres(
         made = processing.SuperResolution(found_maps.maps, stage)
         claim_folder(out, "superres.json")
         result = Result(warnings=[*found_maps.warnings, *doubts], inputs=[*found_maps.files])
-        with Stages() as progress:
-            result.outputs = processing.write_normal_rows(
-                out, made.maps["normals"], made.mask, green=maps.green_out, on_progress=progress
-            )
+        result.outputs = maps.write(out, made.maps["normals"], made.mask)
         result.outputs |= write_superres_maps(out, made)
         measure_superres(made, result)
         result.outputs["picture"] = out / "superres.png"
@@ -133,8 +128,7 @@ def superres(
     if camera is not None and view is not None:
         result.inputs.append(camera)
         result.warnings += camera_notices(camera, view)
-        result.outputs["camera"] = out / "camera.json"
-        acquisition.write_camera(result.outputs["camera"], view.upscaled(scale))
+        acquisition.write_camera(result.file("camera", out / "camera.json"), view.upscaled(scale))
         unit, step = processing.surface_scale(view, None)
         size = step if unit == "mm" else None
     if size is not None:
@@ -154,3 +148,29 @@ def superres(
 def network_files(network: processing.SuperResolutionModel | None) -> list[Path]:
     """Return a network and its description."""
     return [] if network is None else [network.path, network.path.with_suffix(".json")]
+
+
+_PROJECT = "sgp project"
+
+
+def points_notices(files: Sequence[Path]) -> list[rig.Notice]:
+    """Name a map that has the normals at the centres of pixels, by the record next to it.
+
+    The normals alone do not show it: means over pixels look like points of a smoother surface. A
+    map without a record is named, too.
+    """
+    commands = {record.command for file in files for _, record in records_of(file)}
+    where = str(files[0])
+    if _PROJECT in commands:
+        text = (
+            f"{_PROJECT} draws the normals at the centres of the pixels: they are averaged over "
+            "the pixels first"
+        )
+        return [rig.Notice("superres-points", text, where, "info")]
+    if not commands:
+        text = (
+            "no record says what the normals are: they count as means over pixels, as a camera "
+            "records them; for a rendering or a projection, give --sampling points"
+        )
+        return [rig.Notice("superres-means-assumed", text, where, "info")]
+    return []

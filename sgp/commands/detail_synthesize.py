@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal, TypedDict
+from typing import Any
 
 import numpy as np
 
@@ -15,13 +15,22 @@ import rig
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._guidance import GuidanceOptions
-from sgp._map_doubts import read_map
 from sgp._memory_limit import Limit, identity
-from sgp._options import Count, Input, Memory, OptionalInput, Pixels, Region, Seed, image_size
+from sgp._options import (
+    Count,
+    Green,
+    Input,
+    Memory,
+    OptionalInput,
+    Pixels,
+    Region,
+    Seed,
+    image_size,
+)
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
-from sgp._stage_maps import maps_in_files, options_of
-from sgp._stage_options import MapOptions, SeparationOptions
+from sgp._stage_maps import MapInput, maps_in_files, options_of
+from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
 from sgp._write_synthesis import (
     Synthesised,
     measure_texture,
@@ -30,9 +39,11 @@ from sgp._write_synthesis import (
     write_target_picture,
 )
 
-_SEPARATION, _MAPS, _GUIDANCE = SeparationOptions(), MapOptions(), GuidanceOptions()
+_GUIDANCE = GuidanceOptions()
 # A detail whose shape component is tilted by more than this share of the detail itself has shape.
 _MOST_SHAPE = 0.5
+# Arguments that a synthesis of a sheet and one on a target have in common.
+_PLACING = ("patch", "overlap", "seed", "rotate", "mirror")
 
 
 @writes_folder("synthesize.json")
@@ -54,10 +65,10 @@ def synthesize(
     image_space: bool = False,
     keep_target_detail: bool = False,
     guidance: GuidanceOptions = _GUIDANCE,
-    options: SeparationOptions = _SEPARATION,
-    green: Literal["up", "down"] = "up",
-    target_green: Literal["up", "down"] = "up",
-    maps: MapOptions = _MAPS,
+    options: SeparationOptions = SEPARATION,
+    green: Green = "up",
+    target_green: Green = "up",
+    maps: MapOptions = MAPS,
     memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -157,14 +168,14 @@ def synthesize(
         limit.check_whole(need, "--onto" if onto is not None else f"--method {method}")
     else:
         limit.must_be_stored(need)  # refuses a limit that is too small before anything is read
-    read = read_map(exemplar, green=green, max_pixels=max_pixels)
+    read = MapInput(exemplar, green, max_pixels=max_pixels).read()
     result = Result(warnings=list(read.warnings), inputs=[*read.files, *guidance.files()])
     shape_filter = options.shape_filter()
     window = _window(read.normal_map, crop, exemplar)
     guides = guidance.read(window, read.normal_map.size, max_pixels)
     target = None
     if onto is not None:
-        second = read_map(onto, green=target_green, option="--target-green", max_pixels=max_pixels)
+        second = MapInput(onto, target_green, "--target-green", max_pixels).read()
         result.warnings += second.warnings
         result.inputs += second.files
         target = second.normal_map
@@ -176,7 +187,6 @@ def synthesize(
     detail = processing.NormalMap(detail.normals[window], detail.mask[window])
     if is_detail:
         result.warnings += _shape_notice(detail, shape_filter, exemplar)
-    placing = _Placing(patch=patch or 48, overlap=overlap, seed=seed, rotate=rotate, mirror=mirror)
     with ExitStack() as opened:
         if method != "quilting":
             sides = {} if patch is None else {"patch": patch}
@@ -207,41 +217,24 @@ def synthesize(
                     image_space=image_space,
                     on_progress=progress,
                     **guides,
-                    **placing,
+                    **{name: getattr(stage, name) for name in _PLACING},
                 )
             made = Synthesised.in_memory(grown)
         claim_folder(out, "synthesize.json")
-        with Stages() as progress:
-            result.outputs = processing.write_normal_rows(
-                out, made.normals, made.mask, "detail", green=maps.green_out, on_progress=progress
-            )
-        result.outputs["invented"] = out / "invented.png"
-        acquisition.write_mask(result.outputs["invented"], made.mask)
+        result.outputs = maps.write(out, made.normals, made.mask, "detail")
+        acquisition.write_mask(result.file("invented", out / "invented.png"), made.mask)
         metrics: dict[str, Any] = {**measure_texture(made, detail, result)}
         result.outputs["picture"] = picture = out / "synthesis.png"
         if target is None:
             write_sheet_picture(picture, f"Synthesis from {exemplar.name}", made, detail)
         elif onto is not None:
             normals = processing.combine(target if keep_target_detail else shape, grown.detail)
-            with Stages() as progress:
-                result.outputs |= processing.write_normals(
-                    out, normals, green=maps.green_out, on_progress=progress
-                )
+            result.outputs |= maps.write_map(out, normals)
             metrics |= measure_transfer(grown, shape, normals, shape_filter, result)
             title = f"Detail of {exemplar.name} on {onto.name}"
             write_target_picture(picture, title, detail, target, normals)
     result.metrics = metrics
     return result
-
-
-class _Placing(TypedDict):
-    """Arguments that a synthesis of a sheet and one on a target have in common."""
-
-    patch: int
-    overlap: int | None
-    seed: int
-    rotate: bool
-    mirror: bool
 
 
 def _window(

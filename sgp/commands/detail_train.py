@@ -8,8 +8,8 @@ from pathlib import Path
 
 import simulator
 from sgp._console import Stages
-from sgp._detail_metrics import TrainMetrics
 from sgp._exit import UsageError
+from sgp._metrics import TrainMetrics
 from sgp._options import TrainingSeed, TrainingSteps
 from sgp._output import check_file
 from sgp._result import Result
@@ -59,7 +59,7 @@ def train(
         Overwrite existing files.
     """
     from sgp._superres.files import claim_work, network_model, remove_work, write_network
-    from sgp._superres.pair_files import make_pairs
+    from sgp._superres.pairs import make_pairs
 
     check_file(out, ".onnx", force=force)
     check_file(out.with_suffix(".json"), ".json", force=force)
@@ -96,16 +96,15 @@ def train(
     description = write_network(model, task, judgement)
     remove_work(work)
     ratios = judgement.actual_over_predicted
-    metrics: TrainMetrics = {
-        "steps": task.steps,
-        "parameters": sum(one.numel() for one in weights.values()),
-        "bicubic_mae_deg": judgement.bicubic_deg,
-        "network_mae_deg": judgement.network_deg,
-        "actual_over_predicted": list(ratios),
-    }
     return Result(
         outputs={"network": out, "description": description},
-        metrics=metrics,
+        metrics=TrainMetrics(
+            steps=task.steps,
+            parameters=sum(one.numel() for one in weights.values()),
+            bicubic_mae_deg=judgement.bicubic_deg,
+            network_mae_deg=judgement.network_deg,
+            actual_over_predicted=list(ratios),
+        ),
         summary=[
             f"{out}: mean error on held-out surfaces {judgement.network_deg:.3f} degrees, "
             f"{judgement.change:+.1%} against bicubic interpolation",

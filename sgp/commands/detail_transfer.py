@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,7 @@ from sgp._options import (
     Count,
     Degrees,
     Factor,
+    Green,
     Input,
     Memory,
     OptionalInput,
@@ -33,12 +34,10 @@ from sgp._options import (
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_options import MapOptions
+from sgp._stage_options import MAPS, MapOptions
 from sgp._write_profile import write_height_profile
 from sgp._write_transfer import Transferred, write_transfer
 
-Green = Literal["up", "down"]
-_MAPS = MapOptions()
 Mask = npt.NDArray[np.bool_]
 # Both numbers may be negative.
 Place = Annotated[str, Parameter(allow_leading_hyphen=True)]
@@ -101,7 +100,7 @@ def transfer(
     profile: bool = False,
     source_green: Green = "up",
     target_green: Green = "up",
-    written: MapOptions = _MAPS,
+    written: MapOptions = MAPS,
     memory: Memory | None = None,
     max_pixels: Pixels = rig.MAX_PIXELS,
     force: bool = False,
@@ -196,10 +195,7 @@ def transfer(
             inputs=[*done.files, *local.masks()],
         )
         claim_folder(out, "normals.json")
-        with Stages() as progress:
-            result.outputs = processing.write_normal_rows(
-                out, done.normals, done.mask, green=written.green_out, on_progress=progress
-            )
+        result.outputs = written.write(out, done.normals, done.mask)
         title = f"Detail of {source.name} on {target.name}"
         metrics = write_transfer(out, title, done, result)
         if profile and read is not None:

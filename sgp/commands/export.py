@@ -12,9 +12,9 @@ from sgp._hashes import input_hashes
 from sgp._options import Input, Pixels, Quality
 from sgp._output import claim_folder, writes_folder
 from sgp._recordings import recordings_of
-from sgp._relight_options import RelightOptions
 from sgp._result import Result
 from sgp._result_source import find_normals
+from sgp._stage_options import RelightOptions
 
 _RELIGHT = RelightOptions()
 

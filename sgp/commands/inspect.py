@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 
-from rig import Notice
 from sgp._options import Input, RecordingOptions, SourceOptions
 from sgp._quality import add_quality, quality_lines
 from sgp._result import Result
-from sgp._spheres import SphereLights
 from sgp._stage_metrics import InspectMetrics
 from sgp._stages import compute_normals, open_recording
 
@@ -51,14 +49,10 @@ def inspect(source: Input, *, options: RecordingOptions = _DEFAULTS) -> Result:
         verdict = "no disagreement found"
     return Result(
         metrics=metrics,
-        warnings=[*_of_spheres(opened.lit_by), *stage.warnings],
+        warnings=[*(opened.lit_by.warnings if opened.lit_by else ()), *stage.warnings],
         summary=[
             f"{metrics['images']} images, {metrics['lights']} lights, {metrics['pixels']} pixels",
             *quality_lines(stage.quality),
             verdict,
         ],
     )
-
-
-def _of_spheres(seen: SphereLights | None) -> tuple[Notice, ...]:
-    return () if seen is None else seen.warnings

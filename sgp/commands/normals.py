@@ -9,13 +9,12 @@ from sgp._options import Input, Memory, Positive, SourceOptions
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
 from sgp._spheres import add_sphere_lights
-from sgp._stage_options import MapOptions
+from sgp._stage_options import MAPS, MapOptions
 from sgp._stages import open_recording, with_scale
 from sgp._stored_normals import normals_within
 from sgp._write import write_normals_stage
 
 _DEFAULTS = SourceOptions()
-_MAPS = MapOptions()
 
 
 @writes_folder("normals.json")
@@ -24,7 +23,7 @@ def normals(
     *,
     out: Path,
     options: SourceOptions = _DEFAULTS,
-    maps: MapOptions = _MAPS,
+    maps: MapOptions = MAPS,
     pixel_mm: Positive | None = None,
     memory: Memory | None = None,
     force: bool = False,

@@ -18,9 +18,8 @@ from sgp._metrics import ProjectMetrics
 from sgp._options import Input, OptionalInput, Positive, Whole, image_size, numbers
 from sgp._output import claim_folder, writes_folder
 from sgp._result import Result
-from sgp._stage_options import MapOptions
+from sgp._stage_options import MAPS, MapOptions
 
-_MAPS = MapOptions()
 Unit = Literal["um", "mm", "cm", "m", "in"]
 Neighbours = Annotated[Whole, Parameter(validator=Number(gte=3, lte=1000))]
 # "-90,0,0" is a value, not an option.
@@ -46,7 +45,7 @@ def project(
     keep_origin: bool = False,
     shading: Literal["smooth", "flat"] = "smooth",
     neighbours: Neighbours = 16,
-    maps: MapOptions = _MAPS,
+    maps: MapOptions = MAPS,
     force: bool = False,
 ) -> Result:
     """Project a mesh or a point cloud to a normal map, with mask and height.
@@ -134,19 +133,14 @@ def project(
             neighbours=neighbours,
             on_progress=progress,
         )
-        claim_folder(out, "project.json")
-        outputs = processing.write_normals(
-            out, seen.normal_map, green=maps.green_out, on_progress=progress
-        )
     result = Result(
-        outputs=outputs,
+        outputs=maps.write_map(claim_folder(out, "project.json"), seen.normal_map),
         warnings=list(seen.warnings),
         inputs=[geometry, *([] if camera is None else [camera])],
     )
     for name, values in (("height", seen.height), ("depth", seen.depth)):
         if values is not None:
-            result.outputs[name] = out / f"{name}.exr"
-            acquisition.write_exr(result.outputs[name], values)
+            acquisition.write_exr(result.file(name, out / f"{name}.exr"), values)
     mask = seen.normal_map.mask
     height, width = mask.shape
     metrics: ProjectMetrics = {

@@ -11,9 +11,9 @@ import acquisition
 import processing
 import rig
 from sgp._exit import UsageError
+from sgp._metrics import RelightMetrics
 from sgp._options import Input, Pixels, numbers
 from sgp._output import check_file
-from sgp._relight_metrics import RelightMetrics
 from sgp._result import Result
 
 

@@ -54,13 +54,14 @@ def report(
     made = make_report([folder, *others], max_pixels=max_pixels, full=full)
     content = made.html.encode()
     acquisition.write_durably(out, content)
-    result = Result(outputs={"report": out}, warnings=made.notices)
-    metrics: ReportMetrics = {
-        "results": len(others) + 1,
-        "bytes": len(content),
-        "reduction": made.reduction,
-    }
-    result.metrics = metrics
-    result.summary = [f"open {out} in a browser ({len(content) / 1e6:.1f} MB)"]
-    result.summary += [f"{text}; --full adds all pixels" for text in made.reduced]
-    return result
+    return Result(
+        outputs={"report": out},
+        metrics=ReportMetrics(
+            results=len(others) + 1, bytes=len(content), reduction=made.reduction
+        ),
+        warnings=made.notices,
+        summary=[
+            f"open {out} in a browser ({len(content) / 1e6:.1f} MB)",
+            *(f"{text}; --full adds all pixels" for text in made.reduced),
+        ],
+    )

@@ -113,19 +113,18 @@ def simulate(
             exposures = exposures[:1]  # the layout has one image per light
         height, width = chosen.lens.size
         in_view = pixels_in_view(rendering)
-        metrics: SimulateMetrics = {
-            "lights": len(chosen.lights),
-            "width": width,
-            "height": height,
-            "exposures_us": list(exposures),
-            "pixels": in_view.get("mask", 0),
-            "spheres": sum(name.startswith("sphere_") for name in in_view),
-            "seconds": watch.seconds,
-        }
         lit = rig.pluralize(len(chosen.lights), "light")
         times = " and ".join(f"{exposure:g} us" for exposure in exposures)
         result = Result(
-            metrics=metrics,
+            metrics=SimulateMetrics(
+                lights=len(chosen.lights),
+                width=width,
+                height=height,
+                exposures_us=list(exposures),
+                pixels=in_view.get("mask", 0),
+                spheres=sum(name.startswith("sphere_") for name in in_view),
+                seconds=watch.seconds,
+            ),
             summary=[f"{scene}: {lit}, {width} x {height} pixels, exposure time {times}"],
             inputs=files,
         )

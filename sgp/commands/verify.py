@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import rig
-from sgp._metrics import VerifyMetrics
+from sgp._metrics import VerifyMetrics, figures_of
 from sgp._options import Input
 from sgp._result import Result
 from sgp._verification import verify_results
@@ -31,13 +31,6 @@ def verify(result: Input, *others: Input) -> Result:
         More of them.
     """
     found = verify_results([result, *others])
-    metrics: VerifyMetrics = {
-        "records": found.records,
-        "files": found.files,
-        "inputs": found.inputs,
-        "inputs_missing": found.inputs_missing,
-        "faults": found.faults,
-    }
     counts = ", ".join(
         (
             rig.pluralize(found.records, "record"),
@@ -47,7 +40,7 @@ def verify(result: Input, *others: Input) -> Result:
     )
     verdict = rig.pluralize(found.faults, "fault") if found.faults else "no fault"
     return Result(
-        metrics=metrics,
+        metrics=figures_of(VerifyMetrics, found),
         warnings=found.notices,
         summary=[f"{counts}: {verdict} found"],
         ok=not found.faults,

@@ -16,13 +16,12 @@ import acquisition
 import rig
 from acquisition import DataError, StorageError, compact_session, import_frames, read_source
 from sgp._batch.files import Stamp, difference, stamps
-from sgp._batch.names import names_of
 from sgp._batch.perform import perform
 from sgp._batch.progress import BatchProgress
 from sgp._batch.recipe import Recipe, option_words, read_recipe
 from sgp._batch.state import States, reason_to_run
 from sgp._batch.tables import csv_table, html_table
-from sgp._batch.task import Outcome, Stage, Task
+from sgp._batch.task import Outcome, Stage, Task, names_of
 from sgp._exit import UsageError
 from sgp._hashes import sha256
 from sgp._result import Result

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, NotRequired, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NotRequired, get_args, get_origin, get_type_hints
 
 from typing_extensions import get_original_bases, is_typeddict
 
-from sgp import (
-    _calibration_metrics,
-    _comparison_metrics,
-    _detail_metrics,
-    _metrics,
-    _stage_metrics,
-)
+from sgp import _metrics, _stage_metrics
 from sgp._metrics import COMMANDS
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "result-format.md"
@@ -48,29 +43,37 @@ def type_text(hint: Any) -> str:
     return NAMES[hint]
 
 
+def described(kind: Any) -> dict[str, tuple[str, str]]:
+    """Return unit and meaning of the figures of a type, from docstrings, by name."""
+    found: dict[str, tuple[str, str]] = {}
+    for base in filter(is_typeddict, get_original_bases(kind)):
+        found |= described(base)
+    _, _, rows = (inspect.getdoc(kind) or "").partition("Parameters\n----------\n")
+    for row in re.split(r"\n(?! )", rows) if rows else ():
+        head, *meaning = row.splitlines()
+        name, _, unit = head.partition(" : ")
+        found[name] = unit, " ".join(map(str.strip, meaning))
+    return found
+
+
 def table(kind: Any) -> list[str]:
     """Return the rows that the document should have for a type."""
-    found = []
+    found, texts = [], described(kind)
+    assert texts.keys() == kind.__annotations__.keys()
     for name, hint in get_type_hints(kind, include_extras=True).items():
         optional = name in kind.__optional_keys__
         if get_origin(hint) is NotRequired:
             optional, (hint,) = True, get_args(hint)
-        assert get_origin(hint) is Annotated, name
-        plain, unit, meaning = get_args(hint)
-        text = type_text(plain) + (", optional" if optional else "")
+        unit, meaning = texts[name]
+        assert meaning, name
+        text = type_text(hint) + (", optional" if optional else "")
         found.append(f"| `{name}` | {text} | {unit} | {meaning} |".replace("|  |", "| |"))
     return found
 
 
 def declared() -> dict[str, list[str]]:
     """Return the table of every type, by title; types that only others extend have none."""
-    modules = (
-        _metrics,
-        _stage_metrics,
-        _calibration_metrics,
-        _detail_metrics,
-        _comparison_metrics,
-    )
+    modules = (_metrics, _stage_metrics)
     kinds = [kind for one in modules for kind in vars(one).values() if is_typeddict(kind)]
     bases = {base for kind in kinds for base in get_original_bases(kind)}
     return {title(kind): table(kind) for kind in kinds if kind not in bases}

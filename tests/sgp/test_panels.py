@@ -23,7 +23,7 @@ from sgp._panels.maps import (
     shaded_panel,
     signed_panel,
 )
-from sgp._panels.profile import profile_panels
+from sgp._write_profile import profile_panels
 from sgp.commands.compare import distinct_names
 
 

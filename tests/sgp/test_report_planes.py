@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from processing import angle_deg
-from sgp._report.charts import bar_chart
 from sgp._report.html import Html, joined, script_json, tag, text
+from sgp._report.lights import bar_chart
 from sgp._report.page import colour_maps
 from sgp._report.planes import VECTOR_STEPS, Plane, colour_plane, scalar_plane, vectors_plane
 from sgp._report.scripts import LinkError, linked

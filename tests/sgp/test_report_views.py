@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
+from sgp._report import planes as planes_module
 from sgp._report import report as report_module
-from sgp._report import tiles as tiles_module
 from sgp._report.folder import read_folder
 from sgp._report.maps import FolderMaps, embed
 from sgp._report.report import make_report
@@ -161,7 +161,7 @@ def test_tiles_show_every_pixel_of_the_maps(browser, folder, planes, monkeypatch
     rows, columns = planes["normals"].samples.shape[:2]
     monkeypatch.setattr(report_module, "_PIXELS", rows * columns / 4)
     monkeypatch.setattr(report_module, "SIDE", 32)
-    monkeypatch.setattr(tiles_module, "SIDE", 32)
+    monkeypatch.setattr(planes_module, "SIDE", 32)
     made = make_report([folder], max_pixels=MAX_PIXELS, full=True)
     assert made.reduction == [1.0]
     path = folder.parent / "full.html"

@@ -14,13 +14,11 @@ from hypothesis import strategies as st
 import processing
 from rig import no_progress
 from sgp._exit import UsageError
-from sgp._superres.batches import SYMMETRIES, batch, turned
 from sgp._superres.files import claim_work, remove_work
-from sgp._superres.pair_files import make_pairs
-from sgp._superres.pairs import averaged, pair
+from sgp._superres.judgement import surface
+from sgp._superres.pairs import SYMMETRIES, averaged, batch, make_pairs, pair, turned
 from sgp._superres.presets import CORRECTED, HELD_OUT, PRESETS, REPORTED, Task
 from sgp._superres.rdn import OUTPUTS, RdnSize, weight_shapes
-from sgp._superres.surfaces import surface
 from simulator import random_normals, rugged_normals
 
 MODELS = Path(processing.__file__).parent / "_superres" / "models"

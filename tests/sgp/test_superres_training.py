@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from rig import no_progress
-from sgp._superres.pair_files import make_pairs
+from sgp._superres.pairs import make_pairs
 from sgp._superres.presets import PRESETS, Task
 from sgp._superres.rdn import RdnSize, weight_shapes
 from simulator import random_normals, rugged_normals
@@ -165,7 +165,7 @@ def test_the_likelihood_leads_to_the_mean_square_error():
     """With errors of known size, the fitted constants are their mean squares."""
     import torch
 
-    from sgp._superres.losses import loss, results
+    from sgp._superres.training import loss, results
 
     random = torch.Generator().manual_seed(0)
     low = torch.zeros(1, 3, 24, 24)
