@@ -83,6 +83,7 @@ from ._software import SOFTWARE as SOFTWARE
 from ._software import software_version as software_version
 from ._source.exclude import exclude as exclude
 from ._source.linear import Linearizer as Linearizer
+from ._source.linear import RowReader as RowReader
 from ._source.linear import row_bands as row_bands
 from ._source.linear import same_exposure as same_exposure
 from ._source.reader import read_source as read_source
@@ -90,7 +91,6 @@ from ._source.recording_json import Identity as Identity
 from ._source.recording_json import read_identity as read_identity
 from ._source.reduce import crop as crop
 from ._source.reduce import downscale as downscale
-from ._source.row_reader import RowReader as RowReader
 from ._source.series_facts import with_time_errors as with_time_errors
 from ._source.source import Frame as Frame
 from ._source.source import Reduction as Reduction

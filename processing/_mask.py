@@ -169,5 +169,4 @@ def _clean(bright: Mask) -> Mask:
     area[0] = 0
     kept = area >= _MIN_PART * area.max()
     kept[0] = False
-    filled: Mask = ndimage.binary_fill_holes(kept[parts])
-    return filled
+    return np.asarray(ndimage.binary_fill_holes(kept[parts]))

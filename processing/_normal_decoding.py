@@ -6,21 +6,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import BandFile, DataError, rows_in_bands
-from processing._normal_doubts import Directions, pixel_doubts
 from processing._normal_encoding import NormalEncoding, normal_encoding
 from processing._normal_map import directions
-from processing._normal_pixels import clear, lengths
-from rig import Notice, in_threads
+from rig import Notice, in_threads, pluralize
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 Pixels = npt.NDArray[Any]
 Green = Literal["up", "down"]
 
+# Larger components cannot belong to a unit vector, and their squares would overflow.
+_LONGEST = 1000.0
+# Normals with a smaller z hardly face the camera. Of 66 maps, at most .7 % do not (an owl,
+# which also shows its back); if another component is stored as z, nearly half of them.
+_LEAST_Z, _MOST_AWAY = 0.02, 0.1
+# The channel in which z is stored: noise and quantisation may make a few of its values negative.
+_FEW = 0.02
+_CHANNELS = ("red", "green")
 # Decoded vectors differ from unit length by up to 0.3 in JPEG files. Black and white backgrounds
 # decode to a length of 1.73, mid-grey ones to 0.
 _LENGTH_TOLERANCE = 0.5
@@ -34,6 +41,88 @@ _CLOSE = 0.1
 _MOST_COMPARED = 1 << 18
 _MOST_DECODED = 1 << 16
 _BAND_BYTES = 1 << 24
+
+
+class _Directions:
+    """Where the normals of a map point, collected band by band."""
+
+    def __init__(self) -> None:
+        self._sum, self._negative = np.zeros(3), np.zeros(3, np.int64)
+        self._away = self._count = 0
+
+    def add(self, normals: Float, known: Mask) -> None:
+        """Count more normals: ``(h, W, 3)`` unit vectors, 0 where ``(h, W)`` `known` is false."""
+        for k in range(3):
+            self._sum[k] += normals[..., k].sum(dtype=np.float64)
+            self._negative[k] += np.count_nonzero(normals[..., k] < 0)
+        self._away += int(np.count_nonzero((normals[..., 2] < _LEAST_Z) & known))
+        self._count += int(np.count_nonzero(known))
+
+    def doubts(self, where: str) -> list[Notice]:
+        """Return a notice if normals face away from the camera, or z is in another channel.
+
+        Toward the camera, z is positive, and x and y have both signs. If another channel than blue
+        is never negative and larger, and blue often is, that channel holds z. A map of a tilted
+        plane may have positive x and z; it shows nothing if its channels are swapped.
+        """
+        away = self._away / max(self._count, 1)
+        stored = [
+            channel
+            for channel, total, negative in zip(
+                _CHANNELS, self._sum[:2], self._negative[:2], strict=True
+            )
+            if negative <= _FEW * self._count and total > abs(self._sum[2])
+        ]
+        if away > _MOST_AWAY and len(stored) == 1:
+            text = (
+                f"{away:.0%} of the normals do not face the camera, but all have a positive "
+                f"{stored[0]} channel: {stored[0]} and blue seem to be swapped"
+                f"{' (BGR)' if stored[0] == 'red' else ''}: the channels must be x, y and z"
+            )
+            return [Notice("normals-channels-swapped", text, where)]
+        if self._sum[2] < 0:
+            text = "most normals face away from the camera: check the sign of z"
+            return [Notice("normals-face-away", text, where)]
+        return []
+
+
+def _pixel_doubts(where: str, finite: Mask | None, mask: Mask | None, known: Mask) -> list[Notice]:
+    """Return notices about pixels without a normal.
+
+    Parameters
+    ----------
+    where
+        The file, for messages.
+    finite
+        ``(H, W)`` bool, pixels whose components are finite; None for integers. It is overwritten.
+    mask
+        ``(H, W)`` bool, pixels that should have a normal, or None.
+    known
+        ``(H, W)`` bool, pixels that have one.
+    """
+    warnings = []
+    not_finite = 0
+    if finite is not None:
+        lacking = np.logical_not(finite, out=finite)
+        if mask is not None:
+            lacking &= mask
+        not_finite = int(np.count_nonzero(lacking))
+    if not_finite:
+        words = (
+            "pixel has a NaN or infinite vector and is",
+            "pixels have a NaN or infinite vector and are",
+        )
+        text = f"{pluralize(not_finite, *words)} left out of the mask"
+        warnings.append(Notice("normals-not-finite", text, where))
+    lost = 0 if mask is None else int(np.count_nonzero(mask) - np.count_nonzero(known))
+    if lost:
+        words = (
+            "pixel of the mask has no unit vector and is",
+            "pixels of the mask have no unit vector and are",
+        )
+        text = f"{pluralize(lost, *words)} left out"
+        warnings.append(Notice("normals-not-unit", text, where))
+    return warnings
 
 
 class PixelRows(Protocol):
@@ -142,7 +231,7 @@ def decode_normals(
     notes += encoding.notices(str(file))
     known = np.zeros((height, width), np.bool_)
     close = count = 0
-    seen = Directions()
+    seen = _Directions()
     for rows in bands:
         vectors = np.ascontiguousarray(normals[rows])
         if doubled:
@@ -153,7 +242,7 @@ def decode_normals(
         if green == "down":
             vectors[..., 1] *= -1
         length = np.zeros(vectors.shape[:2], np.float32)
-        lengths(vectors, length)
+        _lengths(vectors, length)
         drawn = (length > _LENGTH_TOLERANCE) & (length < _BACKGROUND_LENGTH)
         off = np.abs(np.subtract(length, 1, out=length), out=length)
         # Alpha often includes background: some programs erase only pixels of the object.
@@ -180,7 +269,7 @@ def decode_normals(
         )
     if pixels.dtype == np.uint8:
         notes.append(_eight_bits(file))
-    notes += pixel_doubts(str(file), stored.finite, mask, known)
+    notes += _pixel_doubts(str(file), stored.finite, mask, known)
     return known, [*notes, *seen.doubts(str(file))]
 
 
@@ -224,7 +313,7 @@ def _stored(pixels: PixelRows, normals: Float | BandFile, bands: list[slice]) ->
         with np.errstate(over="ignore"):
             values = np.ascontiguousarray(part, np.float32)
         # A pixel of zeros is background in either reading and must not influence the choice.
-        clear(values, drawn[rows])
+        _clear(values, drawn[rows])
         normals[rows] = values
     return _Stored(drawn, finite, alpha)
 
@@ -261,8 +350,7 @@ def _were_colours(values: Float) -> bool:
 
 def _share(alpha: Pixels) -> Float:
     full = float(np.iinfo(alpha.dtype).max) if np.issubdtype(alpha.dtype, np.integer) else 1.0
-    share: Float = np.nan_to_num(alpha.astype(np.float32) / np.float32(full))
-    return share
+    return np.asarray(np.nan_to_num(alpha.astype(np.float32) / np.float32(full)))
 
 
 def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
@@ -281,8 +369,7 @@ def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
 
 
 def _partly(share: Float) -> Mask:
-    partly: Mask = (share > 0) & (share < 1)
-    return partly
+    return np.asarray((share > 0) & (share < 1))
 
 
 def _is_premultiplied(
@@ -311,3 +398,49 @@ def _eight_bits(file: Path) -> Notice:
     cost = "0.4" if file.suffix.lower() in (".jpg", ".jpeg") else "0.2"
     text = f"8-bit normals are quantised, an error of about {cost} degree"
     return Notice("normals-8-bit", text, str(file))
+
+
+@numba.njit(nogil=True, cache=True)
+def encode(
+    first: int, last: int, normals: Float, mask: Mask, green: float, out: npt.NDArray[np.uint16]
+) -> None:
+    """Write ``round((n / 2 + 0.5) * 65535)``, and z toward the camera outside a mask.
+
+    Parameters
+    ----------
+    normals, mask
+        ``(H, W, 3)`` vectors, 0 outside, and ``(H, W)``.
+    green
+        1, or -1 to invert the second channel.
+    out
+        ``(H, W, 3)``.
+    """
+    for r in range(first, last):
+        for c in range(mask.shape[1]):
+            x, y = np.float64(normals[r, c, 0]), np.float64(normals[r, c, 1])
+            z = np.float64(normals[r, c, 2]) if mask[r, c] else 1.0
+            out[r, c, 0] = np.uint16(np.rint((x * 0.5 + 0.5) * 65535))
+            out[r, c, 1] = np.uint16(np.rint((y * (green * 0.5) + 0.5) * 65535))
+            out[r, c, 2] = np.uint16(np.rint((z * 0.5 + 0.5) * 65535))
+
+
+@numba.njit(cache=True)
+def _clear(vectors: Float, drawn: Mask) -> None:
+    """Set ``(H, W, 3)`` vectors that are not finite or too long to 0, and write which are not 0."""
+    for r in range(len(drawn)):
+        for c in range(drawn.shape[1]):
+            x, y, z = vectors[r, c, 0], vectors[r, c, 1], vectors[r, c, 2]
+            # False for NaN.
+            usable = abs(x) < _LONGEST and abs(y) < _LONGEST and abs(z) < _LONGEST
+            if not usable:
+                vectors[r, c, 0] = vectors[r, c, 1] = vectors[r, c, 2] = 0
+            drawn[r, c] = usable and (x != 0 or y != 0 or z != 0)
+
+
+@numba.njit(cache=True)
+def _lengths(vectors: Float, out: Float) -> None:
+    """Write the lengths of ``(H, W, 3)`` vectors."""
+    for r in range(len(out)):
+        for c in range(out.shape[1]):
+            x, y, z = vectors[r, c, 0], vectors[r, c, 1], vectors[r, c, 2]
+            out[r, c] = np.sqrt(x * x + y * y + z * z)

@@ -183,6 +183,12 @@ def _unsound(
             found[r] = c + 1
 
 
+def check_normal_rows(name: str, value: object) -> None:
+    """Refuse what has no normals and mask, such as a plain array, by `check_normal_map`."""
+    if not (hasattr(value, "normals") and hasattr(value, "mask")):
+        check_normal_map(name, value)
+
+
 def check_normal_map(name: str, value: object) -> None:
     """Refuse an argument that is not a `NormalMap`, such as a plain array.
 

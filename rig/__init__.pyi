@@ -65,11 +65,11 @@ from ._guard import parse_toml as parse_toml
 from ._guard import read_bounded as read_bounded
 from ._guard import read_head as read_head
 from ._guard import status_when_read as status_when_read
-from ._in_threads import in_threads as in_threads
 from ._kernel_cache import kernel_folder as kernel_folder
-from ._kernel_folder import KernelWatch as KernelWatch
-from ._kernel_folder import private_folder as private_folder
-from ._kernel_folder import watch_kernels as watch_kernels
+from ._kernels import KernelWatch as KernelWatch
+from ._kernels import in_threads as in_threads
+from ._kernels import private_folder as private_folder
+from ._kernels import watch_kernels as watch_kernels
 from ._memory import memory_budget as memory_budget
 from ._memory import memory_of_computer as memory_of_computer
 from ._memory import memory_size as memory_size
@@ -83,7 +83,7 @@ from ._open import open_board as open_board
 from ._open import open_rig as open_rig
 from ._open_board import OpenBoard as OpenBoard
 from ._rig import Rig as Rig
+from ._shooting.shooting import Wires as Wires
 from ._shooting.shot import Shot as Shot
-from ._shooting.wires import Wires as Wires
 from ._short_repr import short_repr as short_repr
 from ._validation_message import validation_message as validation_message

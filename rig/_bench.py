@@ -138,14 +138,10 @@ def _camera(cti: str, options: BenchOptions) -> Camera:
     # Imported here because harvesters takes a while to import.
     from rig._genicam.camera import open_genicam
 
+    own = {"model", "pixel_format", "trigger_line", "frame_rate_hz", "black_level", "readout_us"}
     return open_genicam(
         Path(cti).expanduser(),
         serial=options.camera,
-        model=options.model,
-        pixel_format=options.pixel_format,
-        trigger_line=options.trigger_line,
-        frame_rate_hz=options.frame_rate_hz,
-        black_level=options.black_level,
-        readout_us=options.readout_us,
         most_bytes=None if options.buffer_mib is None else options.buffer_mib * 2**20,
+        **options.model_dump(include=own),
     )

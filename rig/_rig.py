@@ -13,10 +13,9 @@ from rig._config import RigConfig
 from rig._errors import RigError, close_after, note
 from rig._open_board import OpenBoard
 from rig._shooting.sequence import run, runs
-from rig._shooting.shooting import Bench, by_board, by_software, hold_ms
+from rig._shooting.shooting import Bench, Wires, by_board, by_software, hold_ms, try_wires
 from rig._shooting.shot import Shot
 from rig._shooting.shot_times import ShotTimes
-from rig._shooting.wires import Wires, try_wires
 
 
 class Rig(OpenBoard):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,45 +28,34 @@ class SigmaMap:
     Parameters
     ----------
     sigma_deg
-        ``(H, W)`` float32.
+        ``(H, W)`` float32, perhaps in a file.
     common_deg
         The part that all pixels have in common, from the record next to the file; 0 without one.
     notices
         Notices about gaps.
     """
 
-    sigma_deg: npt.NDArray[np.float32]
+    sigma_deg: acquisition.MapRows
     common_deg: float
     notices: list[rig.Notice]
 
 
-def read_sigma(path: Path, normal_map: processing.NormalMap, max_pixels: int) -> SigmaMap:
-    """Read standard deviations of normals in degrees."""
+def read_sigma(
+    path: Path, mask: npt.NDArray[np.bool_], max_pixels: int, file: Path | None = None
+) -> SigmaMap:
+    """Read standard deviations of normals in degrees, band by band into a file if one is given."""
     common_deg = _common_deg(path)
-    image = acquisition.read_image(path, max_pixels=max_pixels)
-    notices = _checked(path, image, normal_map.mask)
-    return SigmaMap(_limited(image), common_deg, notices)
-
-
-class StoredSigma(NamedTuple):
-    """Standard deviations of normals in a file ``(H, W)`` float32, and notices about gaps."""
-
-    sigma_deg: acquisition.BandFile
-    notices: list[rig.Notice]
-
-
-def store_sigma(
-    path: Path, mask: npt.NDArray[np.bool_], file: Path, max_pixels: int
-) -> StoredSigma:
-    """Read standard deviations of normals into a file, band by band."""
-    _common_deg(path)
+    if file is None:
+        whole = acquisition.read_image(path, max_pixels=max_pixels)
+        notices = _checked(path, whole, mask)
+        return SigmaMap(_limited(whole), common_deg, notices)
     with acquisition.ImageRows(path, max_pixels=max_pixels) as image:
         notices = _checked(path, image, mask)
         sigma = acquisition.BandFile(file, image.shape, np.dtype(np.float32))
         height, width = mask.shape
         for rows in acquisition.rows_in_bands(height, width, _READ):
             sigma[rows] = _limited(image[rows])
-    return StoredSigma(sigma, notices)
+    return SigmaMap(sigma, common_deg, notices)
 
 
 def _limited(sigma_deg: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

@@ -64,7 +64,7 @@ class MapInput:
         """Return the notices of a reader with those about the axes, unless it named these."""
         if any(notice.code == "normals-channels-swapped" for notice in notices):
             return notices
-        doubts = processing.axes_notices_of_rows(rows.normals, rows.mask)
+        doubts = processing.axes_notices(rows)
         named = (with_remedy(doubt, self.green, self.option) for doubt in doubts)
         return (*notices, *(replace(one, where=str(self.path)) for one in named))
 

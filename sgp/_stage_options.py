@@ -147,9 +147,12 @@ class SurfaceOptions:
 
     def whole_surface(self) -> dict[str, bool]:
         """Return the options that need the complete surface in memory, and which are given."""
+        whole = {"--discontinuity": self.discontinuity, "--height-sigma": self.height_sigma}
+        return whole | self.whole_mesh()
+
+    def whole_mesh(self) -> dict[str, bool]:
+        """Return the options that need the complete mesh in memory, and which are given."""
         return {
-            "--discontinuity": self.discontinuity,
-            "--height-sigma": self.height_sigma,
             "--glb": self.glb,
             "--normal-texture": self.normal_texture,
             "--obj": self.obj,

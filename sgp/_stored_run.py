@@ -30,12 +30,9 @@ from sgp._panels.stages import (
     surface_panels,
 )
 from sgp._pipeline import (
-    Integrable,
     Outcome,
     StageRecords,
-    integrate,
     process,
-    write_integrated,
 )
 from sgp._record import read_record
 from sgp._result import Result, dumps
@@ -44,8 +41,7 @@ from sgp._stage_metrics import NormalsMetrics
 from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
 from sgp._stages import Stopwatch, with_scale
 from sgp._stored_normals import are_normals_in_files, normals_within
-from sgp._stored_surface import SurfaceInputs, stored_surface
-from sgp._surface_memory import SurfaceWay, surface_way
+from sgp._surface_maps import SurfaceInputs, SurfaceWay, integrated
 from sgp._write import write_normals_stage, write_separation
 
 # Bytes per pixel that the stages after the normals have in memory besides their own.
@@ -171,11 +167,10 @@ def run_surface_way(
     memory: int | None, source: acquisition.Source, options: SurfaceOptions
 ) -> SurfaceWay:
     """Return how the surface of a run is solved."""
-    return surface_way(
+    return SurfaceWay.within(
         memory,
         source.size,
-        camera=source.camera is not None,
-        sigma=True,
+        processing.SurfaceStage(source.camera is not None, True),
         stl=options.stl,
         whole_for=[name for name, asked in options.whole_surface().items() if asked],
     )
@@ -341,40 +336,21 @@ class _Run:
             return self._keep("detail", result)
 
     def _surface(self, normals: Result) -> Result:
-        options, most = self._given.surfaces, self._given.source.max_pixels
-        near = normals.metrics["lights"] == "near"
+        options = self._given.surfaces
         sigma_known = is_known(cast("float | None", normals.metrics["normal_sigma_deg"]))
-        depth = self._store["depth"] if near else None
-        way = run_surface_way(self._memory, self._source, options)
-        folder = self._out / "surface"
-        if way.rows is not None:
-            inputs = SurfaceInputs(
-                normals=self._out / "normals",
-                albedo=normals.outputs["albedo_png"],
-                camera=self._source.camera,
-                sigma=normals.outputs["normal_sigma_deg"] if sigma_known else None,
-                pixel_mm=self._pixel_mm,
-                depth_mm=depth,
-                weighted=False,
-                max_pixels=most,
-            )
-            result = self.records.write(
-                "surface",
-                lambda _: stored_surface(inputs, options, way, folder, force=self._force),
-            )
-            return self._keep("surface", result)
-        sigma = acquisition.read_image(normals.outputs["normal_sigma_deg"], max_pixels=most)
-        seen = Integrable(
-            normal_map=processing.read_normals(self._out / "normals", max_pixels=most).normal_map,
-            colours=acquisition.read_image(normals.outputs["albedo_png"], max_pixels=most).astype(
-                np.uint8
-            ),
-            depth_mm=None if depth is None else depth[:],
-            sigma_deg=sigma.astype(np.float32),
-            common_sigma_deg=self._store["common"][:] if options.height_sigma else None,
+        inputs = SurfaceInputs(
+            normals=self._out / "normals",
+            albedo=normals.outputs["albedo_png"],
+            camera=self._source.camera,
+            sigma=normals.outputs["normal_sigma_deg"] if sigma_known else None,
+            common_sigma_deg=self._store["common"] if options.height_sigma else None,
+            pixel_mm=self._pixel_mm,
+            depth_mm=self._store["depth"] if normals.metrics["lights"] == "near" else None,
+            weighted=False,
+            max_pixels=self._given.source.max_pixels,
         )
-        surface = integrate(seen, self._source.camera, self._pixel_mm, options)
+        way = run_surface_way(self._memory, self._source, options)
         result = self.records.write(
-            "surface", lambda place: write_integrated(place, surface, seen, options)
+            "surface", lambda place: integrated(inputs, options, way, place, force=self._force)
         )
         return self._keep("surface", result)

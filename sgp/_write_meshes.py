@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+import acquisition
 import processing
 import rig
 from sgp._console import shown
@@ -20,16 +20,18 @@ SOLID = "solid.stl"
 def write_meshes(
     folder: Path,
     height_map: processing.HeightMap,
-    normal_map: processing.NormalMap,
+    normal_map: processing.NormalRows,
     options: SurfaceOptions,
-    colours: npt.NDArray[np.uint8] | None,
+    colours: acquisition.MapRows | None,
 ) -> tuple[dict[str, Path], MeshMetrics, list[rig.Notice]]:
     """Write a mesh in each requested format; return the files, the figures and notices."""
     outputs: dict[str, Path] = {}
-    mesh = processing.height_mesh(
-        height_map, normals=normal_map, colours=colours, triangles=options.triangles
-    )
-    metrics, notices = _simplified(mesh, height_map, normal_map, options.triangles)
+    metrics, notices, mesh = MeshMetrics(), list[rig.Notice](), None
+    if any(options.whole_mesh().values()):
+        mesh = processing.height_mesh(
+            height_map, normals=normal_map, colours=colours, triangles=options.triangles
+        )
+        metrics, notices = _simplified(mesh, height_map, normal_map, options.triangles)
     for suffix in shown("writing meshes", options.formats()):
         path, *others = processing.write_mesh(
             folder / f"surface.{suffix}",
@@ -41,7 +43,7 @@ def write_meshes(
         )
         outputs[suffix] = path
         outputs |= {f"{suffix}_{other.suffix[1:]}": other for other in others}
-    if options.close or options.base is not None:
+    if mesh is not None and (options.close or options.base is not None):
         solid = processing.solid_mesh(mesh, options.base)
         (outputs["solid"],) = processing.write_mesh(folder / SOLID, height_map, mesh=solid)
     return outputs, metrics, notices
@@ -50,7 +52,7 @@ def write_meshes(
 def _simplified(
     mesh: processing.Mesh,
     height_map: processing.HeightMap,
-    normal_map: processing.NormalMap,
+    normal_map: processing.NormalRows,
     triangles: int | None,
 ) -> tuple[MeshMetrics, list[rig.Notice]]:
     """Return how far a mesh with fewer triangles is from the surface, where both are seen."""
@@ -76,7 +78,7 @@ def _simplified(
     )
     both = height_map.mask & np.isfinite(drawn.height)
     # On a slope, a height differs by more than the distance between the surfaces.
-    apart = np.abs(drawn.height[both] - height_map.height[both]) * normal_map.normals[both, 2]
+    apart = np.abs(drawn.height[both] - height_map.height[both]) * normal_map.normals[:][both, 2]
     return {
         "triangles": len(mesh.faces),
         "deviation_rms": float(np.sqrt(np.mean(np.square(apart, dtype=np.float64)))),

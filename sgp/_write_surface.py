@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
@@ -25,100 +24,64 @@ _READ = 4_000_000
 
 def write_surface(
     folder: Path,
-    height_map: processing.HeightMap,
-    normal_map: processing.NormalMap,
+    surface: processing.HeightMap,
+    normal_map: processing.NormalRows,
     options: SurfaceOptions = _SURFACE,
     *,
-    colours: npt.NDArray[np.uint8] | None = None,
-    sigma_deg: npt.NDArray[np.float32] | None = None,
+    colours: acquisition.MapRows | None = None,
+    sigma_deg: acquisition.MapRows | None = None,
+    maps: acquisition.Maps | None = None,
 ) -> Result:
     """Write height as .exr and .png, depth.exr if there is a depth, doubts, mask and meshes.
-
-    ``colours`` are sRGB samples for the meshes, ``sigma_deg`` deviations of the normals.
-    """
-    curl = processing.normal_curl(normal_map, camera=height_map.camera, sigma_deg=sigma_deg)
-    residual = processing.normal_residual(height_map, normal_map)
-    errors = height_map.uncertainty
-    inside = height_map.height[height_map.mask]
-    metrics = surface_metrics(height_map)
-    result = write_height_maps(
-        folder,
-        height_map,
-        (float(inside.min()), float(inside.max())),
-        curl,
-        residual,
-        metrics,
-        None if errors is None else errors.sigma,
-    )
-    result.warnings = [*height_map.warnings, *result.warnings]
-    if errors is None and options.height_sigma:
-        text = "heights have no standard deviations, because those of the normals are not known"
-        result.warnings.append(rig.Notice("height-sigma-unknown", text))
-    if height_map.jumps is not None:
-        result.outputs |= write_jumps(folder, height_map.jumps)
-    meshes, figures, notices = write_meshes(folder, height_map, normal_map, options, colours)
-    result.outputs |= meshes
-    result.warnings += notices
-    result.metrics = {**metrics, **figures}
-    result.summary = [
-        *surface_lines(metrics),
-        *height_sigma_lines(height_map),
-        *residual_lines(metrics),
-        *_jumps_line(metrics),
-    ]
-    if "deviation_rms" in figures:
-        result.summary.append(
-            f"meshes of {figures['triangles']} triangles, {figures['deviation_rms']:.2g} "
-            f"{metrics['unit']} rms and at most {figures['deviation_largest']:.2g} "
-            f"{metrics['unit']} from the surface"
-        )
-    return result
-
-
-def write_height_maps(
-    folder: Path,
-    surface: processing.HeightRows,
-    extremes: tuple[float, float],
-    curl: processing.NormalCurl,
-    residual: acquisition.MapRows,
-    metrics: SurfaceMetrics,
-    sigma: acquisition.MapRows | None = None,
-) -> Result:
-    """Write the maps of a surface that is in memory or in files; add their figures to ``metrics``.
 
     Parameters
     ----------
     folder
         The folder.
-    surface
-        The surface.
-    extremes
-        Its lowest and highest height.
-    curl
-        The curl of its normals.
-    residual
-        ``(H, W)`` float32 angles between the given normals and those of the surface.
-    metrics
-        Figures of the surface.
-    sigma
-        ``(H, W)`` float32 standard deviations of the heights.
+    surface, normal_map
+        The surface, and the normals that it was integrated from.
+    options
+        Formats and figures.
+    colours
+        sRGB samples for the meshes.
+    sigma_deg
+        Standard deviations of the normals.
+    maps
+        Holds ``curl`` and ``residual`` until they are written; default: they are in memory.
     """
-    result = Result(warnings=[*_scale_notice(surface), *processing.curl_notices(curl, surface)])
+    curl = processing.normal_curl(
+        normal_map,
+        camera=surface.camera,
+        sigma_deg=sigma_deg,
+        into=None if maps is None else maps["curl"],
+    )
+    residual = processing.normal_residual(
+        surface, normal_map, into=None if maps is None else maps["residual"]
+    )
+    errors, jumps = surface.uncertainty, surface.jumps
+    metrics = surface_metrics(surface)
+    result = Result(
+        warnings=[
+            *surface.warnings,
+            *_scale_notice(surface),
+            *processing.curl_notices(curl, surface),
+        ]
+    )
     result.outputs = {"height": folder / "height.exr", "mask": folder / "mask.png"}
-    values: dict[str, acquisition.MapRows] = {
-        "height": surface.height,
+    values = {
+        "height": surface.maps["height"],
         "normal_residual_deg": residual,
         "curl_deg": curl.curl_deg,
     }
-    if sigma is not None:
-        values["height_sigma"] = sigma
-    if surface.depth is not None:
-        values["depth"] = surface.depth
+    if errors is not None:
+        values["height_sigma"] = errors.sigma
+    if "depth" in surface.maps:
+        values["depth"] = surface.maps["depth"]
     for name in shown("writing maps", list(values)):
         result.outputs[name] = folder / f"{name}.exr"
         acquisition.write_exr(result.outputs[name], values[name])
     acquisition.write_mask(result.outputs["mask"], surface.mask)
-    _write_height_picture(folder / "height.png", surface, extremes, result)
+    _write_height_picture(folder / "height.png", surface, result)
     result.outputs["curl_png"] = write_curl(folder, curl)
     if np.isfinite(curl.spread_deg):
         metrics["curl_deg"] = curl.spread_deg
@@ -127,6 +90,22 @@ def write_height_maps(
     mean = _mean(residual)
     if np.isfinite(mean):
         metrics["normal_residual_deg"] = mean
+    if errors is None and options.height_sigma:
+        text = "heights have no standard deviations, because those of the normals are not known"
+        result.warnings.append(rig.Notice("height-sigma-unknown", text))
+    if jumps is not None:
+        result.outputs |= write_jumps(folder, jumps)
+    meshes, figures, notices = write_meshes(folder, surface, normal_map, options, colours)
+    result.outputs |= meshes
+    result.warnings += notices
+    result.metrics = {**metrics, **figures}
+    result.summary = _lines(surface, metrics)
+    if "deviation_rms" in figures:
+        result.summary.append(
+            f"meshes of {figures['triangles']} triangles, {figures['deviation_rms']:.2g} "
+            f"{metrics['unit']} rms and at most {figures['deviation_largest']:.2g} "
+            f"{metrics['unit']} from the surface"
+        )
     return result
 
 
@@ -141,50 +120,43 @@ def _mean(values: acquisition.MapRows) -> float:
     return float(np.concatenate(sums).sum() / count) if count else np.nan
 
 
-def surface_lines(metrics: SurfaceMetrics) -> list[str]:
-    """Return the line about the size of a surface."""
-    return [
-        f"height range {metrics['height_range']:.4g} {metrics['unit']}, "
-        f"{metrics['vertices']} vertices"
-    ]
+def _lines(surface: processing.HeightMap, metrics: SurfaceMetrics) -> list[str]:
+    """Return the lines about a surface."""
+    unit = metrics["unit"]
+    lines = [f"height range {metrics['height_range']:.4g} {unit}, {metrics['vertices']} vertices"]
+    if surface.blocks is not None:
+        lines.append(
+            f"solved in {surface.blocks.number} blocks of rows: differs from the surface of the "
+            f"whole by at most {surface.blocks.error:.2g} {unit} (estimated)"
+        )
+    lines += height_sigma_lines(surface)
+    if "normal_residual_deg" in metrics:
+        angle = metrics["normal_residual_deg"]
+        curl = f", their curl is {metrics['curl_deg']:.2f} deg" if "curl_deg" in metrics else ""
+        lines.append(
+            f"normals of the surface differ from the given ones by {angle:.2f} deg (mean){curl}"
+        )
+    if "jumps" in metrics:
+        lines.append(
+            f"{metrics['jumps']} jumps between pixels, {metrics['pieces']} pieces between jumps"
+        )
+    return lines
 
 
-def residual_lines(metrics: SurfaceMetrics) -> list[str]:
-    """Return the line about the normals of a surface."""
-    if "normal_residual_deg" not in metrics:
-        return []
-    angle = metrics["normal_residual_deg"]
-    curl = f", their curl is {metrics['curl_deg']:.2f} deg" if "curl_deg" in metrics else ""
-    return [f"normals of the surface differ from the given ones by {angle:.2f} deg (mean){curl}"]
-
-
-def _jumps_line(metrics: SurfaceMetrics) -> list[str]:
-    if "jumps" not in metrics:
-        return []
-    return [f"{metrics['jumps']} jumps between pixels, {metrics['pieces']} pieces between jumps"]
-
-
-def _write_height_picture(
-    path: Path, surface: processing.HeightRows, extremes: tuple[float, float], result: Result
-) -> None:
-    scale = processing.height_scale(*extremes)
-    pixels = acquisition.ComputedRows(
-        surface.mask.shape,
-        np.dtype(np.uint16),
-        lambda rows: processing.height_samples(surface.height[rows], scale),
-    )
-    stated = f"{scale.base:.9g} + {scale.step:.9g} * sample"
+def _write_height_picture(path: Path, surface: processing.HeightMap, result: Result) -> None:
+    picture = processing.height_picture(surface)
+    stated = f"{picture.base:.9g} + {picture.step:.9g} * sample"
     description = f"height in {surface.unit} = {stated}; sample 0: no height"
-    acquisition.write_png(path, pixels, description=description)
+    acquisition.write_png(path, picture.pixels, description=description)
     result.outputs["height_png"] = path
     result.parameters["height_png"] = {
-        "base": scale.base,
-        "step": scale.step,
+        "base": picture.base,
+        "step": picture.step,
         "unit": surface.unit,
     }
 
 
-def _scale_notice(surface: processing.HeightRows) -> list[rig.Notice]:
+def _scale_notice(surface: processing.HeightMap) -> list[rig.Notice]:
     """Return a notice if a reader of the mesh could take pixels for millimetres."""
     if surface.unit == "mm":
         return []
@@ -195,32 +167,30 @@ def _scale_notice(surface: processing.HeightRows) -> list[rig.Notice]:
     return [rig.Notice("surface-without-scale", text, "", "info")]
 
 
-def surface_metrics(height_map: processing.HeightMap) -> SurfaceMetrics:
+def surface_metrics(surface: processing.HeightMap) -> SurfaceMetrics:
     """Return the figures of a surface."""
-    inside = height_map.height[height_map.mask]
+    lowest, highest = surface.extremes
     metrics: SurfaceMetrics = {
-        "unit": height_map.unit,
-        "pixel_size": height_map.pixel_size,
-        "height_range": float(np.ptp(inside)),
-        "vertices": len(inside),
-        "parts": int(height_map.parts.max()) + 1,
-        "iterations": height_map.iterations,
-        "disagreement_deg": height_map.disagreement_deg,
-        "curl": None if np.isnan(height_map.curl) else height_map.curl,
+        "unit": surface.unit,
+        "pixel_size": surface.pixel_size,
+        "height_range": float(np.float32(highest) - np.float32(lowest)),
+        "vertices": int(np.count_nonzero(surface.mask)),
+        "parts": surface.part_count,
+        "iterations": surface.iterations,
+        "disagreement_deg": surface.disagreement_deg,
+        "curl": None if np.isnan(surface.curl) else surface.curl,
     }
-    add_camera(metrics, height_map)
-    add_height_sigma(metrics, height_map)
-    jumps = height_map.jumps
+    if surface.blocks is not None:
+        metrics["blocks"] = surface.blocks.number
+        metrics["block_rounds"] = surface.blocks.rounds
+        metrics["block_error"] = surface.blocks.error
+    camera, jumps = surface.camera, surface.jumps
+    if camera is not None and "depth" in surface.maps:
+        metrics["camera_distance"] = surface.pixel_size * camera.focal_px
+        metrics["camera_axis_px"] = [float(camera.K[0, 2]), float(camera.K[1, 2])]
+    add_height_sigma(metrics, surface)
     if jumps is not None:
         metrics["jumps"] = jumps.count
         metrics["pieces"] = int(jumps.pieces.max()) + 1
         metrics["settled"] = jumps.settled
     return metrics
-
-
-def add_camera(metrics: SurfaceMetrics, surface: processing.HeightRows) -> None:
-    """Add the place of the camera of a perspective surface."""
-    camera = surface.camera
-    if camera is not None and surface.depth is not None:
-        metrics["camera_distance"] = surface.pixel_size * camera.focal_px
-        metrics["camera_axis_px"] = [float(camera.K[0, 2]), float(camera.K[1, 2])]

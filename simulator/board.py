@@ -87,7 +87,8 @@ class _Process:
 
     def _serve(self, fd: int) -> None:
         while self._attached or self._board.firmware.light.state not in ("IDLE", "HALT"):
-            ready, _, _ = select.select(self._sources(fd), [], [], self._wait_s())
+            sources = [fd, _STDIN] if self._attached else [fd]
+            ready, _, _ = select.select(sources, [], [], self._wait_s())
             data = os.read(fd, 4096) if fd in ready else b""
             # Read after the port, with a second select: faults that were set before a command was
             # sent must apply to it.
@@ -102,9 +103,6 @@ class _Process:
             if self._prints_events:
                 for event in self._outputs.events(now_ns):
                     _print_line(event)
-
-    def _sources(self, fd: int) -> list[int]:
-        return [fd, _STDIN] if self._attached else [fd]
 
     def _wait_s(self) -> float:
         now_ns = time.monotonic_ns()

@@ -259,7 +259,9 @@ def _fitting(
     manifest.check_current(folder)
     if plan is not None:
         plan, _ = plan.without(manifest.rig.dead_leds)
-    check_same(folder, manifest, _manifest_like(rig, folder, session), plan)
+    # The manifest that the session would have if it started now with this rig.
+    current = _manifest(rig, folder, Calibrations(sensor=session.sensor))
+    check_same(folder, manifest, current, plan)
     recorded.without(rig.config.dead_leds)
     return session, recorded
 
@@ -278,8 +280,3 @@ def _manifest(rig: Rig, folder: str | Path, calibrations: Calibrations, **others
         calibrations=calibrations,
         **others,
     )
-
-
-def _manifest_like(rig: Rig, folder: Path, session: Session) -> Manifest:
-    """Return the manifest that the session would have if it started now with this rig."""
-    return _manifest(rig, folder, Calibrations(sensor=session.sensor))

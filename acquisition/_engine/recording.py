@@ -8,9 +8,9 @@ import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Final, Self, cast
 
 from acquisition._engine.agenda import Agenda
@@ -95,12 +95,7 @@ class StopRequest:
                 signal.signal(signal.SIGINT, self._handle)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)
             self._before = None
@@ -414,11 +409,7 @@ class Recording:
             planned,
             frame.pixels,
             report=CameraReport(
-                exposure_us=frame.exposure_us,
-                gain_db=frame.gain_db,
-                frame_id=frame.frame_id,
-                timestamp_ns=frame.timestamp_ns,
-                temperature_c=frame.temperature_c,
+                **{item.name: getattr(frame, item.name) for item in fields(CameraReport)}
             ),
             echo=None if shot.echo is None else Echo(**asdict(shot.echo)),
             status="ok" if rejected is None else "rejected",

@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from acquisition._errors import DataError, named
 from acquisition._plan.plan import CapturePlan
-from acquisition._session.manifest import Calibrations, Manifest, RigRecord
+from acquisition._session.manifest import Calibrations, CameraRecord, Manifest, RigRecord
 from acquisition._values.lights import Lights, led_id
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, CameraInfo, Mounting, Rig
@@ -49,14 +49,7 @@ def rig_record(rig: Rig) -> dict[str, Any]:
 def camera_record(info: CameraInfo, sensor: NoiseModel | None) -> dict[str, Any]:
     """Return the fields of `CameraRecord`; black and white level are the sensor's, if known."""
     return {
-        "vendor": info.vendor,
-        "model": info.model,
-        "serial": info.serial,
-        "width": info.width,
-        "height": info.height,
-        "pixel_format": info.pixel_format,
-        "bit_depth": info.bit_depth,
-        "cfa": info.cfa,
+        **{name: getattr(info, name) for name in CameraRecord.model_fields if hasattr(info, name)},
         "black_level_dn": 0.0 if sensor is None else sensor.black_level_dn,
         "white_level_dn": None if sensor is None else sensor.white_level_dn,
     }
@@ -147,8 +140,9 @@ def check_same(
         *(() if plan is None else _differences("plan", stored.plan, plan)),
     ]
     if differences:
+        kinds = dict.fromkeys(kind for kind, _ in differences)
         raise DataError(
-            f"{folder}: was started with another {' and another '.join(_kinds(differences))}: "
+            f"{folder}: was started with another {' and another '.join(kinds)}: "
             f"{'; '.join(text for _, text in differences)}; use the original ones, or record into "
             "a new folder"
         )
@@ -160,10 +154,6 @@ def _with_what_may_differ(stored: RigRecord | None, current: RigRecord | None) -
     names = ["led_positions_mm", "led_positions_sigma_mm"]
     names += ["dead_leds"] if set(stored.dead_leds) <= set(current.dead_leds) else []
     return current.model_copy(update={name: getattr(stored, name) for name in names})
-
-
-def _kinds(differences: list[tuple[str, str]]) -> dict[str, None]:
-    return dict.fromkeys(kind for kind, _ in differences)
 
 
 def _differences(

@@ -10,12 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._export.values import Samples
-from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._session.value_records import TransferRecord
-from acquisition._source.recording_json import RECORD_FILE, ExportedFrame, RecordingNotes
+from acquisition._source.recording_json import LABELS, RECORD_FILE, ExportedFrame, RecordingNotes
 from acquisition._source.source import Frame, Source
 from acquisition._values.lights import Lights, led_id
 from acquisition._values.transfer_curve import LINEAR
@@ -40,29 +39,17 @@ def recording_notes(
     camera = CameraRecord.model_validate(
         {**kept, "width": width, "height": height, "cfa": source.cfa, **levels}
     )
-    frames = []
-    for number, (recorded, _) in enumerate(pairs, 1):
-        line = recorded.line
-        frames.append(
-            ExportedFrame(
-                file=_file(layout, number, recorded),
-                role=line.role,
-                led=line.led,
-                bracket=line.bracket,
-                repeat=line.repeat,
-                exposure_us=line.exposure_us,
-                gain_db=line.gain_db,
-            )
+    of_line = set(ExportedFrame.model_fields) - {"file"}
+    frames = [
+        ExportedFrame(
+            file=_file(layout, number, recorded), **recorded.line.model_dump(include=of_line)
         )
+        for number, (recorded, _) in enumerate(pairs, 1)
+    ]
     return RecordingNotes(
         values=samples.values,
         subtracted=samples.subtracted([frame for _, frame in pairs]),
-        object=manifest.object,
-        operator=manifest.operator,
-        place=manifest.place,
-        notes=manifest.notes,
-        rights=manifest.rights,
-        started_utc=manifest.started_utc,
+        **manifest.model_dump(include={*LABELS, "started_utc"}),
         camera=camera,
         origin="simulated" if manifest.simulated else None,
         transfer=None if samples.transfer == LINEAR else TransferRecord.of(samples.transfer),
@@ -150,7 +137,5 @@ def _file(layout: Layout, number: int, recorded: SessionFrame) -> str:
         case "diligent":
             return f"{number:03d}.png"
         case "exr":
-            line = recorded.line
-            shot = PlannedShot(line.role, line.led, line.bracket, line.repeat, line.exposure_us)
-            return f"{Path(shot.file).stem}.exr"
+            return f"{Path(recorded.line.shot.file).stem}.exr"
     return f"{led_id(recorded.led or 0)}.png"

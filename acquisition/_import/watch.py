@@ -405,8 +405,7 @@ class _Watcher:
 
 def _shot_of(details: dict[str, Any]) -> ShotFacts:
     """Return the settings of the first image that the event of a watch has recorded."""
-    return ShotFacts(
-        iso=details.get("iso"),
-        f_number=details.get("f_number"),
-        orientation=details.get("orientation"),
-    )
+    stated: dict[str, Any] = {
+        name: details.get(name) for name in ("iso", "f_number", "orientation")
+    }
+    return ShotFacts(**stated)

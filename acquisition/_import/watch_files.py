@@ -14,7 +14,7 @@ from acquisition._import.image import ImportedImage, read_for_import
 from acquisition._import.watch_match import Arrival
 from acquisition._session.session_frame import pixels_sha256
 from acquisition._source.series_facts import raw_preferred_notice
-from acquisition._values.image_names import IMAGE_SUFFIXES, is_raw
+from acquisition._values.image_names import SUFFIXES, is_raw
 from acquisition._values.running_numbers import in_order
 from rig import MAX_PIXELS, Notice
 
@@ -105,7 +105,7 @@ class WatchedFolder:
         files: dict[str, _File] = {}
         try:
             for path in self.folder.iterdir():
-                if path.name.startswith(".") or not _is_picture(path):
+                if path.name.startswith(".") or path.suffix.lower() not in SUFFIXES:
                     continue
                 try:
                     status = path.stat()
@@ -234,7 +234,3 @@ class WatchedFolder:
 
 def _of_pair(name: str) -> bool:
     return name.lower().endswith(_OF_PAIRS)
-
-
-def _is_picture(path: Path) -> bool:
-    return path.suffix.lower() in IMAGE_SUFFIXES or is_raw(path)

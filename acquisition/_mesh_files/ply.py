@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import MeshFile, whole
-from acquisition._mesh_files.ply_body import Lists, Table, Whole, read_body
-from acquisition._mesh_files.ply_header import Element, read_header
+from acquisition._mesh_files.ply_body import Element, Lists, Table, Whole, read_body, read_header
 from acquisition._mesh_files.polygons import triangles_of
 from rig import Notice, UnreadableError
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -81,14 +80,10 @@ def _begin_of_normals(table: Double) -> int | None:
 
     Colours, intensities and other values may come before or after them.
     """
-    for begin in _triples(table.shape[1]):
+    # After x y z, after a colour, after an intensity or an opacity.
+    for begin in (begin for begin in (3, 6, 4, 7) if begin + 3 <= table.shape[1]):
         length = np.linalg.norm(np.clip(table[:, begin : begin + 3], -2, 2), axis=1)
         if (np.abs(length[np.isfinite(table[:, :3]).all(axis=1)] - 1) < _UNIT_TOLERANCE).all():
             return begin
     # Three columns more are normals or colours; which, is judged with those of other formats.
     return 3 if table.shape[1] == 6 else None
-
-
-def _triples(columns: int) -> Sequence[int]:
-    # After x y z, after a colour, after an intensity or an opacity.
-    return [begin for begin in (3, 6, 4, 7) if begin + 3 <= columns]

@@ -115,7 +115,7 @@ def store_image(path: Path, data: BinaryIO, pixels: MapRows) -> None:
 def holds(path: Path, pixels: MapRows) -> bool:
     """Return whether a file that was just written reads back as these pixels."""
     try:
-        with opened_image(path, _area(pixels)) as (file, spec, channels, dtype, *_):
+        with opened_image(path, math.prod(pixels.shape[:2])) as (file, spec, channels, dtype, *_):
             stored = spec.height, spec.width, len(channels)
             if np.dtype(dtype) != pixels.dtype.newbyteorder("=") or stored != _shape(pixels):
                 return False
@@ -142,10 +142,6 @@ def _bands(pixels: MapRows) -> Iterator[slice]:
     step = _STRIP * max(1, strips)
     for top in range(0, height, step):
         yield slice(top, min(top + step, height))
-
-
-def _area(pixels: MapRows) -> int:
-    return math.prod(pixels.shape[:2])
 
 
 def _nbytes(pixels: MapRows) -> int:

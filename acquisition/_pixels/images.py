@@ -16,11 +16,11 @@ import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
-from acquisition._errors import DataError, convert_read_errors
+from acquisition._errors import DataError
 from acquisition._pixels.encoded_image import encoded_image, store_image
 from acquisition._pixels.opened_image import check_png_file, opened_image
 from acquisition._pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
-from rig import MAX_PIXELS, convert_parser_errors
+from rig import MAX_PIXELS
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
 
@@ -94,20 +94,8 @@ def read_image_with_alpha(
     with opened_image(path, max_pixels) as image:
         # After the header check, which is faster and may refuse the file.
         check_png_file(path)
-        file, spec = image.file, image.spec
-        with (
-            convert_read_errors(path),
-            convert_parser_errors("cut short or damaged, copy it again"),
-        ):
-            pixels = file.read_image(image.page, 0, 0, spec.nchannels, spec.format.basetype)
-            # JPEG returns pixels from a truncated file; only the message shows it.
-            message = file.geterror()
-    if pixels is None or message:
-        raise image.undecodable(path, message)
-    pixels = _as_type(pixels, image.dtype)
-    alpha_channel = spec.alpha_channel
-    alpha = None if alpha_channel < 0 else np.ascontiguousarray(pixels[..., alpha_channel])
-    return image.colours(pixels), alpha
+        pixels = image.decoded(path, image.file.read_image, image.page, 0, 0)
+    return image.colours(pixels), image.alpha(pixels)
 
 
 def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:
@@ -206,12 +194,6 @@ def _has_zeros(values: MapRows) -> bool:
     return not sampled or bool(np.mean([row.mean() for row in sampled]) > _LEAST_ZEROS)
 
 
-def _as_type(pixels: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
-    # Doubles beyond the range of float32 become infinite; callers handle infinity.
-    with np.errstate(over="ignore"):
-        return pixels.astype(dtype, copy=False)
-
-
 def _write(
     path: Path, array: MapRows, kind: str, allowed: set[str], attributes: dict[str, str]
 ) -> None:
@@ -277,7 +259,6 @@ class ImageRows:
             self._opened = opened.pop_all()
         spec = self._image.spec
         size = (spec.height, spec.width)
-        self._alpha = spec.alpha_channel
         self.shape: tuple[int, ...] = size if len(self._image.channels) == 1 else (*size, 3)
         self.dtype = np.dtype(self._image.dtype)
 
@@ -290,27 +271,15 @@ class ImageRows:
     def with_alpha(self, rows: slice) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
         """Return rows as `read_image_with_alpha` does: the colours, and alpha or None."""
         band = self._read(rows)
-        if self._alpha < 0:
-            return self._image.colours(band), None
-        return self._image.colours(band), np.ascontiguousarray(band[..., self._alpha])
+        return self._image.colours(band), self._image.alpha(band)
 
     def _read(self, rows: slice) -> npt.NDArray[Any]:
         """Return rows ``(h, W, channels)`` of all channels of the file."""
         first, last, _ = rows.indices(self.shape[0])
-        file, spec = self._image.file, self._image.spec
-        with (
-            convert_read_errors(self.path),
-            convert_parser_errors("cut short or damaged, copy it again"),
-        ):
-            top = spec.y + first
-            band = file.read_scanlines(
-                top, spec.y + last, 0, 0, spec.nchannels, spec.format.basetype
-            )
-            message = file.geterror()
-        if band is None or message:
-            raise self._image.undecodable(self.path, message)
-        pixels = band.reshape(last - first, self.shape[1], spec.nchannels)
-        return _as_type(pixels, self._image.dtype)
+        image, top = self._image, self._image.spec.y
+        band = image.decoded(self.path, image.file.read_scanlines, top + first, top + last, 0, 0)
+        pixels: npt.NDArray[Any] = band.reshape(last - first, self.shape[1], image.spec.nchannels)
+        return pixels
 
     @property
     def size(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -87,6 +87,27 @@ class OpenedImage(NamedTuple):
             pixels = pixels[..., self.channels]
         pixels = np.ascontiguousarray(pixels)
         return ~pixels if self.inverted else pixels
+
+    def alpha(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+        """Return the alpha ``(h, w)`` of pixels ``(h, w, channels)``; None without alpha."""
+        place = self.spec.alpha_channel
+        return None if place < 0 else np.ascontiguousarray(pixels[..., place])
+
+    def decoded(self, path: Path, read: Callable[..., Any], *place: int) -> npt.NDArray[Any]:
+        """Return all channels that a method of the reader decodes at a place, in `dtype`."""
+        with (
+            convert_read_errors(path),
+            convert_parser_errors("cut short or damaged, copy it again"),
+        ):
+            pixels = read(*place, self.spec.nchannels, self.spec.format.basetype)
+            # JPEG returns pixels from a truncated file; only the message shows it.
+            message = self.file.geterror()
+        if pixels is None or message:
+            raise self.undecodable(path, message)
+        # Doubles beyond the range of float32 become infinite; callers handle infinity.
+        with np.errstate(over="ignore"):
+            values: npt.NDArray[Any] = pixels.astype(self.dtype, copy=False)
+        return values
 
     def undecodable(self, path: Path, message: str) -> DataError:
         """Return the error for pixels that cannot be decoded, with OpenImageIO's message."""

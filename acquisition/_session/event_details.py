@@ -18,6 +18,7 @@ from acquisition._session.journal import (
     UPGRADED,
     FramePath,
     Index,
+    LinePart,
     Sha256,
 )
 from rig import validation_message
@@ -32,19 +33,13 @@ _Count = Annotated[int, Field(ge=0)]
 _KeptPath = Annotated[str, Field(pattern=r"^derived/set_aside/[A-Za-z0-9_][A-Za-z0-9._-]*$")]
 
 
-class _Exactly(BaseModel):
-    """Details that readers act on: unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
 class _AtLeast(BaseModel):
     """Details for people: additional keys are allowed."""
 
     model_config = ConfigDict(extra="allow", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class Compacted(_Exactly):
+class Compacted(LinePart):
     """The file of a frame was compressed without loss."""
 
     frame_seq: _Count
@@ -53,7 +48,7 @@ class Compacted(_Exactly):
     file_sha256: Sha256
 
 
-class SetAside(_Exactly):
+class SetAside(LinePart):
     """A frame no longer counts; its file, unless it is lost, is kept elsewhere."""
 
     frame_seq: _Count
@@ -62,7 +57,7 @@ class SetAside(_Exactly):
     reason: str
 
 
-class Upgraded(_Exactly):
+class Upgraded(LinePart):
     """Lines of a newer version may follow."""
 
     from_version: Literal[2]

@@ -26,7 +26,7 @@ from pydantic import (
 )
 
 from acquisition._pixels.frame_quality import PERCENTILE_NAMES
-from acquisition._plan.planned_shot import Role, ShotKey
+from acquisition._plan.planned_shot import PlannedShot, Role, ShotKey
 from acquisition._storage import sha256_of
 from rig import validation_message
 
@@ -79,13 +79,16 @@ _Sample = Annotated[int, Field(ge=0, le=65535)]
 _Percentiles = Annotated[dict[str, _Sample], AfterValidator(_checked_percentiles)]
 
 
-class _Part(BaseModel):
-    """Part of a line. Types are strict: the text "3", 3.0 and true are not the integer 3."""
+class LinePart(BaseModel):
+    """Part of a line that readers act on: unknown keys are refused.
+
+    Types are strict: the text "3", 3.0 and true are not the integer 3.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
-class _Line(_Part):
+class _Line(LinePart):
     seq: Annotated[int, Field(ge=0)]
     time_utc: Annotated[str, AfterValidator(_checked_time)]
 
@@ -97,7 +100,7 @@ class StartLine(_Line):
     session_toml_sha256: Sha256
 
 
-class Echo(_Part):
+class Echo(LinePart):
     """Reply of the LED board: its sequence number and the LED that was on.
 
     ``lit_us`` is the time for which the LED was on, and ``active_us`` the time for which the
@@ -152,6 +155,11 @@ class FrameLine(_Line):
     def key(self) -> ShotKey:
         """Identity of the shot, as in `PlannedShot.key`."""
         return self.role, self.led, self.bracket, self.repeat
+
+    @property
+    def shot(self) -> PlannedShot:
+        """The shot by itself, without a plan."""
+        return PlannedShot(self.role, self.led, self.bracket, self.repeat, self.exposure_us)
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -243,30 +251,31 @@ def parse_journal(data: bytes) -> Journal:
     def journal(**state: Any) -> Journal:
         return Journal(tuple(lines), b"".join(kept), previous, **state)
 
-    pieces = data.split(b"\n")
-    tail = pieces.pop()
-    for number, piece in enumerate(pieces, 1):
+    def fault(piece: bytes) -> str:
+        """Keep an intact line, or return what is wrong with it."""
+        nonlocal previous
         own = _seal_of(piece, previous)
         if own is None:
-            return journal(damage=f"line {number} is damaged: its hash does not match")
+            return "is damaged: its hash does not match"
         line = _understood(piece, len(lines))
         if isinstance(line, str):
-            return journal(damage=f"line {number} is not understood: {line}")
+            return f"is not understood: {line}"
         lines.append(line)
         kept.append(piece + b"\n")
         previous = own
+        return ""
+
+    pieces = data.split(b"\n")
+    tail = pieces.pop()
+    for number, piece in enumerate(pieces, 1):
+        if wrong := fault(piece):
+            return journal(damage=f"line {number} {wrong}")
     if not tail:
         return journal()
     number = len(lines) + 1
-    own = _seal_of(tail, previous)
-    if own is not None:
-        line = _understood(tail, len(lines))
-        if isinstance(line, str):
-            return journal(damage=f"line {number} is not understood: {line}")
-        lines.append(line)
-        kept.append(tail + b"\n")
-        previous = own
-        return journal(unterminated=True)
+    if _seal_of(tail, previous) is not None:
+        wrong = fault(tail)
+        return journal(damage=f"line {number} {wrong}") if wrong else journal(unterminated=True)
     # An interrupted write leaves the beginning of a line. A complete line followed by one other
     # byte was not interrupted: its newline was changed afterwards.
     if _seal_of(tail[:-1], previous) is not None:

@@ -124,7 +124,9 @@ class JournalFile:
         time_utc = self._clock().isoformat(timespec="microseconds")
         try:
             line = kind(seq=self._seq, time_utc=time_utc, **values)
-            return line, *encode_line(_record(line), self._previous)
+            return line, *encode_line(
+                {"kind": line.kind, **line.model_dump(mode="json")}, self._previous
+            )
         except ValidationError as error:
             reason = validation_message(error)
         except ValueError as error:
@@ -135,7 +137,3 @@ class JournalFile:
         with disk(self.path, "open"):
             self._descriptor = open_binary(self.path, os.O_WRONLY | os.O_APPEND)
         self._seq, self._previous = self._seq + 1, own
-
-
-def _record(line: Line) -> dict[str, Any]:
-    return {"kind": line.kind, **line.model_dump(mode="json")}

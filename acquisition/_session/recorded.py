@@ -128,7 +128,7 @@ class _Reading:
         self.recorded.frames[line.seq] = SessionFrame(
             self._folder / line.file, line, line.bytes, line.file_sha256, self._camera.shape
         )
-        shot = self._shots.get(line.key) or _shot_of(line)
+        shot = self._shots.get(line.key) or line.shot
         reported = {} if line.echo is None else {BOARD: line.echo.led}
         conflict = wrong_light(shot, reported, echoes=self._echoes)
         if conflict is not None:
@@ -228,8 +228,3 @@ class _Reading:
         if frame is not None:
             flaw = Damage(frame, f"line {line.seq + 1}: {text}", self._folder / JOURNAL)
             self.recorded.flaws.setdefault(seq, flaw)
-
-
-def _shot_of(line: FrameLine) -> PlannedShot:
-    """Return the shot of a line that has no plan."""
-    return PlannedShot(line.role, line.led, line.bracket, line.repeat, line.exposure_us)

@@ -28,7 +28,7 @@ from acquisition._source.series_facts import (
 )
 from acquisition._source.source import Frame, Reference, Source
 from acquisition._value_files.lights import read_lights
-from acquisition._values.image_names import IMAGE_SUFFIXES, SAME_NAME, is_raw
+from acquisition._values.image_names import IMAGE_SUFFIXES, SAME_NAME, SUFFIXES, is_raw
 from acquisition._values.running_numbers import Numbered, numbers_in, numbers_of, start_of
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize
@@ -369,7 +369,7 @@ def _checked_files(folder: Path) -> list[Path]:
     """Return the same as `_files`, and refuse what has the name of an image but is no file."""
     files = _files(folder)
     for path in files:
-        if (path.suffix.lower() in IMAGE_SUFFIXES or is_raw(path)) and not path.is_file():
+        if path.suffix.lower() in SUFFIXES and not path.is_file():
             if not path.exists():
                 raise DataError(str(missing_path(path, "file")))
             what = "a folder" if path.is_dir() else "not a regular file"
@@ -378,7 +378,7 @@ def _checked_files(folder: Path) -> list[Path]:
 
 
 def _is_image(path: Path) -> bool:
-    return (path.suffix.lower() in IMAGE_SUFFIXES or is_raw(path)) and path.is_file()
+    return path.suffix.lower() in SUFFIXES and path.is_file()
 
 
 def _is_mask(path: Path) -> bool:

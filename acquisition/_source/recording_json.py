@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
+from pydantic import AwareDatetime, Field
 
 from acquisition._errors import DataError, convert_read_errors, missing_path
 from acquisition._plan.planned_shot import Role
 from acquisition._session.layout import MANIFEST
 from acquisition._session.manifest import CameraRecord, Manifest, parse_manifest
-from acquisition._session.value_records import TransferRecord
+from acquisition._session.value_records import Table, TransferRecord
 from acquisition._source.source import Source
 from acquisition._storage import write_durably
 from acquisition._text_files import parse_json, read_text
@@ -26,6 +26,8 @@ from acquisition._values.transfer_curve import LINEAR
 from rig import MAX_TOML_BYTES, Notice, pluralize, read_bounded
 
 RECORD_FILE: Final = "recording.json"
+# Fields of a session and of an export that say what they are of.
+LABELS: Final = ("object", "operator", "place", "notes", "rights")
 
 Values = Literal["raw", "linear"]
 # Name of a file in the same folder.
@@ -34,11 +36,7 @@ _Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length
 _FOR_OTHERS = ("export.json", "alicevision_lights.json")
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class ExportedFrame(_Record):
+class ExportedFrame(Table):
     """One image: its file in the folder, and the shot of the session that it shows.
 
     ``led`` is the LED of a light, None for the other roles.
@@ -53,7 +51,7 @@ class ExportedFrame(_Record):
     gain_db: float | None
 
 
-class RecordingNotes(_Record):
+class RecordingNotes(Table):
     """Metadata that the layouts of other programs cannot hold.
 
     ``camera`` describes the samples of the exported files: if ``values`` is raw, samples and
@@ -269,11 +267,7 @@ def read_identity(path: str | Path) -> Identity | None:
     else:
         return None
     return Identity(
-        stated.object,
-        stated.operator,
-        stated.place,
-        stated.notes,
-        stated.rights,
-        stated.started_utc.isoformat(timespec="seconds"),
-        stated.simulated,
+        **stated.model_dump(include=set(LABELS)),
+        started_utc=stated.started_utc.isoformat(timespec="seconds"),
+        simulated=stated.simulated,
     )

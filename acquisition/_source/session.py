@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from math import isqrt
 from pathlib import Path
@@ -50,6 +49,7 @@ def read_session(
             f"{folder}: frames of {device.width} x {device.height} pixels, {max_pixels} are "
             "allowed: raise the limit on pixels"
         )
+    stored = mounting == Mounting() and device.black_levels_dn is None
     # Frames are loaded by the session, which checks the hash of the pixels.
     frames = tuple(
         Frame(
@@ -59,8 +59,8 @@ def read_session(
             recorded.role,
             recorded.bracket,
             recorded.exposure_us,
-            _load(recorded, mounting, device),
-            check_rows=recorded.check_rows if _as_stored(mounting, device) else None,
+            recorded.read if stored else partial(_read_upright, recorded, mounting, device),
+            check_rows=recorded.check_rows if stored else None,
             gain_db=recorded.line.gain_db,
         )
         for recorded in session.frames
@@ -139,16 +139,6 @@ def _noise_at_gain(session: Session) -> NoiseModel | None:
     if session.sensor is None or len(gains_db) > 1:
         return None
     return session.sensor.at_gain(gains_db.pop())
-
-
-def _as_stored(mounting: Mounting, device: CameraRecord) -> bool:
-    return mounting == Mounting() and device.black_levels_dn is None
-
-
-def _load(recorded: SessionFrame, mounting: Mounting, device: CameraRecord) -> Callable[[], Image]:
-    if _as_stored(mounting, device):
-        return recorded.read
-    return partial(_read_upright, recorded, mounting, device)
 
 
 def _read_upright(recorded: SessionFrame, mounting: Mounting, device: CameraRecord) -> Image:

@@ -100,10 +100,7 @@ def read_flat(path: str | Path, *, max_pixels: int = MAX_PIXELS) -> Flat:
         return Flat(
             smooth,
             pixel,
-            file.cfa,
-            pixel_std=file.pixel_std,
-            gradient_std=file.gradient_std,
-            covered=file.covered,
+            **file.model_dump(include={"cfa", "pixel_std", "gradient_std", "covered"}),
             calibrated=file.calibrated.value(),
         )
 

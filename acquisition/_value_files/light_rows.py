@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._values.image_names import IMAGE_SUFFIXES, RAW_SUFFIXES
+from acquisition._values.image_names import SUFFIXES
 from acquisition._values.lights import Array
 
 # The separator of a file is the first of these with which all its rows can be read. A comma is a
@@ -22,7 +22,6 @@ _SEPARATORS: Final = (";", "\t", r",\s+", _SPACE, ",")
 # Longer than a path and its numbers.
 _LONGEST: Final = 5000
 _QUOTES: Final = "\"'"
-_IMAGES: Final = IMAGE_SUFFIXES | RAW_SUFFIXES
 _NUMBER: Final = re.compile(
     r"[+-]?(?:[0-9]+(?:\.[0-9]*|,[0-9]+)?|\.[0-9]+)(?:e[+-]?[0-9]+)?|[+-]?(?:nan|inf(?:inity)?)",
     re.I,
@@ -151,7 +150,7 @@ class _Row:
         inside = self.fields[begin:end]
         if begin == 0:
             return len(inside) <= 1 and all(map(str.isdecimal, inside))
-        has_suffix = PureWindowsPath(self.fields[begin - 1]).suffix.lower() in _IMAGES
+        has_suffix = PureWindowsPath(self.fields[begin - 1]).suffix.lower() in SUFFIXES
         return not inside or (self._spaced and not has_suffix and all(map(str.isdecimal, inside)))
 
     def light(self, count: int) -> LightRow:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -98,14 +99,9 @@ def read_sensor(path: str | Path) -> MeasuredSensor:
     }
     with named(path):
         return MeasuredSensor(
-            bit_depth=file.bit_depth,
-            gain_db=file.gain_db,
+            **file.model_dump(include={item.name for item in fields(MeasuredSensor)}),
             **measured,
-            full_well_limit=file.full_well_limit,
-            hot_pixel_fraction=file.hot_pixel_fraction,
-            hot_pixel_e_per_s=file.hot_pixel_e_per_s,
             setup=file.camera.value(),
-            time_utc=file.time_utc,
         )
 
 

@@ -17,7 +17,7 @@ RAW_SUFFIXES = frozenset(
     | {".kdc", ".mef", ".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2"}
     | {".rwl", ".sr2", ".srf", ".srw", ".x3f"}
 )
-_SUFFIXES = IMAGE_SUFFIXES | RAW_SUFFIXES
+SUFFIXES = IMAGE_SUFFIXES | RAW_SUFFIXES
 
 
 def is_raw(path: Path) -> bool:
@@ -40,7 +40,7 @@ def light_id(name: str) -> str:
     stem = folded(re.split(r"[\\/]", name.rstrip("\\/"))[-1])
     while True:
         shorter, _, suffix = stem.rpartition(".")
-        if not shorter or f".{suffix}" not in _SUFFIXES:
+        if not shorter or f".{suffix}" not in SUFFIXES:
             return stem
         stem = shorter
 

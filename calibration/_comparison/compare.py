@@ -159,7 +159,9 @@ def compare_lights(a: Lights, b: Lights) -> LightComparison:
             f"the first calibration has {kinds[0]}, the second {kinds[1]}: compare two of one kind"
         )
     a, b, unmatched = matched_lights(a, b)
-    vectors = [_vectors(lights) for lights in (a, b)]
+    vectors = [
+        one.unit_directions if one.positions_mm is None else one.positions_mm for one in (a, b)
+    ]
     covariances = covariances_3d(a), covariances_3d(b)
     freedom, floor = (3, _FLOOR_MM) if a.near else (2, _FLOOR_RAD)
     floor = _typical(covariances, freedom, floor)
@@ -196,10 +198,6 @@ def compare_lights(a: Lights, b: Lights) -> LightComparison:
             *_changed(a.ids, rest_sigmas, freedom),
         ),
     )
-
-
-def _vectors(lights: Lights) -> Array:
-    return lights.unit_directions if lights.positions_mm is None else lights.positions_mm
 
 
 def _typical(covariances: Sequence[Array | None], freedom: int, least: float) -> float:

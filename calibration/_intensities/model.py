@@ -117,7 +117,8 @@ class NormalEquations:
             total = weight.sum(axis=0)
             total = np.where(total > 0, total, 1.0)
             loaded = extended * weight
-            block = -_product(loaded.reshape(width * lights, blocks), total)
+            flat = loaded.reshape(width * lights, blocks)
+            block = -((flat / total) @ flat.T)
             for k in range(lights):
                 own = np.ix_(np.arange(width) * lights + k, np.arange(width) * lights + k)
                 block[own] += loaded[:, k] @ extended[:, k].T
@@ -134,7 +135,3 @@ class NormalEquations:
             if found is not None:
                 found[place] += score
         return cls(matrix, right, found)
-
-
-def _product(loaded: Array, total: Array) -> Array:
-    return (loaded / total) @ loaded.T

@@ -187,10 +187,6 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
     return RawStack(tuple(images), shape, ids, brightest, peaks, source.camera, develop.notices)
 
 
-def _no_pixels() -> npt.NDArray[np.intp]:
-    return np.zeros((0, 2), np.intp)
-
-
 @dataclass(frozen=True, eq=False)
 class Stack:
     """Linear images of one object under N lights of intensity 1.
@@ -231,7 +227,7 @@ class Stack:
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
     noise: StackNoise | None = None
-    hot_pixels: npt.NDArray[np.intp] = field(default_factory=_no_pixels)
+    hot_pixels: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 2), np.intp))
     pattern: str | None = None
 
     def __repr__(self) -> str:

@@ -87,17 +87,14 @@ def _dark_offset(source: Source, noise: NoiseModel, linear: Linearizer) -> float
     Sensors have a black level above 0, so a stated black level of 0 is one that was not known.
     """
     offsets = []
-    for time_us in sorted({f.exposure_us for f in source.frames if f.role == "light"}, key=_number):
+    times_us = {frame.exposure_us for frame in source.frames if frame.role == "light"}
+    for time_us in sorted(times_us, key=lambda time_us: time_us or 0.0):
         dark = linear.dark_signal(time_us)
         if dark is not None:
             current_e = noise.dark_current_e_per_s * (time_us or 0.0) / 1e6
             current = current_e / (noise.electrons_per_dn * source.white_level)
             offsets.append(float(np.median(dark[::5])) - current)
     return max(min(offsets, default=0.0), 0.0)
-
-
-def _number(time_us: float | None) -> float:
-    return time_us or 0.0
 
 
 def _repeats(source: Source) -> list[tuple[Frame, Frame]]:

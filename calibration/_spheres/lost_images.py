@@ -218,7 +218,7 @@ def imprecise(covariances: Array, images: Sequence[SphereImage]) -> Lights:
     EstimateError
         If this is so for most of them: then it is the outline that is not determined.
     """
-    sigma_deg = _sigma_deg(covariances)
+    sigma_deg = np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2))
     if np.isfinite(sigma_deg).any():
         middle = float(np.nanmedian(sigma_deg))
         if middle > _LARGEST_SIGMA_DEG:
@@ -274,10 +274,6 @@ def left_out(
         text = f"left out {text}; {unused} cannot be used with this calibration: {_REMEDY}"
         notices.append(Notice("lights-left-out", text))
     return notices
-
-
-def _sigma_deg(covariances: Array) -> Array:
-    return np.asarray(np.degrees(np.sqrt(np.trace(covariances, axis1=1, axis2=2) / 2)))
 
 
 def named(names: Sequence[str], which: Sequence[int] | Lights, most: int = 4) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import zlib
 from contextlib import closing
 from io import BytesIO
 from pathlib import Path
@@ -10,15 +12,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import BandFile, write_durably
+from acquisition import BandFile, DamagedMapsError, write_durably
 from processing._blocks.plan import plan_blocks
 
 Array = npt.NDArray[Any]
+Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Labels = npt.NDArray[np.int32]
 Record = dict[str, Array]
 
-_WHOLE = slice(None)
+_WHOLE, _HEAD = slice(None), 4
+_SOLUTION, _LABELS = np.dtype(np.float64), np.dtype(np.int32)
 
 
 class BlockFiles:
@@ -34,17 +38,23 @@ class BlockFiles:
     size
         Rows and columns of the image.
     rows
-        Most rows of a block, as for `plan_blocks`.
-    resume
-        Keep the steps that an earlier process completed, and its blocks if they are not larger.
-        Otherwise, all steps are removed.
+        Most rows of a block, as for `plan_blocks`. The steps that an earlier process completed are
+        kept if its blocks are not larger.
+
+    Raises
+    ------
+    DamagedMapsError
+        If a file was changed or deleted after its step; also by the methods.
     """
 
-    def __init__(self, folder: Path, size: tuple[int, int], rows: int, *, resume: bool) -> None:
+    def __init__(self, folder: Path, size: tuple[int, int], rows: int) -> None:
         self._folder, self._width = folder, size[1]
-        plan = self.record("plan") if resume else None
+        # Checksums of files that an earlier process wrote, and of those without a record so far.
+        self._unchecked: dict[str, int] = {}
+        self._fresh: dict[str, int] = {}
+        plan = self.record("plan")
         if plan is None or plan["rows"] > rows:
-            self.remove()
+            self.remove(folder)
             plan = self.complete("plan", rows=rows)
         self.blocks = plan_blocks(size[0], int(plan["rows"]))
         form = (size[0], 2, size[1]), np.dtype(np.float32)
@@ -52,30 +62,36 @@ class BlockFiles:
 
     def record(self, name: str) -> Record | None:
         """Return the record of a step; None if it is not done."""
+        path = self._folder / f"step-{name}.npz"
         try:
-            data = (self._folder / f"step-{name}.npz").read_bytes()
+            data = path.read_bytes()
         except FileNotFoundError:
             return None
-        with np.load(BytesIO(data), allow_pickle=False) as stored:
-            return dict(stored)
+        if data[:_HEAD] != _head(data[_HEAD:]):
+            raise DamagedMapsError(path, "was changed since it was computed")
+        with np.load(BytesIO(data[_HEAD:]), allow_pickle=False) as stored:
+            record = dict(stored)
+        written = zip(record.pop("files"), record.pop("checksums"), strict=True)
+        self._unchecked |= {str(file): int(checksum) for file, checksum in written}
+        return record
 
     def complete(self, name: str, **record: Any) -> Record:
         """State that a step is done, and return its record as it is read back."""
-        data = BytesIO()
-        np.savez(data, **record)
-        write_durably(self._folder / f"step-{name}.npz", data.getbuffer())
+        file, written = BytesIO(), self._fresh
+        sums = np.array([*written.values()], np.int64)
+        np.savez(file, files=np.array([*written], np.str_), checksums=sums, **record)
+        data = file.getvalue()
+        write_durably(self._folder / f"step-{name}.npz", _head(data) + data)
+        self._fresh = {}
         return {key: np.asarray(value) for key, value in record.items()}
 
     def solution(self, number: int, after: int, rows: slice = _WHOLE) -> Double:
         """Return rows ``(h, W)`` of the solution of a block after some rounds."""
-        with closing(self._solution(number, after)) as file:
-            return np.asarray(file[rows], np.float64)
+        return self._read(f"solution-{number}-{after}", number, _SOLUTION, rows)
 
     def write_solution(self, number: int, after: int, u: Double) -> None:
         """Write the solution of a block after some rounds."""
-        with closing(self._solution(number, after)) as file:
-            file[:] = u
-            file.sync()
+        self._write(f"solution-{number}-{after}", number, np.asarray(u, _SOLUTION))
 
     def remove_solution(self, number: int, after: int) -> None:
         """Remove the solution of a block after some rounds, if it is there."""
@@ -83,35 +99,70 @@ class BlockFiles:
 
     def labels(self, number: int, rows: slice = _WHOLE) -> Labels:
         """Return rows ``(h, W)`` of the parts of a block."""
-        with closing(self._labels(number)) as file:
-            return np.asarray(file[rows], np.int32)
+        return self._read(f"labels-{number}", number, _LABELS, rows)
 
     def write_labels(self, number: int, labels: Labels) -> None:
         """Write the parts of a block."""
-        with closing(self._labels(number)) as file:
-            file[:] = labels
-            file.sync()
+        self._write(f"labels-{number}", number, np.asarray(labels, _LABELS))
+
+    def core_weights(self, number: int) -> Float:
+        """Return the weights ``(h, 2, W)`` of the core of a block."""
+        weights = self.weights[self.blocks.blocks[number].core]
+        self._check(self.weights.path, f"weights-{number}", weights)
+        return weights
+
+    def write_weights(self, number: int, weights: Float) -> None:
+        """Write the weights of the core of a block."""
+        self.weights[self.blocks.blocks[number].core] = weights
+        self.weights.sync()
+        self._fresh[f"weights-{number}"] = _checksum(weights)
 
     def remove_weights(self) -> None:
         """Remove the weights, after the last round."""
         self.weights.close()
         self.weights.path.unlink(missing_ok=True)
 
-    def remove(self) -> None:
+    @staticmethod
+    def remove(folder: Path) -> None:
         """Remove the files of all steps."""
         for pattern in ("step-*.npz", "solution-*.raw", "labels-*.raw", "weights.raw"):
-            for path in self._folder.glob(pattern):
+            for path in folder.glob(pattern):
                 path.unlink()
 
-    def _solution(self, number: int, after: int) -> BandFile:
-        return self._file(f"solution-{number}-{after}", number, np.dtype(np.float64))
+    def _read(self, name: str, number: int, kind: np.dtype[Any], rows: slice) -> Array:
+        form, path = self._form(number), self._path(name)
+        size = path.stat().st_size if path.is_file() else None
+        if size != math.prod(form) * kind.itemsize:
+            what = "was deleted" if size is None else "has another size"
+            raise DamagedMapsError(path, f"{what} since it was computed")
+        with closing(BandFile(path, form, kind)) as file:
+            if name in self._unchecked:
+                self._check(path, name, file[:])
+            return file[rows]
 
-    def _labels(self, number: int) -> BandFile:
-        return self._file(f"labels-{number}", number, np.dtype(np.int32))
+    def _write(self, name: str, number: int, values: Array) -> None:
+        with closing(BandFile(self._path(name), self._form(number), values.dtype)) as file:
+            file[:] = values
+            file.sync()
+        self._fresh[name] = _checksum(values)
 
-    def _file(self, name: str, number: int, kind: np.dtype[Any]) -> BandFile:
+    def _check(self, path: Path, name: str, values: Array) -> None:
+        """Compare what an earlier process wrote with its checksum, once."""
+        if self._unchecked.pop(name, None) not in (None, _checksum(values)):
+            raise DamagedMapsError(path, "was changed since it was computed")
+
+    def _form(self, number: int) -> tuple[int, int]:
         rows = self.blocks.blocks[number].rows
-        return BandFile(self._path(name), (rows.stop - rows.start, self._width), kind)
+        return rows.stop - rows.start, self._width
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{name}.raw"
+
+
+def _head(data: bytes) -> bytes:
+    """Return the first bytes of a file of a record: their checksum."""
+    return zlib.crc32(data).to_bytes(_HEAD, "little")
+
+
+def _checksum(values: Array) -> int:
+    return zlib.crc32(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)

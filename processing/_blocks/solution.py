@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import BandFile, CameraModel, MapRows
+from acquisition import CameraModel, MapRows, Maps
 from processing._blocks.block_files import BlockFiles, Record
 from processing._blocks.coarse import CoarseGrid
 from processing._blocks.free_solution import FreeSolution, solve_freely
@@ -45,8 +44,8 @@ class BlockSolution(NamedTuple):
         What the solver reports about the block with the largest residual.
     """
 
-    u: BandFile
-    parts: BandFile
+    u: MapRows
+    parts: MapRows
     means: Double
     sizes: npt.NDArray[np.int64]
     wanted: Double
@@ -60,7 +59,7 @@ def solve_in_blocks(
     relative: MapRows | None,
     camera: CameraModel | None,
     files: BlockFiles,
-    folder: Path,
+    maps: Maps,
     on_progress: Progress,
 ) -> BlockSolution:
     """Solve the surface of normals.
@@ -75,8 +74,8 @@ def solve_in_blocks(
         A perspective camera; None for an orthographic view.
     files
         Files of the blocks: steps that they contain are not repeated.
-    folder
-        Folder of the other files.
+    maps
+        The maps ``solution`` and ``parts``, which are filled.
     on_progress
         Receives the stages ``integrating`` and ``joining blocks``.
     """
@@ -98,8 +97,7 @@ def solve_in_blocks(
     own = OwnSolutions(files, local.constants())
     rounds = _rounds(own, frees, (height, width), on_progress)
     files.remove_weights()
-    u = BandFile(folder / "solution.raw", (height, width), np.dtype(np.float64))
-    parts = BandFile(folder / "parts.raw", (height, width), np.dtype(np.int32))
+    u, parts = maps["solution"], maps["parts"]
     part_of, count = local.joined()
     numbers = np.full(count, -1, np.int32)
     sums, sizes = np.zeros(count), np.zeros(count, np.int64)
@@ -129,11 +127,9 @@ def solve_in_blocks(
 
 def _stored(files: BlockFiles, number: int, free: FreeSolution, before: int) -> Record:
     """Write the solution of a block; ``before`` is the number of parts of the blocks above."""
-    block, shared = files.blocks.blocks[number], 2 * files.blocks.halo
-    core = block.inner
+    core, shared = files.blocks.blocks[number].inner, 2 * files.blocks.halo
     labels = np.where(free.labels >= 0, free.labels + np.int32(before), np.int32(-1))
-    files.weights[block.core] = np.stack([free.right[core], free.down[core]], axis=1)
-    files.weights.sync()
+    files.write_weights(number, np.stack([free.right[core], free.down[core]], axis=1))
     files.write_solution(number, 0, free.u)
     files.write_labels(number, labels)
     meeting = NO_MEETING
@@ -161,8 +157,8 @@ def _rounds(
     done = files.record("rounds")
     if done is None:
         grid = CoarseGrid(size)
-        for block in own.blocks.blocks:
-            weights = files.weights[block.core]
+        for number, block in enumerate(own.blocks.blocks):
+            weights = files.core_weights(number)
             grid.add(block.core.start, weights[:, 0], weights[:, 1])
         several = [int(free["count"]) > 1 for free in frees]
         ends = np.concatenate([free["extremes"] for free in frees], axis=1) + own.constants

@@ -5,24 +5,99 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from processing._curvature.plane_fit import Planes, fit_planes, reach
-from processing._curvature.positions import surface_steps
 from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.scale import surface_scale
 
-Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Float = npt.NDArray[np.float32]
 
+# Cosine of the angle to the line of sight, within 6 degrees of edge-on.
+_LEAST_FACING = 0.1
+# The weights end at this many times the scale.
+_REACH = 4.0
+# Smallest variance of the positions along any direction, relative to that of a complete window;
+# half of a window has 0.36.
+_LEAST_SPREAD = 0.05
 _ROWS = 256
 # Steeper normals (beyond 84 degrees) have no slopes that could be used.
 _LEAST_NZ = 0.1
 _MOST_SCALE = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Planes:
+    """Planes ``value + right * x + up * y`` of C values around each pixel, x and y in pixels.
+
+    Parameters
+    ----------
+    value, right, up
+        ``(C, H, W)`` float64.
+    known
+        ``(H, W)`` bool, where the pixels of the mask determine them.
+    """
+
+    value: Double
+    right: Double
+    up: Double
+    known: Mask
+
+
+def _reach(scale_px: float) -> int:
+    """Return how many pixels around one take part in its fit."""
+    return max(1, int(np.ceil(_REACH * scale_px)))
+
+
+def _fit_planes(values: Double, mask: Mask, scale_px: float) -> _Planes:
+    """Fit planes by least squares with the weights ``exp(-(x^2 + y^2) / (2 scale^2))``.
+
+    Parameters
+    ----------
+    values
+        ``(C, H, W)`` float64, finite inside the mask.
+    mask
+        ``(H, W)`` bool; other pixels have no weight.
+    scale_px
+        Standard deviation of the weights in pixels.
+    """
+    offset = np.arange(-_reach(scale_px), _reach(scale_px) + 1, dtype=np.float64)
+    weight = np.exp(-0.5 * (offset / scale_px) ** 2)
+    weight /= weight.sum()
+    # Rows run down, y is up.
+    across = [weight * offset**power for power in range(3)]
+    along = [weight * (-offset) ** power for power in range(3)]
+
+    def moment(image: Double, x: int, y: int) -> Double:
+        filtered = cv2.sepFilter2D(
+            image, cv2.CV_64F, across[x], along[y], borderType=cv2.BORDER_CONSTANT
+        )
+        return np.asarray(filtered, np.float64)
+
+    inside = mask.astype(np.float64)
+    total = np.where(mask, moment(inside, 0, 0), 1.0)
+    x, y = moment(inside, 1, 0) / total, moment(inside, 0, 1) / total
+    xx = moment(inside, 2, 0) / total - x * x
+    xy = moment(inside, 1, 1) / total - x * y
+    yy = moment(inside, 0, 2) / total - y * y
+    least = (xx + yy) / 2 - np.hypot((xx - yy) / 2, xy)
+    known = mask & (least > _LEAST_SPREAD * across[2].sum())
+    determinant = np.where(known, xx * yy - xy * xy, 1.0)
+    value, right, up = np.zeros((3, *values.shape))
+    for i, image in enumerate(values):
+        weighted = np.where(mask, image, 0.0)
+        mean = moment(weighted, 0, 0) / total
+        with_x = moment(weighted, 1, 0) / total - x * mean
+        with_y = moment(weighted, 0, 1) / total - y * mean
+        right[i] = (yy * with_x - xy * with_y) / determinant
+        up[i] = (xx * with_y - xy * with_x) / determinant
+        value[i] = mean - right[i] * x - up[i] * y
+    return _Planes(value, right, up, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,21 +233,21 @@ def curvature(
         pixel_size=pixel_size,
         scale_px=scale_px,
     )
-    around = reach(scale_px)
+    around = _reach(scale_px)
     for top in range(0, normal_map.size[0], _ROWS):
         rows = slice(top, min(top + _ROWS, normal_map.size[0]))
         read = slice(max(top - around, 0), rows.stop + around)
         normals = normal_map.normals[read]
         usable = normal_map.mask[read] & (normals[..., 2] > _LEAST_NZ)
-        planes = fit_planes(
+        planes = _fit_planes(
             np.moveaxis(normals[..., :2], -1, 0).astype(np.float64), usable, scale_px
         )
         own = slice(rows.start - read.start, rows.stop - read.start)
-        planes = Planes(*(part[..., own, :] for part in vars(planes).values()))
+        planes = _Planes(*(part[..., own, :] for part in vars(planes).values()))
         if depth is None or camera is None:
             steps = pixel_size * np.eye(2)[..., None, None]
         else:
-            steps = surface_steps(camera, _unit(planes), depth[rows], top)
+            steps = _surface_steps(camera, _unit(planes), depth[rows], top)
         _write(result, rows, planes, steps)
     if not result.mask.any():
         height, columns = normal_map.size
@@ -197,13 +272,13 @@ def _depth(
     return depth
 
 
-def _unit(planes: Planes) -> Double:
+def _unit(planes: _Planes) -> Double:
     x, y = planes.value
     return np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, _LEAST_NZ**2))])
 
 
-def _write(result: Curvature, rows: slice, planes: Planes, steps: Double) -> None:
-    """Write the rows of the result: ``steps`` are X and Y by pixels, see `surface_steps`."""
+def _write(result: Curvature, rows: slice, planes: _Planes, steps: Double) -> None:
+    """Write the rows of the result: ``steps`` are X and Y by pixels, see `_surface_steps`."""
     x, y, z = _unit(planes)
     (x_right, x_up), (y_right, y_up) = steps
     area = x_right * y_up - x_up * y_right
@@ -243,3 +318,43 @@ def _direction_deg(slopes: tuple[Double, Double], jacobian: tuple[Double, ...]) 
     first = half >= 0
     along = np.where(first, half + root, s01), np.where(first, s10, root - half)
     return np.asarray(np.degrees(np.arctan2(along[1], along[0])) % 180.0)
+
+
+def _surface_steps(camera: CameraModel, normals: Double, depth: Double, first_row: int) -> Double:
+    """Return the change of X and Y of the surface from pixel to pixel.
+
+    A surface point is ``centre + d r`` with the ray r. Its tangents are at right angles to the
+    normal n, so the depth changes by ``-d (n . dr) / (n . r)``.
+
+    Parameters
+    ----------
+    camera
+        The camera.
+    normals
+        ``(3, R, W)`` unit normals of some rows.
+    depth
+        ``(R, W)`` depth d along the optical axis.
+    first_row
+        Row of the first of them in the image.
+
+    Returns
+    -------
+    NDArray
+        ``(2, 2, R, W)``: X and Y by one pixel to the right and one up, in the unit of the depth.
+        NaN where the surface is seen from behind or edge-on.
+    """
+    rows, columns = depth.shape
+    x, y = np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows) + float(first_row))
+
+    def rays(right: float, up: float) -> Double:
+        return np.moveaxis(camera.rays(np.stack([x + right, y - up], axis=-1)), -1, 0)
+
+    ray = rays(0, 0)
+    facing = -np.sum(normals * ray, axis=0)
+    facing = np.where(facing > _LEAST_FACING * np.linalg.norm(ray, axis=0), facing, np.nan)
+    steps = np.zeros((2, 2, rows, columns))
+    for i, (right, up) in enumerate(((0.5, 0.0), (0.0, 0.5))):
+        change = rays(right, up) - rays(-right, -up)
+        deeper = depth * np.sum(normals * change, axis=0) / facing
+        steps[:, i] = deeper * ray[:2] + depth * change[:2]
+    return steps

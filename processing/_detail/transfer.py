@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import MemoryMaps
+from processing._detail.choices import Tile
 from processing._detail.placement import Placement
 from processing._detail.seam import SeamSteps, border_steps
 from processing._detail.separation import Separation, separate, sums_of_rows
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.tile import Tile
-from processing._detail.transfer_rows import scale_slopes
-from processing._detail.transfer_stage import TransferStage
+from processing._detail.transfer_stage import TransferStage, scale_slopes
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
 from processing._stages.stage import run_steps

@@ -10,34 +10,283 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, Form, Maps, MapToFill
+from acquisition import DataError, Form, MapRows, Maps, MapToFill
+from processing._detail.choices import Tile
 from processing._detail.placement import Cover, Placement, place_at
-from processing._detail.rows import separate_rows
-from processing._detail.seam import border_sums
+from processing._detail.rotation import rotate_between, rotate_from_z
+from processing._detail.seam import SeamSteps, border_sums, steps_of_sums
+from processing._detail.separation import (
+    LEAST_ROWS,
+    fixed,
+    halo_rows,
+    pixel_bytes,
+    separate_rows,
+    sums_of_rows,
+    useful_rows,
+)
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.tile import Tile
-from processing._detail.transfer_figures import (
-    COLUMNS,
-    TransferFigures,
-    error_sums,
-    similarity_sums,
-)
-from processing._detail.transfer_memory import AROUND, TransferSizes
-from processing._detail.transfer_rows import (
-    PlacedDetail,
-    check_amplitude,
-    check_steps,
-    refined,
-    transferred,
-)
-from processing._metrics import angle_map_deg
+from processing._metrics import Protocol, angle_map_deg, mean_similarity, similarity_of_rows
+from processing._normal_map import NormalMap, directions
 from processing._stages.stage import Need, NormalRows, Size, Step, size_of
+from rig import in_threads
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+Double = npt.NDArray[np.float64]
 
+# Rows of a map that the similarity of a row needs above and below.
+AROUND = 5
+# Bytes per pixel of a band, besides those of its separation: the placed detail, its labels, the
+# shapes, the errors and what the similarities need.
+_OF_BAND = 110
+# Bytes per pixel if both maps are in memory, besides those of the separation: of the target while
+# its errors are measured, of the source meanwhile and while it is separated, of a map that waits.
+_TARGET, _SOURCE, _SEPARATED, _WAITING = 105, 25, 15, 13
+# Bytes per pixel: of masks while the maps are on disk, and while the second map is read.
+_MASKS, _READING = 4, 6
+_PROTOCOLS: tuple[Protocol, ...] = ("masked", "paper")
+# Columns of the sums: errors, errors with the paper's filter, similarities, steps.
+COLUMNS = 2 + 2 + 4 + 4
 # Bytes for each pixel of the rectangle and of a row of copies while cuts are found.
 _RECTANGLE, _COPIES = 40, 12
+
+
+@dataclass(frozen=True, eq=False)
+class _PlacedDetail:
+    """The detail of a source as it is placed on a target, whose rows are computed on request.
+
+    Parameters
+    ----------
+    normals, mask
+        ``(h, w, 3)`` and ``(h, w)``: the detail of the source.
+    room
+        ``(H, W)`` bool, the mask of the target.
+    placement
+        Position of the source on the target.
+    amplitude
+        Factor on the slopes of the detail.
+    """
+
+    normals: MapRows
+    mask: Mask
+    room: Mask
+    placement: Placement
+    amplitude: float
+
+    def rows(self, rows: slice) -> tuple[Float, Mask]:
+        """Return the normals of some rows, and which pixels of the target receive detail."""
+        placed = self.placement.place_rows(self.normals, self.mask, self.room, rows)
+        return _scaled_slopes(*placed, self.amplitude)
+
+
+def _scaled_slopes(normals: Float, mask: Mask, amplitude: float) -> tuple[Float, Mask]:
+    """Return rows of a detail with its slopes multiplied by a factor, and where they are known."""
+    if amplitude == 1:
+        return normals, mask
+    scaled = normals * np.array([amplitude, amplitude, 1.0], np.float32)
+    # At amplitude 0 a horizontal normal becomes a zero vector; replace it by z, no detail.
+    scaled[mask & ~scaled.any(axis=2)] = (0, 0, 1)
+    found, known = np.zeros(normals.shape, np.float32), np.zeros(mask.shape, np.bool_)
+    in_threads(directions, len(mask), scaled, mask, found, known)
+    return found, known
+
+
+def scale_slopes(detail: NormalMap, amplitude: float) -> NormalMap:
+    """Return a detail with its slopes multiplied by a factor.
+
+    Raises
+    ------
+    DataError
+        If the amplitude is not finite.
+    """
+    _check_amplitude(amplitude)
+    if amplitude == 1:
+        return detail
+    return NormalMap(*_scaled_slopes(detail.normals, detail.mask, amplitude))
+
+
+def _check_amplitude(amplitude: float) -> None:
+    """Raise `DataError` if a factor on slopes is not finite."""
+    if not np.isfinite(amplitude):
+        raise DataError(
+            f"a detail amplitude of {amplitude} is not a finite number: use 1 to keep the detail"
+        )
+
+
+def _check_steps(refine: int) -> None:
+    """Raise `DataError` if a number of refinement steps is negative."""
+    if refine < 0:
+        raise DataError(f"the number of refinement steps cannot be negative: {refine}")
+
+
+def _transferred(detail: Float, received: Mask, ground: Float, target: Float) -> Float:
+    """Return rows of a target that received detail.
+
+    Parameters
+    ----------
+    detail, received
+        Detail in the local frames of the ground, and where there is some.
+    ground
+        The shape of the target, or its normals.
+    target
+        The normals of the target, which others keep.
+    """
+    return np.where(received[..., None], rotate_from_z(detail, ground), target)
+
+
+def _refined(normals: Float, received: Mask, has: Float, wanted: Float) -> Float:
+    """Return rows of a result, rotated from the shape that it has to the one that is wanted."""
+    return np.where(received[..., None], rotate_between(normals, has, wanted), normals)
+
+
+@dataclass(frozen=True)
+class TransferSizes:
+    """What the memory of a transfer depends on.
+
+    Parameters
+    ----------
+    source, target
+        (height, width) of the maps.
+    shape_filter
+        The filter that separates them.
+    refine
+        Number of corrections.
+    """
+
+    source: tuple[int, int]
+    target: tuple[int, int]
+    shape_filter: ShapeFilter = ShapeFilter()
+    refine: int = 0
+
+    @property
+    def halo(self) -> int:
+        """Rows above and below a band that it reads."""
+        return halo_rows(self.shape_filter) + AROUND
+
+    def whole(self) -> int:
+        """Return the bytes of a program that reads both maps and calls `transfer`."""
+        source, target = (height * width for height, width in (self.source, self.target))
+        filtered = pixel_bytes(self.shape_filter)
+        return fixed() + max(
+            source * (_SEPARATED + filtered) + target * _WAITING,
+            source * _SOURCE + target * (_TARGET + filtered),
+        )
+
+    def least(self) -> int:
+        """Return the bytes of a transfer in bands, at least."""
+        around = min(2 * self.halo, self._height()) * self._filtered()
+        band = around + min(LEAST_ROWS, self._height()) * self._row()
+        return min(self._outside() + band, self.whole())
+
+    def band_rows(self, memory: int) -> int:
+        """Return the rows of a band for which a number of bytes is enough."""
+        free = memory - self._outside() - 2 * self.halo * self._filtered()
+        return useful_rows(free // self._row(), self.halo)
+
+    def spare(self, memory: int) -> int:
+        """Return the bytes that are left for a part of the source before the first band."""
+        return memory - self._outside()
+
+    def _outside(self) -> int:
+        """Return the bytes besides a band."""
+        source, target = (height * width for height, width in (self.source, self.target))
+        held = _MASKS * target + source
+        return fixed() + max(_READING * source, _READING * target + source, held)
+
+    def _filtered(self) -> int:
+        """Return the bytes of a row that is only filtered."""
+        return max(self.source[1], self.target[1]) * pixel_bytes(self.shape_filter)
+
+    def _row(self) -> int:
+        """Return the bytes of a row of a band."""
+        return self._filtered() + max(self.source[1], self.target[1]) * _OF_BAND
+
+    def _height(self) -> int:
+        return max(self.source[0], self.target[0])
+
+
+@dataclass(frozen=True)
+class TransferFigures:
+    """Figures of a transfer.
+
+    Parameters
+    ----------
+    shape_mae_deg, detail_mae_deg
+        Mean errors of `TransferFidelity`.
+    shape_mae_deg_paper, detail_mae_deg_paper
+        The same with the paper's filter.
+    shape_ssim, shape_ssim_paper, detail_ssim, detail_ssim_paper
+        Similarities of the shapes and of the details, over the pixels that received detail and in
+        the protocol of the paper.
+    seam
+        Steps of the detail across the borders of copies, and inside.
+    pixels
+        Number of the pixels that received detail.
+    """
+
+    shape_mae_deg: float
+    detail_mae_deg: float
+    shape_mae_deg_paper: float
+    detail_mae_deg_paper: float
+    shape_ssim: float
+    shape_ssim_paper: float
+    detail_ssim: float
+    detail_ssim_paper: float
+    seam: SeamSteps
+    pixels: int
+
+    @classmethod
+    def of_sums(cls, sums: Double, received: Mask) -> TransferFigures:
+        """Return the figures of the sums ``(H, COLUMNS)`` of all rows."""
+        pixels = int(np.count_nonzero(received))
+        columns = [np.ascontiguousarray(column) for column in sums.T]
+        shape, detail, shape_paper, detail_paper = (
+            float(column.sum() / pixels) for column in columns[:4]
+        )
+        similar = [
+            mean_similarity(column, received, protocol)
+            for column, protocol in zip(columns[4:8], 2 * _PROTOCOLS, strict=True)
+        ]
+        return cls(
+            shape_mae_deg=shape,
+            detail_mae_deg=detail,
+            shape_mae_deg_paper=shape_paper,
+            detail_mae_deg_paper=detail_paper,
+            shape_ssim=similar[0],
+            shape_ssim_paper=similar[1],
+            detail_ssim=similar[2],
+            detail_ssim_paper=similar[3],
+            seam=steps_of_sums(sums[:, 8:]),
+            pixels=pixels,
+        )
+
+
+def _error_sums(errors: tuple[Float, Float], received: Mask) -> Double:
+    """Return ``(n, 2)`` sums over rows of two maps of errors."""
+    return np.stack([sums_of_rows(values, received) for values in errors], axis=1)
+
+
+def _similarity_sums(
+    pairs: tuple[tuple[Float, Float], tuple[Float, Float]], mask: Mask, received: Mask
+) -> Double:
+    """Return ``(n, 4)`` sums over rows of the similarities of shapes and of details.
+
+    Parameters
+    ----------
+    pairs
+        Shapes of result and target, then details of the result and of the source.
+    mask, received
+        Where the target has a normal, and where it received detail.
+    """
+    masks = (mask, mask), (mask, received)
+    return np.stack(
+        [
+            similarity_of_rows(*pair, known, received, protocol)
+            for pair, known in zip(pairs, masks, strict=True)
+            for protocol in _PROTOCOLS
+        ],
+        axis=1,
+    )
 
 
 @dataclass(frozen=True)
@@ -81,8 +330,8 @@ class TransferStage:
     tile: Tile = "cut"
 
     def __post_init__(self) -> None:
-        check_steps(self.refine)
-        check_amplitude(self.amplitude)
+        _check_steps(self.refine)
+        _check_amplitude(self.amplitude)
 
     @property
     def result(self) -> str:
@@ -162,7 +411,7 @@ class TransferStage:
             self._check_cuts(way, sizes, memory)
         most = None if memory is None else sizes.band_rows(memory)
         masks = source.mask, target.mask
-        detail = PlacedDetail(maps["source_detail"], *masks, placement, self.amplitude)
+        detail = _PlacedDetail(maps["source_detail"], *masks, placement, self.amplitude)
 
         def separate(rows: slice) -> None:
             for name, used in (("source_detail", by), ("paper_detail", self._paper)):
@@ -179,13 +428,13 @@ class TransferStage:
             own = target.normals[rows]
             maps["shape"][rows], maps["received"][rows] = shape, received
             ground = own if self.keep_target_detail else shape
-            maps["normals"][rows] = transferred(placed, received, ground, own)
+            maps["normals"][rows] = _transferred(placed, received, ground, own)
 
         def corrected(before: MapToFill, after: MapToFill) -> Callable[[slice], None]:
             def correct(rows: slice) -> None:
                 has, _ = separate_rows(before, target.mask, rows, shape_filter=by)
                 received = maps["received"][rows]
-                after[rows] = refined(before[rows], received, has, maps["shape"][rows])
+                after[rows] = _refined(before[rows], received, has, maps["shape"][rows])
 
             return correct
 
@@ -210,7 +459,7 @@ class TransferStage:
         maps: Maps,
         target: NormalRows,
         rows: slice,
-        detail: PlacedDetail,
+        detail: _PlacedDetail,
     ) -> None:
         """Write errors and sums of some rows."""
         normals, mask, by = maps[self.result], target.mask, self.shape_filter
@@ -221,18 +470,18 @@ class TransferStage:
         placed, received = detail.rows(wide)
         wanted = maps["shape"][wide], placed
         shapes, details = ((has[k], wanted[k]) for k in (0, 1))
-        similar = similarity_sums((shapes, details), mask[wide], received)[inner]
+        similar = _similarity_sums((shapes, details), mask[wide], received)[inner]
         got = received[inner]
         errors = _errors(wanted, has, inner, got)
         maps["shape_error"][rows], maps["detail_error"][rows] = errors
-        sums = [error_sums(errors, got)]
+        sums = [_error_sums(errors, got)]
         del has, shapes, details, errors, wanted
         has = separate_rows(normals, mask, rows, shape_filter=self._paper)
         wanted = (
             separate_rows(target.normals, mask, rows, shape_filter=self._paper)[0],
             as_paper.rows(rows)[0],
         )
-        sums += [error_sums(_errors(wanted, has, slice(None), got), got), similar]
+        sums += [_error_sums(_errors(wanted, has, slice(None), got), got), similar]
         del has, wanted
         sums.append(self._border_sums(detail.placement, placed, received, inner, wide))
         maps["sums"][rows] = np.concatenate(sums, axis=1)

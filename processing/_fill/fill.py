@@ -14,14 +14,15 @@ from acquisition import DataError
 from processing._detail.rotation import rotate_from_z, rotate_to_z
 from processing._detail.seam import SeamSteps, seam_steps
 from processing._detail.shape_filter import ShapeFilter
-from processing._fill.harmonic import harmonic_normals
 from processing._fill.quilted import fill_detail
 from processing._normal_map import NormalMap, check_normal_map
+from processing._surface.multigrid import coarsened, solve
 from rig import Progress, no_progress, pluralize
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
+_TOLERANCE = 1e-7
 _LEAST_PATCH = 6
 # The filter at the rim sees the continued shape; this often the shape is continued again.
 _ROUNDS = 3
@@ -200,11 +201,11 @@ def _checked(normal_map: NormalMap, holes: Mask, patch: int, overlap: int, seed:
 
 def _continued_shape(given: NormalMap, holes: Mask, shape_filter: ShapeFilter) -> Float:
     """Return the shape component, continued into the holes."""
-    shape = harmonic_normals(shape_filter.shape(given).normals, given.mask, holes)
+    shape = _harmonic_normals(shape_filter.shape(given).normals, given.mask, holes)
     for _ in range(_ROUNDS):
         whole = np.where(holes[..., None], shape, given.normals)
         around = shape_filter.shape(NormalMap(whole, given.mask | holes)).normals
-        shape = harmonic_normals(around, given.mask, holes)
+        shape = _harmonic_normals(around, given.mask, holes)
     return shape
 
 
@@ -212,3 +213,55 @@ def _mean_angle_deg(detail: NormalMap, part: Mask) -> float:
     known = detail.normals[part]
     angles = np.arctan2(np.hypot(known[:, 0], known[:, 1]), known[:, 2])
     return math.degrees(float(np.mean(angles, dtype=np.float64)))
+
+
+def _harmonic_normals(normals: Float, known: Mask, holes: Mask) -> Float:
+    """Continue unit vectors into holes, n_x and n_y as harmonic functions.
+
+    Both solve Laplace's equation with the known vectors around the holes; where a hole meets pixels
+    that are neither known nor in a hole, its border is free. The vectors of a sphere are continued
+    exactly, because its n_x and n_y are linear functions of x and y. n_z is positive.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` float32 unit vectors.
+    known, holes
+        ``(H, W)`` bool, without common pixels. Every connected part of the holes touches a known
+        pixel.
+
+    Returns
+    -------
+    Float
+        ``(H, W, 3)`` float32: `normals`, with unit vectors in the holes.
+    """
+    rows, columns = np.flatnonzero(holes.any(axis=1)), np.flatnonzero(holes.any(axis=0))
+    box = (
+        slice(max(rows[0] - 1, 0), rows[-1] + 2),
+        slice(max(columns[0] - 1, 0), columns[-1] + 2),
+    )
+    continued = normals.copy()
+    continued[box] = _solved(normals[box], known[box], holes[box])
+    return continued
+
+
+def _solved(normals: Float, known: Mask, holes: Mask) -> Float:
+    inside, given = np.pad(holes, 1), np.pad(known, 1)
+    right, down = np.zeros(inside.shape, np.float32), np.zeros(inside.shape, np.float32)
+    right[:, :-1] = inside[:, :-1] & inside[:, 1:]
+    down[:-1] = inside[:-1] & inside[1:]
+    fixed = np.pad(np.where(known[..., None], normals, 0), ((1, 1), (1, 1), (0, 0)))
+    anchors, sums = np.zeros(inside.shape, np.float32), np.zeros((*inside.shape, 2))
+    for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        anchors += np.roll(given, step, axis) & inside
+        sums += np.roll(fixed[..., :2], step, axis) * inside[..., None]
+    levels = coarsened(right, down, anchors)
+    found = [
+        solve(right, down, sums[..., k], anchors=anchors, levels=levels, tolerance=_TOLERANCE).u
+        for k in (0, 1)
+    ]
+    x, y = (part[1:-1, 1:-1] for part in found)
+    z = np.sqrt(np.maximum(1 - x**2 - y**2, 0))
+    vectors = np.dstack([x, y, z])
+    vectors /= np.maximum(np.linalg.norm(vectors, axis=2, keepdims=True), 1e-30)
+    return np.where(holes[..., None], vectors, normals).astype(np.float32)

@@ -100,5 +100,4 @@ def _against(codes: Codes, totals: Codes) -> npt.NDArray[np.bool_]:
     name = np.minimum(here, there)
     fewer = 2 * np.bincount(name, side) > np.bincount(name)
     # A Moebius strip has only one side, so no orientation is wrong.
-    against: npt.NDArray[np.bool_] = (side ^ fewer[name]) & (here != there)
-    return against
+    return np.asarray((side ^ fewer[name]) & (here != there))

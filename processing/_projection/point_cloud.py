@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import binary_erosion
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from calibration import EstimateError
-from processing._projection.point_cloud_kernels import splat
-from processing._projection.point_cloud_orient import orient
 from processing._projection.rasterize import NEAR_SHARE, Drawn
 from processing._projection.rasterize_kernels import BAND_ROWS, sort_into_bands
 from processing._projection.view import Raster
@@ -22,8 +21,17 @@ from rig import Notice, Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
+Whole = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 
+# Smallest cosine between line of sight and normal that is used to intersect a disc: the
+# intersection of a grazing ray would be far away.
+_GRAZING = 0.1
+# Tangent of the largest change of a normal within its disc.
+_MOST_BENT = 0.5
+_NEIGHBOURS = 8
+# Keeps paths short if all normals are parallel.
+_STEP = 1e-3
 # Number of points whose neighbours are processed together; it limits the memory.
 _CHUNK = 100_000
 # A neighbourhood is a line if its relative spread across the line is below this.
@@ -320,7 +328,7 @@ def draw_points(surfels: Surfels, raster: Raster) -> Drawn:
         out = np.zeros((rows, columns, 3), np.float32)
         height = np.full((rows, columns), np.nan, np.float32)
         in_threads(
-            splat, len(begin) - 1, points, normals, bends, radii, pixels, reach_px, members, begin,
+            _splat, len(begin) - 1, points, normals, bends, radii, pixels, reach_px, members, begin,
             BAND_ROWS, *sights, raster.eye_mm, out, height,
         )  # fmt: skip
         return out, height
@@ -362,3 +370,157 @@ def _covered(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], drawn: Mas
     pixels[: drawn.shape[0], : drawn.shape[1]] = drawn
     share = pixels.reshape(rows, size, columns, size).mean(axis=(1, 3))
     return float(share[inner].mean()) if inner.any() else 1.0
+
+
+def orient(points: Double, normals: Double, front: npt.NDArray[np.bool_]) -> Double:
+    """Propagate the orientation of the points in front to all other points.
+
+    A point takes its orientation from the previous point on the path from the front along which the
+    normals change least (after Hoppe et al., 1992, who grow one tree from one point).
+
+    Parameters
+    ----------
+    points
+        ``(N, 3)``.
+    normals
+        ``(N, 3)`` unit vectors; of either sign for points that are not in front.
+    front
+        ``(N,)``, True for points whose sign is correct.
+
+    Returns
+    -------
+    Double
+        ``(N, 3)`` normals; points without a path from the front keep their normals.
+    """
+    count = min(_NEIGHBOURS, len(points))
+    _, near = cKDTree(points).query(points, count)
+    # Normals of a few digits may be longer than 1, and negative lengths of paths never end.
+    bend = np.maximum(1 - np.abs(np.einsum("nki,ni->nk", normals[near], normals)), -_STEP) + _STEP
+    begin = np.arange(len(points) + 1) * count
+    graph = csr_array((bend.ravel(), near.ravel(), begin), (len(points), len(points)))
+    length, before, _ = dijkstra(
+        graph, directed=False, indices=np.flatnonzero(front), return_predecessors=True,
+        min_only=True,
+    )  # fmt: skip
+    order = np.argsort(length, kind="stable")
+    oriented = normals.copy()
+    _carry(oriented, before.astype(np.int64), order[~front[order]])
+    return oriented
+
+
+@numba.njit(cache=True)
+def _carry(normals: Double, before: npt.NDArray[np.int64], order: npt.NDArray[np.int64]) -> None:
+    for i in order:
+        j = before[i]
+        if j >= 0:
+            dot = 0.0
+            for axis in range(3):
+                dot += normals[i, axis] * normals[j, axis]
+            if dot < 0:
+                for axis in range(3):
+                    normals[i, axis] = -normals[i, axis]
+
+
+@numba.njit(cache=True)
+def _meet(
+    dx: float, dy: float, ray_x: float, ray_y: float, nx: float, ny: float, nz: float
+) -> tuple[float, float]:
+    """Return how far below the disc's centre a line meets its plane, and the squared distance.
+
+    ``dx`` and ``dy`` are the offset from the line to the centre at the centre's height.
+    """
+    # Normals point toward the viewer, the line points away.
+    t = -(nx * dx + ny * dy) / max(nz - nx * ray_x - ny * ray_y, _GRAZING)
+    x, y = t * ray_x - dx, t * ray_y - dy
+    return t, x * x + y * y + t * t
+
+
+@numba.njit(cache=True)
+def _bent(
+    bend: Double, x: float, y: float, z: float, nx: float, ny: float, nz: float
+) -> tuple[float, float, float]:
+    """Return the unit normal at an offset from a disc's centre."""
+    bx = bend[0, 0] * x + bend[0, 1] * y + bend[0, 2] * z
+    by = bend[1, 0] * x + bend[1, 1] * y + bend[1, 2] * z
+    bz = bend[2, 0] * x + bend[2, 1] * y + bend[2, 2] * z
+    scale = _MOST_BENT / max(math.sqrt(bx * bx + by * by + bz * bz), _MOST_BENT)
+    mx, my, mz = nx + scale * bx, ny + scale * by, nz + scale * bz
+    length = math.sqrt(mx * mx + my * my + mz * mz)
+    return mx / length, my / length, mz / length
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def _splat(
+    first_band: int,
+    last_band: int,
+    points: Double,
+    point_normals: Double,
+    bends: Double,
+    radii: Double,
+    pixels: Double,
+    reach_px: Double,
+    members: Whole,
+    begin: npt.NDArray[np.int64],
+    band_rows: int,
+    x: Double,
+    y: Double,
+    rays: Double,
+    eye_z: float,
+    normals: Float,
+    height: Float,
+) -> None:
+    """Blend the discs of the nearest layer at each pixel into normals and heights.
+
+    A layer consists of the discs within one disc radius behind the nearest disc. Weights decrease
+    from the disc's centre to 0 at its rim. ``bends`` ``(N, 3, 3)`` times the offset from the centre
+    is the change of the normal. Lines of sight are those of
+    `processing._projection.rasterize_kernels.shade`.
+    """
+    rows, columns = height.shape
+    bent = rays.shape[0] > 1
+    for band in range(first_band, last_band):
+        first = band * band_rows
+        last = min(first + band_rows, rows) - 1
+        nearest = np.full((band_rows, columns), -np.inf)
+        total = np.zeros((band_rows, columns, 5))
+        for blend in (False, True):
+            for m in range(begin[band], begin[band + 1]):
+                i = members[m]
+                nx, ny, nz = point_normals[i, 0], point_normals[i, 1], point_normals[i, 2]
+                below = eye_z - points[i, 2]
+                reach2 = radii[i] ** 2
+                top = max(math.ceil(pixels[i, 1] - reach_px[i]), first)
+                bottom = min(math.floor(pixels[i, 1] + reach_px[i]), last)
+                left = max(math.ceil(pixels[i, 0] - reach_px[i]), 0)
+                right = min(math.floor(pixels[i, 0] + reach_px[i]), columns - 1)
+                for r in range(top, bottom + 1):
+                    for c in range(left, right + 1):
+                        ray_x = rays[r, c, 0] if bent else rays[0, 0, 0]
+                        ray_y = rays[r, c, 1] if bent else rays[0, 0, 1]
+                        dx = points[i, 0] - x[c] - below * ray_x
+                        dy = points[i, 1] - y[r] - below * ray_y
+                        t, distance2 = _meet(dx, dy, ray_x, ray_y, nx, ny, nz)
+                        if distance2 >= reach2:
+                            continue
+                        z = points[i, 2] - t
+                        if not blend:
+                            nearest[r - first, c] = max(nearest[r - first, c], z)
+                        elif z >= nearest[r - first, c] - radii[i]:
+                            w = (1 - distance2 / reach2) ** 3
+                            mx, my, mz = _bent(
+                                bends[i], t * ray_x - dx, t * ray_y - dy, -t, nx, ny, nz
+                            )
+                            total[r - first, c, 0] += w * mx
+                            total[r - first, c, 1] += w * my
+                            total[r - first, c, 2] += w * mz
+                            total[r - first, c, 3] += w * z
+                            total[r - first, c, 4] += w
+        for r in range(first, last + 1):
+            for c in range(columns):
+                sum_x, sum_y, sum_z = total[r - first, c, :3]
+                length = math.sqrt(sum_x * sum_x + sum_y * sum_y + sum_z * sum_z)
+                if length > 0:
+                    normals[r, c, 0] = sum_x / length
+                    normals[r, c, 1] = sum_y / length
+                    normals[r, c, 2] = sum_z / length
+                    height[r, c] = total[r - first, c, 3] / total[r - first, c, 4]

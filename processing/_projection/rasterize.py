@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from calibration import EstimateError
 from processing._projection import rasterize_kernels as kernels
-from processing._projection.creases import (
-    blended_with_given,
-    corners_at_creases,
-    crease_angle_deg,
-    faces_at_tips,
-)
+from processing._projection.manifold import neighbours
+from processing._projection.mesh_kernels import half_edges
 from processing._projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 Whole = npt.NDArray[np.int32]
+Index = npt.NDArray[np.int64]
 
+# The usual crease angle. Another one is chosen if the edges of a part leave no gap around it.
+_USUAL_DEG: Final = 40
+_LEAST_DEG, _MOST_DEG = 32, 60
+# Half the width of a gap: the edges of a cylinder of 24 segments turn by 15 degrees.
+_GAP_DEG: Final = 8
+# Edges in the gap, relative to the sharper ones: the edges of scanned and of decimated meshes
+# have all angles, ever fewer of the larger ones; there it is .5 and more.
+_MOST_BETWEEN: Final = 0.05
+# Share of all edges, by length: a few folded faces do not make a part.
+_LEAST_SHARP: Final = 1e-3
+# The normal of a face that is longer than this many times its width is uncertain.
+_LONGEST: Final = 1e3
+# Half-edges that are enough to judge a mesh.
+_ENOUGH: Final = 300_000
+# Angles to normals of the file that rounding and the coarseness of a mesh explain.
+_ROUNDING_DEG: Final = 0.5
 # Points closer to the camera than this fraction of the working distance are not drawn.
 NEAR_SHARE = 1e-3
 # Fraction of pixels that may show the back of a face: a few do on the silhouette of any mesh.
@@ -153,9 +169,9 @@ def _normals_of_corners(
     corners = faces
     crease_deg = crease_angle_deg(vertices, faces)
     if crease_deg is not None:
-        corners, sharp = corners_at_creases(vertices, faces, crease_deg)
+        corners, sharp = _corners_at_creases(vertices, faces, crease_deg)
         blended, _ = kernels.vertex_normals(vertices, faces, corners, int(corners.max()) + 1)
-        blended, corners = faces_at_tips(vertices, faces, blended, corners, crease_deg)
+        blended, corners = _faces_at_tips(vertices, faces, blended, corners, crease_deg)
         text = (
             f"edges at which faces turn by more than {crease_deg:.0f} degrees stay sharp: {sharp}; "
             "the mesh is a part with hard edges"
@@ -163,7 +179,7 @@ def _normals_of_corners(
         notices.append(Notice("creases-kept", text))
     if given is None:
         return blended, corners, notices
-    used, off_deg = blended_with_given(given, blended[corners], vertices, faces)
+    used, off_deg = _blended_with_given(given, blended[corners], vertices, faces)
     if off_deg:
         text = (
             f"the normals in the file differ by {off_deg:.1f} degrees (median) from those of the "
@@ -172,3 +188,145 @@ def _normals_of_corners(
         notices.append(Notice("vertex-normals-doubtful", text))
         return blended, corners, notices
     return used.reshape(-1, 3), np.arange(used.size // 3, dtype=np.int32).reshape(-1, 3), notices
+
+
+def crease_angle_deg(vertices: Double, faces: Whole) -> float | None:
+    """Return the angle that separates sharp edges from others; None if there is no such angle.
+
+    The edges of a part with hard edges turn either by little, within its smooth faces, or by much.
+    Those of a scan turn by all angles, so that no edge can be called sharp.
+
+    Parameters
+    ----------
+    vertices
+        ``(V, 3)``.
+    faces
+        ``(F, 3)`` faces that have an area.
+    """
+    first, second = _pairs(faces, max(3 * len(faces) // _ENOUGH, 1))
+    angle, _, sound = _angles(vertices, faces, first, second)
+    begin, end = (faces[first % len(faces), (first // len(faces) + k) % 3] for k in (0, 1))
+    length = np.linalg.norm(vertices[begin] - vertices[end], axis=1) * sound
+    for centre in sorted(range(_LEAST_DEG, _MOST_DEG + 1), key=lambda deg: abs(deg - _USUAL_DEG)):
+        above = length[angle >= centre + _GAP_DEG].sum()
+        between = length[np.abs(angle - centre) < _GAP_DEG].sum()
+        if above > _LEAST_SHARP * length.sum() and between <= _MOST_BETWEEN * above:
+            return float(centre)
+    return None
+
+
+def _corners_at_creases(vertices: Double, faces: Whole, crease_deg: float) -> tuple[Whole, int]:
+    """Return numbers of normals for the corners of faces; equal ones share a normal.
+
+    Returns
+    -------
+    tuple
+        ``(F, 3)`` numbers from 0, and the number of sharp edges. Faces on both sides of an edge
+        share the normals at its ends if they turn by less than the crease angle.
+    """
+    first, second = _pairs(faces)
+    angle, alike, _ = _angles(vertices, faces, first, second)
+    smooth = angle < crease_deg
+    count = len(faces)
+    one, two, alike = first[smooth], second[smooth], alike[smooth]
+    # The half-edge h of a face begins at the corner h and ends at the next one.
+    one_end, two_end = (one + count) % (3 * count), (two + count) % (3 * count)
+    begin = np.concatenate([one, one_end])
+    end = np.concatenate([np.where(alike, two, two_end), np.where(alike, two_end, two)])
+    links = coo_array((np.ones(len(begin), np.int8), (begin, end)), shape=(3 * count, 3 * count))
+    _, part = connected_components(links, directed=False)
+    return (
+        np.ascontiguousarray(part.reshape(3, count).T, np.int32),
+        int(np.count_nonzero(~smooth)),
+    )
+
+
+def _faces_at_tips(
+    vertices: Double, faces: Whole, blended: Float, corners: Whole, crease_deg: float
+) -> tuple[Float, Whole]:
+    """Replace normals far from those of their faces, as at the tip of a cone, by these.
+
+    Parameters
+    ----------
+    vertices, faces
+        ``(V, 3)`` and ``(F, 3)``.
+    blended
+        ``(N, 3)`` normals.
+    corners
+        ``(F, 3)`` their numbers at the corners of the faces.
+    crease_deg
+        The crease angle.
+    """
+    normal, _ = _face_normals(vertices, faces)
+    far = np.degrees(_angle(blended[corners], normal[:, None])) > crease_deg
+    face, _ = np.nonzero(far)
+    corners = corners.copy()
+    corners[far] = len(blended) + np.arange(len(face))
+    return np.concatenate([blended, normal[face].astype(np.float32)]), corners
+
+
+def _pairs(faces: Whole, every: int = 1) -> tuple[Index, Index]:
+    """Return the half-edges of edges with two faces."""
+    codes, places = half_edges(faces, every)
+    first, second = neighbours(codes)
+    return places[first], places[second]
+
+
+def _angles(
+    vertices: Double, faces: Whole, first: Index, second: Index
+) -> tuple[Double, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Return by how many degrees neighbours turn, which run alike, and which normals are sound."""
+    count = len(faces)
+    (one, wide), (two, also) = (_face_normals(vertices, faces[h % count]) for h in (first, second))
+    alike = faces[first % count, first // count] == faces[second % count, second // count]
+    angle = np.degrees(_angle(one, np.where(alike[:, None], -two, two)))
+    return angle, alike, wide & also
+
+
+def _face_normals(vertices: Double, faces: Whole) -> tuple[Double, npt.NDArray[np.bool_]]:
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    cross = np.cross(b - a, c - a)
+    longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    area = np.linalg.norm(cross, axis=1)
+    return cross / np.maximum(area, 1e-300)[:, None], area * _LONGEST > longest
+
+
+def _angle(a: npt.NDArray[np.floating], b: npt.NDArray[np.floating]) -> Double:
+    crossed = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.asarray(np.arctan2(crossed, (a * b).sum(axis=-1)), np.float64)
+
+
+def _blended_with_given(
+    given: npt.NDArray[np.floating], blended: Float, vertices: Double, faces: Whole
+) -> tuple[Float, float]:
+    """Return the normals of the file where they fit the faces, else blended ones.
+
+    Parameters
+    ----------
+    given
+        ``(F, 3, 3)`` normals of corners in the file, unit vectors of either sign or NaN.
+    blended
+        ``(F, 3, 3)`` normals that are blended over the faces.
+    vertices, faces
+        ``(V, 3)`` and ``(F, 3)``.
+
+    Returns
+    -------
+    tuple
+        ``(F, 3, 3)`` normals; the median angle in degrees by which those of the file differ from
+        the blended ones if it is too large for them to be used, else 0.
+    """
+    normal, _ = _face_normals(vertices, faces)
+    face = np.repeat(normal[:, None], 3, axis=1)
+    given = np.where((given * face).sum(axis=-1, keepdims=True) < 0, -given, given)
+    known = np.isfinite(given).all(axis=-1)
+    if not known.any():
+        return blended, 0.0
+    off = math.degrees(float(np.median(_angle(given[known], blended[known]))))
+    coarse = math.degrees(float(np.median(_angle(blended[known], face[known]))))
+    # Normals of the true surface are far nearer to the blended ones than those of the faces are.
+    if off > 0.5 * coarse + _ROUNDING_DEG:
+        return blended, off
+    close = np.asarray((np.where(known[..., None], given, 0) * face).sum(axis=-1) > 0.5)
+    near = known & close
+    return np.where(near[..., None], given, blended).astype(np.float32), 0.0

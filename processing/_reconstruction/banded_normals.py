@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from processing._reconstruction.error_bars import (
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.recorded_images import Band, RowSample
 from processing._reconstruction.specular import mean_excess
-from processing._reconstruction.surface_points import SurfacePoints
+from processing._reconstruction.views import SurfacePoints
 from processing._stereo.frames import Frames
 from processing._stereo.image_noise import law_of_images
 from processing._stereo.light_model import LightModel
@@ -40,7 +40,7 @@ Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 # Rows around a pixel on which its error bars depend.
-AROUND = 2
+_AROUND = 2
 # Pixels whose light vectors show whether the lights are in one plane.
 _CHECKED = 200
 
@@ -57,55 +57,52 @@ def map_forms(shape: tuple[int, ...], lights: int) -> dict[str, Form]:
     return of_pixels | error_bar_forms(shape, lights)
 
 
+class BandSolver(Protocol):
+    """Solves the rows of bands, after it has examined some rows."""
+
+    colour: ClassVar[bool]
+
+    def solve(self, band: Band) -> None:
+        """Write the maps of the rows of a band."""
+
+
 def solve_bands(
     examined: Examination,
-    method: Method,
+    solver: BandSolver,
     on_progress: Progress,
     maps: Maps,
-    rows: int | None = None,
-    on_band: Callable[[slice], object] = lambda rows: None,
-) -> ShownBySample:
-    """Solve gray images band by band; the result does not depend on the bands.
-
-    The samples of a block of pixels are read once, for its normals, error bars and gloss.
+    rows: int | None,
+    on_band: Callable[[slice], object],
+) -> None:
+    """Solve images band by band; the result does not depend on the bands.
 
     Parameters
     ----------
     examined
         Images, lights and points.
-    method
-        Method of `photometric_stereo`.
+    solver
+        Fills the maps.
     on_progress
         Receives the stage ``normals``, one step per pixel.
     maps
-        Maps of the forms of `map_forms`, of which the missing rows are filled, and ``first`` and
-        ``last``, the images of these lights, if they are there. The first two maps of error bars
-        hold variances.
+        Maps of which the missing rows are filled.
     rows
-        Rows of a band; default: as many as need 128 MB.
+        Rows of a band; None for as many as need 128 MB.
     on_band
         Receives the rows of each band when they are filled, before they are complete.
-
-    Raises
-    ------
-    EstimateError
-        As `photometric_stereo`.
     """
     mask = examined.mask
-    check_lights(examined.lights, examined.points, mask)
-    solver = _Solver(examined, method, maps)
     total, missing = int(np.count_nonzero(mask)), maps.missing("solve", len(mask))
     left = sum(int(np.count_nonzero(mask[part])) for part in missing)
     done = total - left
     on_progress("normals", done, total)
     for part in missing:
-        for band in examined.images.bands(mask, AROUND, rows, part):
+        for band in examined.images.bands(mask, _AROUND, rows, part, colour=solver.colour):
             solver.solve(band)
             on_band(band.rows)
             maps.complete("solve", band.rows)
             done += int(np.count_nonzero(mask[band.rows]))
             on_progress("normals", done, total)
-    return solver.shown
 
 
 def check_lights(lights: Lights, points: SurfacePoints | None, mask: Mask) -> None:
@@ -123,16 +120,40 @@ class ShownBySample(NamedTuple):
     correlation: float
 
 
-class _Solver:
-    """Solves rows of images with one law of the noise.
+class _Part(NamedTuple):
+    """Rows of gray images, their law of the noise, and the maps of their solution."""
+
+    rows: npt.NDArray[np.intp]
+    frames: Frames
+    model: LightModel
+    law: NoiseLaw | None
+    maps: StereoMaps
+    solver: ReferenceSolver
+
+
+class GraySolver:
+    """Solves rows of gray images with one law of the noise.
 
     Some rows show the law of the noise, if it is not known, and whether the residuals are noise.
+    The samples of a block of pixels are read once, for its normals, error bars and gloss.
+
+    Parameters
+    ----------
+    examined
+        Images, lights and points.
+    method
+        Method of `photometric_stereo`.
+    maps
+        Maps of the forms of `map_forms`, and ``first`` and ``last``, the images of these lights, if
+        they are there. The first two maps of error bars hold variances.
     """
 
+    colour: ClassVar[bool] = False
+
     def __init__(self, examined: Examination, method: Method, maps: Maps) -> None:
-        self._lights, self._mask = examined.lights, examined.mask
-        self._points, self._camera = examined.points, examined.source.camera
-        self._method = method
+        check_lights(examined.lights, examined.points, examined.mask)
+        self._lights, self._points = examined.lights, examined.points
+        self._camera, self._method = examined.source.camera, method
         self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
         self._law: Float | None = None
         self._law_of_errors: Float | None = None
@@ -140,76 +161,64 @@ class _Solver:
         self.shown = self._examine(examined.sample())
 
     def _examine(self, sample: RowSample) -> ShownBySample:
-        mask, points = sample.mask, sample.of(self._points)
-        frames, model = Frames(sample.values), LightModel(self._lights, points, mask)
-        pixels = np.flatnonzero(mask)
+        part, pixels = self._part(sample), np.flatnonzero(sample.mask)
         if sample.noise is None:
-            self._law = law_of_images(frames, model, mask)
+            self._law = law_of_images(part.frames, part.model, sample.mask)
             self._law_of_errors = law_of_errors(self._law, len(self._lights), len(pixels))
         some = some_of(pixels)
-        law = None if sample.noise is None else NoiseLaw(sample.noise, sample.values.shape)
-        maps = StereoMaps.empty(mask.shape)
-        solver = ReferenceSolver(
-            self._lights, (maps.normals, maps.albedo), points, *self._depth_error
-        )
-        samples, vectors, known = self._estimated(frames, model, some, law, maps, sample.rows)
-        correlation = solver.correlation(some, samples, vectors, known)
+        correlation = part.solver.correlation(some, *self._estimated(part, some))
         return ShownBySample(origin_of(sample.noise, self._law_of_errors), correlation)
 
+    def _part(self, sample: RowSample) -> _Part:
+        points, maps = sample.of(self._points), StereoMaps.empty(sample.mask.shape)
+        scaled = (maps.normals, maps.albedo)
+        return _Part(
+            sample.rows,
+            Frames(sample.values),
+            LightModel(self._lights, points, sample.mask),
+            None if sample.noise is None else NoiseLaw(sample.noise, sample.values.shape),
+            maps,
+            ReferenceSolver(self._lights, scaled, points, *self._depth_error),
+        )
+
     def _estimated(
-        self,
-        frames: Frames,
-        model: LightModel,
-        pixels: npt.NDArray[np.intp],
-        law: NoiseLaw | None,
-        maps: StereoMaps,
-        rows: npt.NDArray[np.intp],
-        *,
-        solved: bool = False,
+        self, part: _Part, pixels: npt.NDArray[np.intp], *, solved: bool = False
     ) -> tuple[Float, Float, Float | None]:
         """Write the maps of some pixels; return samples, light vectors and the law of their errors.
 
-        ``rows`` are those of the image of the camera. Pixels that are ``solved`` have their maps.
+        Pixels that are ``solved`` have their maps.
         """
-        samples, vectors = model.samples(frames, pixels)
-        known = None if law is None else law.of(pixels, samples, vectors)
+        samples, vectors = part.model.samples(part.frames, pixels)
+        known = None if part.law is None else part.law.of(pixels, samples, vectors)
         if not solved:
             of_method = known
-            if law is None and self._method != "ls":
+            if part.law is None and self._method != "ls":
                 of_method = self._law
             view = None
             if self._camera is not None:
-                view = toward_camera(self._camera, pixels, frames.width, rows)
-            write_solutions(pixels, samples, vectors, of_method, view, self._method, maps)
-        return samples, vectors, self._law_of_errors if law is None else known
+                view = toward_camera(self._camera, pixels, part.frames.width, part.rows)
+            write_solutions(pixels, samples, vectors, of_method, view, self._method, part.maps)
+        return samples, vectors, self._law_of_errors if part.law is None else known
 
     def solve(self, band: Band) -> None:
         """Write the maps of the rows of a band."""
-        stack, inner, mask = band.stack, band.inside, self._mask[band.around]
-        points = None if self._points is None else self._points.of(band.around)
-        model, frames = LightModel(self._lights, points, mask), Frames(stack.values)
-        law = None if stack.noise is None else NoiseLaw(stack.noise, stack.values.shape)
-        maps, specular = StereoMaps.empty(mask.shape), np.zeros(mask.shape, np.float32)
-        plain = self._method == "ls" and law is None
+        mask, inner, part = band.sample.mask, band.inside, self._part(band.sample)
+        maps, specular = part.maps, np.zeros(mask.shape, np.float32)
+        plain = self._method == "ls" and part.law is None
         if plain:
-            solve_maps(frames, model, mask, None, "ls", maps, None, no_progress)
-        scaled = (maps.normals, maps.albedo)
-        solver = ReferenceSolver(self._lights, scaled, points, *self._depth_error)
-        variances = VarianceMaps(solver, maps.albedo, len(self._lights), self.shown.origin)
-        rows = np.arange(band.around.start, band.around.stop)
+            solve_maps(part.frames, part.model, mask, None, "ls", maps, None, no_progress)
+        variances = VarianceMaps(part.solver, maps.albedo, len(self._lights), self.shown.origin)
         for block in row_blocks(np.flatnonzero(mask), mask.shape[1]):
-            samples, vectors, known = self._estimated(
-                frames, model, block, law, maps, rows, solved=plain
-            )
+            samples, vectors, known = self._estimated(part, block, solved=plain)
             variances.add(block, samples, vectors, known)
             at = place_of(block)
             of_block = maps.normals.reshape(-1, 3)[at] * maps.albedo.reshape(-1)[at, None]
-            of_noise = None if law is None else known
+            of_noise = None if part.law is None else known
             specular.reshape(-1)[at] = mean_excess(samples, vectors, of_noise, of_block)
         for name in ("normals", "albedo", "residual", "used"):
             self._maps[name][band.rows] = getattr(maps, name)[inner]
         self._maps["specular"][band.rows] = specular[inner]
         for name, image in (("first", 0), ("last", -1)):
             if name in self._maps:
-                self._maps[name][band.rows] = stack.values[image][inner]
+                self._maps[name][band.rows] = band.sample.values[image][inner]
         self._error_bars.write(band.rows, variances.variances(self.shown.correlation), inner)

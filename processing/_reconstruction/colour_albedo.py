@@ -10,7 +10,7 @@ import numpy.typing as npt
 from acquisition import Lights, Source
 from calibration import linear_images, luma
 from processing._normal_map import NormalMap
-from processing._reconstruction.surface_points import SurfacePoints
+from processing._reconstruction.views import SurfacePoints
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from rig import Progress

@@ -3,99 +3,74 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import MemoryMaps
-from calibration import StackNoise, luma
-from processing._reconstruction.banded_normals import AROUND, ShownBySample, check_lights
-from processing._reconstruction.colour_maps import ColourImages, ColourMaps
-from processing._reconstruction.colours import laws_of_colours, solve_colours
+from calibration import luma
+from processing._reconstruction.banded_normals import ShownBySample, check_lights
+from processing._reconstruction.colours import (
+    ColourImages,
+    ColourMaps,
+    laws_of_colours,
+    solve_colours,
+)
 from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation
 from processing._reconstruction.examination import Examination
 from processing._reconstruction.joint_colours import law_of_joint_samples, solve_jointly
-from processing._reconstruction.recorded_images import Band
+from processing._reconstruction.recorded_images import Band, RowSample
 from processing._reconstruction.specular import excess
 from processing._stereo.method import Method
 from processing._stereo.noise_law import NoiseLaw
 from processing._uncertainty.colours import shown_by_colours, variances_of_colours
-from processing._uncertainty.pixel_variances import Origin, origin_of, some_of
-from processing._uncertainty.solved_stack import SolvedStack
-from rig import Progress
+from processing._uncertainty.pixel_variances import Origin, SolvedStack, origin_of, some_of
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 
-def colours_in_bands(
-    examined: Examination, method: Method, on_progress: Progress, maps: MemoryMaps, *, joint: bool
-) -> ShownBySample:
-    """Solve images in colour band by band; the result does not depend on the bands.
+class ColourSolver:
+    """Solves rows of images in colour; some rows show the law of the noise if it is unknown.
 
     Parameters
     ----------
-    examined, method, on_progress
-        As in `solve_bands`.
+    examined, method
+        As in `GraySolver`.
     maps
         Maps of the forms of `map_forms`, and ``colour`` for the albedo ``(H, W, 3)``.
     joint
         Whether `solve_jointly` is used; otherwise each colour is solved on its own.
-
-    Raises
-    ------
-    EstimateError
-        As `photometric_stereo`.
     """
-    mask = examined.mask
-    check_lights(examined.lights, examined.points, mask)
-    solver = _Solver(examined, method, maps, joint=joint)
-    total, done = int(np.count_nonzero(mask)), 0
-    for band in examined.images.bands(mask, AROUND, colour=True):
-        solver.solve(band)
-        done += int(np.count_nonzero(mask[band.rows]))
-        on_progress("normals", done, total)
-    everywhere, solved = slice(0, len(mask)), solver.maps
-    maps["normals"][everywhere], maps["colour"][everywhere] = solved.normals, solved.albedo
-    maps["albedo"][everywhere] = luma(solved.albedo)
-    maps["residual"][everywhere], maps["used"][everywhere] = solved.residual, solved.fewest_used()
-    return ShownBySample(solver.origin, solver.correlation)
 
-
-class _Solver:
-    """Solves rows of images in colour; some rows show the law of the noise if it is unknown."""
+    colour: ClassVar[bool] = True
 
     def __init__(
-        self, examined: Examination, method: Method, filled: MemoryMaps, *, joint: bool
+        self, examined: Examination, method: Method, maps: MemoryMaps, *, joint: bool
     ) -> None:
+        check_lights(examined.lights, examined.points, examined.mask)
         self._examined, self._method, self._joint = examined, method, joint
         self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
         shape = examined.mask.shape
-        self.maps = ColourMaps.empty(shape, 1 if joint else 3)
-        self._specular, self._error_bars = filled["specular"], ErrorBarMaps(filled)
+        self._solutions = ColourMaps.empty(shape, 1 if joint else 3)
+        self._maps, self._error_bars = maps, ErrorBarMaps(maps)
         sample = examined.images.sample(examined.mask, colour=True)
-        points = sample.of(examined.points)
-        images = self._images(sample.values, sample.noise, sample.mask, points, sample.rows)
+        images = self._images(sample)
         self._law = law_of_joint_samples(images, method) if joint else None
         self._laws = [] if joint else laws_of_colours(images, method)
         some = np.zeros_like(sample.mask)
         some.flat[some_of(np.flatnonzero(sample.mask))] = True
-        maps = self._solved(replace(images, mask=some))
-        self._shown = shown_by_colours(self._judged(images, maps))
-        self.correlation = max(one.correlation for one in self._shown)
+        solved = self._solved(replace(images, mask=some))
+        self._shown = shown_by_colours(self._judged(images, solved))
         origins = [origin_of(sample.noise, one.law) for one in self._shown]
-        self.origin: Origin = next((one for one in origins if one != "unknown"), "unknown")
+        origin: Origin = next((one for one in origins if one != "unknown"), "unknown")
+        self.shown = ShownBySample(origin, max(one.correlation for one in self._shown))
 
-    def _images(
-        self,
-        values: Float,
-        noise: StackNoise | None,
-        mask: Mask,
-        points_mm: npt.NDArray[np.float64] | None,
-        rows: npt.NDArray[np.intp],
-    ) -> ColourImages:
+    def _images(self, part: RowSample) -> ColourImages:
         lights, camera = self._examined.lights, self._examined.source.camera
-        return ColourImages(values, lights, mask, points_mm, noise, camera, rows)
+        points = part.of(self._examined.points)
+        return ColourImages(part.values, lights, part.mask, points, part.noise, camera, part.rows)
 
     def _solved(self, images: ColourImages) -> ColourMaps:
         if self._joint:
@@ -118,16 +93,21 @@ class _Solver:
 
     def solve(self, band: Band) -> None:
         """Write the maps of the rows of a band."""
-        values, noise, mask = band.stack.values, band.stack.noise, self._examined.mask[band.around]
-        surface = self._examined.points
-        points = None if surface is None else surface.of(band.around)
-        rows = np.arange(band.around.start, band.around.stop)
-        images = self._images(values, noise, mask, points, rows)
+        images = self._images(band.sample)
         maps = self._solved(images)
-        self.maps.write(band.rows, maps, band.inside)
+        self._solutions.write(band.rows, maps, band.inside)
         variances = variances_of_colours(self._judged(images, maps), self._shown)
         self._error_bars.write(band.rows, variances, band.inside)
         known: Mask = np.asarray(maps.normals.any(axis=2))
+        values, noise = images.values, images.noise
         law = None if noise is None else NoiseLaw(noise, values.shape[:3])
         above = excess(values, images.model, law, known, maps.normals, luma(maps.albedo))
-        self._specular[band.rows] = above[band.inside]
+        self._maps["specular"][band.rows] = above[band.inside]
+
+    def finish(self) -> None:
+        """Write the maps of all rows that depend on all bands, or on all colours."""
+        everywhere, maps, solved = slice(0, len(self._examined.mask)), self._maps, self._solutions
+        maps["normals"][everywhere], maps["colour"][everywhere] = solved.normals, solved.albedo
+        maps["albedo"][everywhere] = luma(solved.albedo)
+        maps["residual"][everywhere] = solved.residual
+        maps["used"][everywhere] = solved.fewest_used()

@@ -88,8 +88,7 @@ def _strength(source: Source, lights: Lights) -> Array:
     relative = np.array([(exposures[name] or longest) / longest for name in lights.ids])
     if lights.intensities is None:
         return relative
-    strength: Array = relative * np.asarray(lights.intensities, np.float64).mean(axis=1)
-    return strength
+    return np.asarray(relative * np.asarray(lights.intensities, np.float64).mean(axis=1))
 
 
 def _vectors(lights: Lights, points_mm: Array | None, pixels: npt.NDArray[np.intp]) -> Array:
@@ -137,5 +136,4 @@ def _relative(
     residual = target - (rows @ solved)[..., 0]
     count = usable.sum(axis=1)
     signal = np.sum(np.where(usable, samples, 0) ** 2, axis=1) / count
-    relative: Array = np.sqrt(np.sum(residual**2, axis=1) / (count - 3) / signal)
-    return relative
+    return np.asarray(np.sqrt(np.sum(residual**2, axis=1) / (count - 3) / signal))

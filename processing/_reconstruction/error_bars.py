@@ -11,12 +11,8 @@ from acquisition import CameraModel, Form, Maps
 from calibration import EstimateError
 from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.views import View
-from processing._uncertainty.model_error import common_error, deviations
-from processing._uncertainty.normal_uncertainty import (
-    STRUCTURED,
-    sums_of,
-)
-from processing._uncertainty.pixel_variances import Origin, PixelVariances
+from processing._uncertainty.normal_uncertainty import STRUCTURED, sums_of
+from processing._uncertainty.pixel_variances import Origin, PixelVariances, common_error, deviations
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Notice
 

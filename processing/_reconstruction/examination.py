@@ -4,33 +4,43 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights, Source
-from calibration import EstimateError
+from acquisition import DataError, Lights, Source
+from calibration import BandedStack, EstimateError, Stack
+from processing._mask import mask_of_images
 from processing._reconstruction.curve_check import curve_warnings
-from processing._reconstruction.height_with_strengths import HeightWithStrengths
-from processing._reconstruction.heights import Heights
 from processing._reconstruction.light_strengths import (
     LightStrengths,
     light_strengths,
     of_source,
     with_strengths,
 )
-from processing._reconstruction.lit_images import lit_images, unlit_notices
-from processing._reconstruction.near_height import NearHeight, height_limits
+from processing._reconstruction.mean_height_search import HeightWithStrengths
+from processing._reconstruction.mosaic import blocks_of_sites
+from processing._reconstruction.near_height import Heights, NearHeight, height_limits
 from processing._reconstruction.quality import ImageQuality, quality_of
-from processing._reconstruction.recorded_images import RecordedImages, RowSample
+from processing._reconstruction.recorded_images import Images, RecordedImages, RowSample
 from processing._reconstruction.scheme_check import exclusion
-from processing._reconstruction.surface_points import SurfacePoints
-from processing._reconstruction.views import View
-from rig import Notice
+from processing._reconstruction.views import SurfacePoints, View, view_of
+from processing._stereo.method import Method
+from rig import Notice, Progress
 
 Mask = npt.NDArray[np.bool_]
 
+# A computed mask beyond these probably contains background.
+_LARGEST_SHARE = 0.8
+_MOST_BORDERS = 3
+# An image shows no light if its brightest parts are below this fraction of those of the others.
+_BLACK = 0.02
+_THREADS = 2
+# Pixels of the object, spread over it, whose brightness counts.
+_PIXELS = 100_000
 # Most rounds of strengths and height, and the change of the height at which they end.
 _ROUNDS, _STATED_ROUNDS = 5, 2
 _SETTLED_MM = 0.5
@@ -39,6 +49,120 @@ _UNSETTLED_MM = 5.0
 # Relative error of strengths by that of a height that is found with them: on simulated objects it
 # is .05 to 1.2 %, and ten times what residuals show.
 _BY_HEIGHT = 0.01
+
+
+class _Geometry(NamedTuple):
+    """Lights to use, how pixels see points under near ones, and what is known of the height."""
+
+    lights: Lights
+    view: View | None
+    height_mm: float | None
+    rests_on_plane: bool
+
+
+def examination_of(
+    source: Source,
+    stack: Stack | BandedStack,
+    geometry: _Geometry,
+    method: Method,
+    on_progress: Progress,
+) -> tuple[Examination, list[Notice]]:
+    """Return the examination of the images of a source, and notices about the mask.
+
+    Raises
+    ------
+    EstimateError
+        If no object stands out.
+    """
+    lights, view, height_mm, rests_on_plane = geometry
+    images = RecordedImages(stack)
+    on_progress("normals", 0, 1)  # the images are examined first
+    mask, of_mask = _object_of(images, stack.mask, source.not_object, stack.pattern)
+    heights = Heights(view, mask, height_mm, rests_on_plane, method, on_progress)
+    points = None if view is None else SurfacePoints(view, view.distance_mm, mask.shape)
+    return Examination(source, images, lights, mask, heights, points), of_mask
+
+
+def geometry_of(
+    source: Source,
+    pixel_mm: float | None,
+    height_mm: float | None,
+    *,
+    rests_on_plane: bool,
+    distant: bool,
+) -> _Geometry:
+    """Return the geometry of a source, before any image is read.
+
+    Raises
+    ------
+    DataError
+        If there are no lights, near lights have no scale, or a height is stated for distant ones.
+    """
+    if source.lights is None:
+        raise DataError(
+            f"{source.path}: these images have no lights: give the lights.json of a calibration"
+        )
+    lights = source.lights.distant() if distant else source.lights
+    view = view_of(source, pixel_mm) if lights.near else None
+    if view is None and (height_mm is not None or rests_on_plane):
+        raise DataError(
+            f"{source.path}: a height matters only under lights with positions: leave it out"
+        )
+    return _Geometry(lights, view, height_mm, rests_on_plane)
+
+
+def check_facing(source: Source, mean_z: float) -> None:
+    """Raise `EstimateError` if most normals face away from the camera."""
+    if mean_z < 0:
+        raise EstimateError(
+            f"{source.path}: the normals face away from the camera: check that the light "
+            "directions point from the object toward the lights, with z toward the camera"
+        )
+
+
+def _object_of(
+    images: RecordedImages, mask: Mask | None, elsewhere: Mask | None, pattern: str | None
+) -> tuple[Mask, list[Notice]]:
+    """Return the mask of the object, computed from the images if no mask is given, and notices.
+
+    Parameters
+    ----------
+    images
+        The N images.
+    mask
+        ``(H, W)`` bool, the mask of the source; None if it has no mask.
+    elsewhere
+        ``(H, W)`` bool, pixels that are something else, such as spheres; None without any.
+    pattern
+        Colours of the first 2 x 2 sites of a mosaic; None for other images.
+
+    Raises
+    ------
+    EstimateError
+        If no object stands out.
+    """
+    if mask is not None:
+        return mask if elsewhere is None else mask & ~elsewhere, []
+    seen = images if pattern is None else map(blocks_of_sites, images)
+    computed = mask_of_images(seen, images.size, elsewhere)
+    text = (
+        "the images have no mask: one was computed; the object is "
+        f"{computed.contrast:.0f} times as bright as the background"
+    )
+    return computed.mask, [Notice("mask-estimated", text), *_mask_warning(computed.mask)]
+
+
+def _mask_warning(mask: Mask) -> list[Notice]:
+    """Return a warning about a computed mask that probably contains background."""
+    share = float(mask.mean())
+    touched = sum(bool(border.any()) for border in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
+    if share <= _LARGEST_SHARE and touched < _MOST_BORDERS:
+        return []
+    text = (
+        f"the computed mask covers {share:.0%} of the image and touches {touched} of its borders: "
+        "it probably contains background; give a mask"
+    )
+    return [Notice("mask-fills-frame", text)]
 
 
 class Examination:
@@ -87,7 +211,7 @@ class Examination:
         """Leave out images without light on the object."""
         lit, ids = lit_images(self.images, self.mask), self.images.ids
         if len(lit) < len(ids):
-            self.warnings += unlit_notices(self.images, self.mask, ids, lit)
+            self.warnings += _unlit_notices(self.images, self.mask, ids, lit)
             self._take(lit)
 
     def find_surface(self, *, semi_calibrated: bool) -> None:
@@ -182,3 +306,62 @@ class Examination:
 
     def _quality(self) -> ImageQuality:
         return quality_of(self.images, self.lights, self.mask, self.points)
+
+
+def lit_images(values: Images, mask: npt.NDArray[np.bool_]) -> list[int]:
+    """Return the indices of the images with light on the object.
+
+    The other images are black, because of a dead LED or a lost trigger.
+
+    Parameters
+    ----------
+    values
+        N images ``(H, W)`` of linear radiance; samples that are not finite are saturated.
+    mask
+        ``(H, W)`` bool, the object.
+    """
+    pixels = _spread(mask)
+    with ThreadPoolExecutor(_THREADS) as pool:
+        bright = np.array(
+            list(pool.map(lambda i: _brightness(values[i], pixels), range(len(values))))
+        )
+    return [int(i) for i in np.flatnonzero(bright > _BLACK * np.median(bright))]
+
+
+def _unlit_notices(
+    values: Images, mask: npt.NDArray[np.bool_], ids: Sequence[str], lit: list[int]
+) -> list[Notice]:
+    """Return warnings about the images that `lit_images` left out.
+
+    Noise makes some samples of a black image negative. An image most of whose samples are below
+    zero by more than that is no image of light: more was subtracted than recorded.
+    """
+    out = [i for i in range(len(values)) if i not in lit]
+    pixels = _spread(mask)
+    least = -_BLACK * float(np.median([_brightness(values[i], pixels) for i in lit]))
+    negative = [i for i in out if np.nanmedian(values[i][mask]) < least]
+    dark = [i for i in out if i not in negative]
+    reasons = {
+        "images left out because they show no light": dark,
+        "images left out because most of their samples are negative (check what was subtracted)": (
+            negative
+        ),
+    }
+    return [
+        Notice("lights-unlit", f"{text}: {', '.join(ids[i] for i in some)}")
+        for text, some in reasons.items()
+        if some
+    ]
+
+
+def _spread(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """Return flat indices of pixels of the object, at most `_PIXELS`."""
+    inside = np.flatnonzero(mask)
+    if len(inside) <= _PIXELS:
+        return inside
+    return inside[np.linspace(0, len(inside) - 1, _PIXELS).astype(np.intp)]
+
+
+def _brightness(image: npt.NDArray[np.float32], pixels: npt.NDArray[np.intp]) -> np.float32:
+    inside = np.nan_to_num(image.reshape(-1)[pixels], copy=False, nan=1.0)
+    return np.float32(np.quantile(inside, 0.99, overwrite_input=True))

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from calibration import StackNoise, luma
-from processing._reconstruction.colour_maps import ColourImages, ColourMaps
-from processing._reconstruction.joint_noise import JointNoise, over_colours
-from processing._reconstruction.shading import shading
+from processing._reconstruction.colours import ColourImages, ColourMaps
 from processing._stereo.frames import Frames
 from processing._stereo.image_noise import law_of_images
+from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.solve import solve_maps
@@ -20,8 +21,8 @@ from processing._stereo.stereo_maps import StereoMaps
 from rig import no_progress
 
 Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+Double = npt.NDArray[np.float64]
 
 _ROWS = 64
 # Residuals of noiseless images are rounding errors of about this size, relative to the albedo.
@@ -35,6 +36,62 @@ _DARK = 0.1
 # others than this.
 _WEAK = 0.1
 _ENOUGH: dict[Method, int] = {"trimmed": 8, "best": 16}
+
+
+def _over_colours(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return the sums over the last axis, of length 3; `numpy.sum` takes ten times as long."""
+    return np.asarray(values[..., 0] + values[..., 1] + values[..., 2])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JointNoise(StackNoise):
+    """Law of the noise of combined samples: the reciprocal of the sum of the precisions.
+
+    Parameters
+    ----------
+    colours
+        ``(H, W, 3)`` colours with which the samples were combined.
+    values
+        ``(N, H, W, 3)`` the stack, which says which of its samples were measured.
+    """
+
+    colours: Float = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
+    values: Float = field(default_factory=lambda: np.zeros((0, 0, 0, 3), np.float32))
+
+    @classmethod
+    def of(cls, noise: StackNoise, colours: Float, values: Float) -> JointNoise:
+        """Return the law of the combined samples of a stack with this noise."""
+        return cls(**vars(noise), colours=colours, values=values)
+
+    @property
+    def linear(self) -> bool:
+        """The shares of the colours change with the signal."""
+        return False
+
+    def variance(self, image: int, values: npt.ArrayLike, first_row: int = 0) -> Double:
+        """Return the variance of combined samples ``(R, W)``; see `StackNoise.variance`."""
+        signal = np.asarray(values, np.float64)
+        rows = slice(first_row, first_row + len(signal))
+        colours, measured = self.colours[rows], np.isfinite(self.values[image, rows])
+        gray = luma(colours).astype(np.float64)
+        shading = np.divide(np.maximum(signal, 0), gray, out=np.zeros_like(gray), where=gray > 0)
+        of_colours = super().variance(image, colours * shading[..., None], first_row)
+        precision = _over_colours(measured * colours**2 / of_colours)
+        # A sample that no colour determines is not there; any variance does for it.
+        unseen = np.ones_like(gray)
+        return np.asarray(np.divide(gray**2, precision, out=unseen, where=precision > 0))
+
+    def take(self, indices: list[int]) -> Self:
+        """Return the law of the images with these indices, in this order."""
+        return replace(super().take(indices), values=self.values[indices])
+
+    def rows(self, first: int, last: int) -> Self:
+        """Return the law of some rows, see `StackNoise.rows`."""
+        return replace(
+            super().rows(first, last),
+            colours=self.colours[first:last],
+            values=self.values[:, first:last],
+        )
 
 
 def law_of_joint_samples(images: ColourImages, method: Method) -> Float | None:
@@ -172,16 +229,16 @@ def _combine(
             precision = np.broadcast_to(np.asarray(intensities[i], np.float64), colour.shape)
         else:
             if shades is None:
-                lit = _ratio(np.maximum(over_colours(seen), 0), over_colours(colour * measured))
+                lit = _ratio(np.maximum(_over_colours(seen), 0), _over_colours(colour * measured))
             else:
                 lit = shades[i]
             variance = noise.variance(i, colour * lit[..., None], rows.start)
             precision = colour / np.maximum(variance, _LEAST)
         weight = np.where(measured, precision, 0)
-        scale = over_colours(weight * colour)
-        weak[i] = scale < _WEAK * over_colours(precision * colour)
+        scale = _over_colours(weight * colour)
+        weak[i] = scale < _WEAK * _over_colours(precision * colour)
         others += (scale > 0) & ~weak[i]
-        out[:] = np.where(scale > 0, gray * _ratio(over_colours(weight * seen), scale), np.nan)
+        out[:] = np.where(scale > 0, gray * _ratio(_over_colours(weight * seen), scale), np.nan)
     if enough is not None:
         samples[:, rows][weak & (others >= enough)] = np.nan
 
@@ -189,3 +246,18 @@ def _combine(
 def _ratio(above: npt.NDArray[np.floating], below: npt.NDArray[np.floating]) -> Double:
     """Return the quotient, 0 where the divisor is not positive."""
     return np.asarray(np.divide(above, below, out=np.zeros(below.shape), where=below > 0))
+
+
+def shading(model: LightModel, normals: Float, mask: Mask, rows: slice) -> Double:
+    """Return ``max(l . n, 0)`` of some rows, ``(N, R, W)``; 0 outside the mask.
+
+    It is 0 too where a near light does not reach the surface.
+    """
+    inside = mask[rows]
+    pixels = np.flatnonzero(inside) + (rows.start or 0) * inside.shape[1]
+    vectors = model.vectors(pixels)
+    known = normals[rows][inside].astype(np.float64)
+    spread = np.broadcast_to(vectors, (len(pixels), *vectors.shape[1:]))
+    result = np.zeros((vectors.shape[2], *inside.shape))
+    result[:, inside] = np.maximum(np.einsum("pc,pcn->np", known, spread), 0)
+    return result

@@ -17,7 +17,7 @@ from processing._reconstruction.strength_fit import (
     solve_normals,
 )
 from processing._uncertainty.normal_uncertainty import STRUCTURED
-from processing._uncertainty.residual_structure import correlation_of_neighbours
+from processing._uncertainty.reference_solver import correlation_of_neighbours
 from rig import Notice, check_type, pluralize, short_repr
 
 Double = npt.NDArray[np.float64]
@@ -256,8 +256,7 @@ def _sigmas(fit: StrengthFit, places: npt.NDArray[np.intp], shape: tuple[int, ..
     parts = np.zeros((_TILES**2, fit.scores.shape[1]))
     np.add.at(parts, tiles[0] * _TILES + tiles[1], fit.scores)
     of_pixels, of_parts = (np.diag(fit.covariance(scores)) for scores in (fit.scores, parts))
-    sigmas: Double = np.sqrt(np.maximum(np.maximum(of_pixels, of_parts), 0))
-    return sigmas
+    return np.asarray(np.sqrt(np.maximum(np.maximum(of_pixels, of_parts), 0)))
 
 
 def _relief(fit: StrengthFit) -> float:

@@ -4,25 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights
 from calibration import EstimateError
-from processing._reconstruction.coarse_images import CoarseImages
-from processing._reconstruction.common_shift import CommonShift, common_shift
+from processing._reconstruction.recorded_images import Images
+from processing._reconstruction.strength_fit import fit_strengths
+from processing._reconstruction.views import View
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
 from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
-from processing._uncertainty.residual_structure import correlation_of_neighbours
-from rig import no_progress
+from processing._uncertainty.reference_solver import correlation_of_neighbours
+from rig import no_progress, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
+_STRENGTH_PIXELS = 250
+_STRENGTH_TRIED = 13
+# Of heights, relative to the range: a millimetre changes strengths by .2 %.
+_ACCURACY = 1e-3
+# Light vectors change slowly: this many pixels, averages of blocks, show the shape well enough.
+_PIXELS = 60_000
+# Returns the costs ``(P, N)`` of samples if the surface is higher by some mm, under some lights.
+Costs = Callable[[float, Lights], Double]
 # Pixels that show the mean height.
 _SAMPLED = 2500
 # The albedo and the normal of a pixel explain three samples at any height, and a fourth one hardly
@@ -36,6 +49,169 @@ _ACCURACY_MM = 0.01
 _METHOD: Method = "cauchy"
 # Shift of all lights in differences of the cost, relative to their distance.
 _SHIFT = 0.013
+
+
+class HeightWithStrengths:
+    """Finds the mean height at which a surface and any strengths explain the images best.
+
+    Strengths that are fitted at a wrong height explain the mean fall-off of each light, so that the
+    images seem to be those of a surface at this height. Only its change over the object shows the
+    height: strengths, normals and height have to be fitted together.
+
+    Parameters
+    ----------
+    values
+        N images of linear radiance.
+    lights
+        N lights with positions.
+    mask
+        ``(H, W)`` bool, the object.
+    view
+        How the pixels see the surface.
+    limits
+        Lowest and highest mean height, mm.
+    """
+
+    def __init__(
+        self, values: Images, lights: Lights, mask: Mask, view: View, limits: tuple[float, float]
+    ) -> None:
+        coarse = coarse_images(values, mask, view)
+        places = np.flatnonzero(coarse.mask)
+        places = places[:: max(1, -(-len(places) // _STRENGTH_PIXELS))]
+        self._values = coarse.values.reshape(len(lights), -1)[:, places].T.astype(np.float64)
+        self._origins, self._rays = (
+            of.reshape(-1, 3)[places] for of in (coarse.origins, coarse.rays)
+        )
+        rows, columns = np.divmod(places, coarse.mask.shape[1])
+        self._pixels = tuple(coarse.factor * at + coarse.factor // 2 for at in (rows, columns))
+        self._lights, self._view, self._limits = lights, view, limits
+        self._spacing = (limits[1] - limits[0]) / (_STRENGTH_TRIED - 1)
+        self._scale = 0.0
+
+    def best(self, depth: Float, found: float | None) -> float | None:
+        """Return the best mean height of a surface of known shape; None if it is at a limit.
+
+        Parameters
+        ----------
+        depth
+            ``(H, W)`` depths of the surface.
+        found
+            The height that was found before, near which the new one is; None for the first time.
+        """
+        shape = depth[self._pixels].astype(np.float64)
+        around = None if found is None else (found - self._spacing, found + self._spacing)
+        accuracy = _ACCURACY * (self._limits[1] - self._limits[0])
+        cost = partial(self._cost, shape)
+        return _least_cost(cost, self._limits, _STRENGTH_TRIED, around, accuracy)
+
+    def _cost(self, shape: Double, height: float) -> float:
+        depth = self._view.moved(shape, float(shape.mean()), self._view.distance_mm - height)
+        points = self._origins + depth[:, None] * self._rays
+        fit = fit_strengths(self._values, self._lights.vectors_at(points).transpose(1, 0, 2))
+        if fit is None:
+            return float("inf")
+        if not self._scale:
+            self._scale = max(float(np.median(fit.spread)), 1e-6)
+        measured = fit.samples > 0
+        cost = np.log1p(np.where(measured, fit.residuals / self._scale, 0.0) ** 2)
+        return float(np.mean(cost.sum(axis=1) / measured.sum(axis=1)))
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseImages:
+    """The images in averages of ``factor x factor`` pixels."""
+
+    values: Float
+    mask: Mask
+    view: View
+    origins: Double
+    rays: Double
+    factor: int
+
+    def points(self, depth: Double) -> Double:
+        return np.asarray(self.origins + depth[..., None] * self.rays, np.float64)
+
+
+def coarse_images(values: Images, mask: Mask, view: View) -> CoarseImages:
+    """Average blocks; a block with a missing sample or a pixel outside the mask is left out."""
+    factor = max(1, math.isqrt(int(np.count_nonzero(mask)) // _PIXELS))
+    while True:
+        height, width = (size // factor for size in mask.shape)
+        blocks = mask[: height * factor, : width * factor].reshape(height, factor, width, factor)
+        inside = np.asarray(blocks.all(axis=(1, 3)), np.bool_)
+        if factor == 1 or np.count_nonzero(inside) * factor**2 > 0.5 * np.count_nonzero(mask):
+            break
+        factor -= 1
+    small = view.downscaled(factor) if factor > 1 else view
+    if factor > 1:
+        size = (width, height)
+        averages = np.zeros((len(values), height, width), np.float32)
+        for image, out in zip(values, averages, strict=True):
+            part = image[: height * factor, : width * factor]
+            # Averages of whole blocks; NaN spreads to its block.
+            cv2.resize(part, size, dst=out, interpolation=cv2.INTER_AREA)
+    else:
+        averages = values if isinstance(values, np.ndarray) else values.stack().values
+    return CoarseImages(averages, inside, small, *small.rays(), factor)
+
+
+@dataclass(frozen=True, eq=False)
+class CommonShift:
+    """The shift of all lights along Z with which images agree best.
+
+    Parameters
+    ----------
+    best_mm, sigma_mm
+        The shift and its standard deviation. It is a small part of the true one, because the
+        surface, which is bent under wrong lights, stays as it is.
+    """
+
+    best_mm: float
+    sigma_mm: float
+
+    __repr__ = short_repr
+
+
+def raised(lights: Lights, rise_mm: float) -> Lights:
+    """Return lights with positions that are all higher."""
+    return replace(
+        lights, positions_mm=np.asarray(lights.positions_mm) + np.array([0.0, 0.0, rise_mm])
+    )
+
+
+def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:
+    """Estimate a shift of all lights together with a mean height, by one step of Newton.
+
+    Parameters
+    ----------
+    costs
+        Cost of each sample, 0 where it is missing, around a minimum of their sum.
+    lights
+        N lights with positions.
+    step_mm
+        Step of the differences.
+    """
+
+    def at(height: int, shift: int) -> Double:
+        return costs(height * step_mm, raised(lights, shift * step_mm))
+
+    here, higher, lower, up, down = at(0, 0), at(1, 0), at(-1, 0), at(0, 1), at(0, -1)
+    mixed = np.sum(at(1, 1) + at(-1, -1) - at(1, -1) - at(-1, 1)) / 4
+    by_height, by_shift = (np.sum(pair - 2 * here) for pair in (higher + lower, up + down))
+    curvature = np.array([[by_height, mixed], [mixed, by_shift]]) / step_mm**2
+    if not (by_height > 0 and np.linalg.det(curvature) > 0):
+        return CommonShift(0.0, np.inf)
+    inverse = np.linalg.inv(curvature)
+    slopes = np.stack([higher - lower, up - down]) / (2 * step_mm)
+    best = -inverse @ slopes.sum(axis=(1, 2))
+    variances = []
+    # Between pixels by noise, between lights also by their errors, see `MeanHeightSearch`.
+    for axis in (1, 2):
+        of_one = slopes.sum(axis=axis)
+        free = max(of_one.shape[1] - 4, 1) / of_one.shape[1]
+        scatter = of_one - of_one.mean(axis=1, keepdims=True)
+        variances.append(float((inverse @ (scatter @ scatter.T / free) @ inverse)[1, 1]))
+    return CommonShift(float(best[1]), float(np.sqrt(max(variances))))
 
 
 class MeanHeightSearch:
@@ -82,30 +258,15 @@ class MeanHeightSearch:
         def cost(height: float) -> float:
             return float(self._costs(shape, height).sum())
 
-        bracket = self._bracket(cost)
-        if bracket is None:
-            return depth, math.inf
-        # Imported here: it takes .4 s, and only near lights need it.
-        from scipy.optimize import minimize_scalar
-
-        height = float(
-            minimize_scalar(
-                cost, bounds=bracket, method="bounded", options={"xatol": _ACCURACY_MM}
-            ).x
-        )
-        self._found = height
-        return self._view.moved(depth, mean, distance - height), self._sigma(shape, height)
-
-    def _bracket(self, cost: Callable[[float], float]) -> tuple[float, float] | None:
-        """Return heights around the best one; None if it is at a limit."""
+        around = None
         if self._found is not None:
             # The surface has moved by a few millimetres since.
-            return self._found - self._spacing / 2, self._found + self._spacing / 2
-        tried = np.linspace(*self._limits, _TRIED)
-        best = int(np.argmin([cost(height) for height in tried]))
-        if best in (0, _TRIED - 1):
-            return None
-        return float(tried[best - 1]), float(tried[best + 1])
+            around = self._found - self._spacing / 2, self._found + self._spacing / 2
+        height = _least_cost(cost, self._limits, _TRIED, around, _ACCURACY_MM)
+        if height is None:
+            return depth, math.inf
+        self._found = height
+        return self._view.moved(depth, mean, distance - height), self._sigma(shape, height)
 
     def _sigma(self, shape: Double, height: float) -> float:
         """Return the standard deviation of a minimum.
@@ -188,3 +349,27 @@ def _lit(samples: Float) -> npt.NDArray[np.intp]:
     """Return the number of lights that reach each pixel, from samples ``(N, P)``."""
     bright = np.nan_to_num(samples, nan=0.0, posinf=0.0, neginf=0.0)
     return np.asarray((bright > _LIT * bright.max(axis=0)).sum(axis=0), np.intp)
+
+
+def _least_cost(
+    cost: Callable[[float], float],
+    limits: tuple[float, float],
+    tried: int,
+    around: tuple[float, float] | None,
+    accuracy: float,
+) -> float | None:
+    """Return the height of least cost between two heights, by default around the best of several.
+
+    It is None if the best is at a limit.
+    """
+    if around is None:
+        heights = np.linspace(*limits, tried)
+        best = int(np.argmin([cost(height) for height in heights]))
+        if best in (0, tried - 1):
+            return None
+        around = heights[best - 1], heights[best + 1]
+    # Imported here: it takes .4 s, and only near lights need it.
+    from scipy.optimize import minimize_scalar
+
+    found = minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": accuracy})
+    return float(found.x)

@@ -12,15 +12,19 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
-from processing._reconstruction.coarse_images import CoarseImages, coarse_images
-from processing._reconstruction.common_shift import CommonShift, raised
-from processing._reconstruction.mean_height_search import MeanHeightSearch
+from processing._reconstruction.mean_height_search import (
+    CoarseImages,
+    CommonShift,
+    MeanHeightSearch,
+    coarse_images,
+    raised,
+)
 from processing._reconstruction.recorded_images import Images
-from processing._reconstruction.views import View
+from processing._reconstruction.views import SurfacePoints, View
 from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
 from processing._uncertainty.normal_uncertainty import STRUCTURED
-from rig import Notice, short_repr
+from rig import Notice, Progress, short_repr
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
@@ -335,3 +339,36 @@ def _not_determined(mask: Mask, depth: float, sigma: float) -> NearHeight:
     )
     plane = np.full(mask.shape, depth, np.float32)
     return NearHeight(plane, 0.0, sigma, 0.0, (), (Notice("height-not-determined", text),))
+
+
+@dataclass(frozen=True, eq=False)
+class Heights:
+    """Where the surface is, from the images."""
+
+    view: View | None
+    mask: npt.NDArray[np.bool_]
+    height_mm: float | None
+    rests_on_plane: bool
+    method: Method
+    on_progress: Progress
+
+    @property
+    def stated(self) -> bool:
+        """Whether the height does not have to be found."""
+        return self.height_mm is not None or self.rests_on_plane
+
+    def of(self, values: Images, lights: Lights) -> tuple[NearHeight | None, SurfacePoints | None]:
+        """Return the height under near lights and the points; None under distant lights."""
+        if self.view is None:
+            return None, None
+        near = near_height(
+            values,
+            lights,
+            self.mask,
+            self.view,
+            method=self.method,
+            height_mm=self.height_mm,
+            rests_on_plane=self.rests_on_plane,
+            on_step=lambda done, total: self.on_progress("height", done, total),
+        )
+        return near, SurfacePoints(self.view, near.depth, self.mask.shape)

@@ -2,26 +2,228 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
-from processing._reconstruction.cells import Cells, cells_of
-from processing._reconstruction.file_faults import duplicates, turned_images, turned_notice
-from processing._reconstruction.light_check import LightCheck, check_lights
+from processing._reconstruction.cells import Cells, Samples, cells_of, samples_of
 from processing._reconstruction.recorded_images import Images
-from processing._reconstruction.samples import Samples, samples_of
 from processing._reconstruction.scheme_check import SchemeCheck, check_scheme, scheme_notices
-from processing._reconstruction.surface_points import SurfacePoints
-from processing._reconstruction.under_lights import Fit, Remedy, fit, remedy
+from processing._reconstruction.self_calibration import (
+    Factors,
+    align,
+    angles_deg,
+    explained,
+    factorise,
+    solve,
+)
+from processing._reconstruction.under_lights import Fit, Remedy, fit, relative_residual, remedy
+from processing._reconstruction.views import SurfacePoints
 from processing._stereo.photometric_stereo import photometric_stereo
 from processing._surface.integrability import Integrability, integrability
-from rig import Notice, short_repr
+from rig import Notice, pluralize, short_repr
 
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
+_TURNS: dict[str, tuple[int, int]] = {
+    "upside down": (-1, -1),
+    "mirrored left to right": (1, -1),
+    "mirrored top to bottom": (-1, 1),
+}
+
+_FEWEST_PIXELS = 100
+# A relative difference below this is rounding: noise makes frames differ.
+_IDENTICAL = 1e-8
+# What three components leave of one image, as a fraction of a sample and of the typical image:
+# enough to try whether it is turned, and as much as a wrong brightness of a quarter leaves.
+_DOUBTFUL = 0.06
+_TYPICAL = 4.0
+# A turned copy of an image must fit the others this much better.
+_BETTER = 0.5
+_LISTED = 4
+# With fewer images, three of them determine the map between found and given lights, and the others
+# hardly check it.
+_FEWEST_CHECKED = 8
+_FEWEST_IMAGES = 5
+# The third component of the images, as a fraction of a sample: .05 is a relief whose normals
+# vary by about 8 degrees. Flatter objects do not show where the lights are; a wrong falloff of near
+# lights alone reaches .02.
+_LEAST_RELIEF = 0.04
+# The same component relative to what three components do not explain.
+_LEAST_CLEAR = 1.0
+# Two thirds of the lights must be closer than this to those that the images show. Simulated
+# correct recordings reach 5 degrees (a sphere in near light), shuffled ones 22 and more.
+_SHUFFLED_DEG = 12.0
+# A shuffled order leaves more than a tenth of the signal unexplained; any order that explains the
+# images as well as they explain each other is not wrong.
+_SHUFFLED_RESIDUAL = 0.1
+_SHUFFLED_FACTOR = 1.5
+# With fewer images than can be checked one by one, the residuals must differ by more.
+_FEW_RESIDUAL = 0.15
+_FEW_FACTOR = 2.5
+
+
+def _duplicates(samples: Samples, ids: Sequence[str]) -> list[Notice]:
+    """Return a warning about images that are equal but for a factor, under different lights."""
+    everywhere = samples.usable.all(axis=1)
+    if np.count_nonzero(everywhere) < _FEWEST_PIXELS:
+        return []
+    radiance = samples.values[everywhere] / samples.scale[everywhere]
+    unit = radiance / np.linalg.norm(radiance, axis=0)
+    first, second = np.nonzero(np.triu(1 - unit.T @ unit < _IDENTICAL, 1))
+    apart = angles_deg(samples.vectors[first], samples.vectors[second]) > 1
+    pairs = [(int(i), int(j)) for i, j in zip(first[apart], second[apart], strict=True)]
+    several = {i for pair in pairs for i in pair}
+    # Images of a plane under distant lights are all equal.
+    if not pairs or len(several) > max(len(ids) / 2, 2):
+        return []
+    texts = [f"{ids[i]} and {ids[j]}" for i, j in pairs[:_LISTED]]
+    text = (
+        f"the images of {', '.join(texts)} are the same image: one of them is missing; restore it, "
+        "or leave the copy out"
+    )
+    return [Notice("image-duplicate", text, ", ".join(ids[i] for i in sorted(several)))]
+
+
+def _turned_images(
+    factors: Factors, samples: Samples, images: Images, mask: Mask, suspects: Iterable[int]
+) -> dict[int, str]:
+    """Return the images that fit the others much better if they are turned, and how.
+
+    Parameters
+    ----------
+    factors
+        Lights and normals that the N images show.
+    samples
+        The samples from which these follow.
+    images
+        ``(N, H, W)`` linear radiance, from which single images are read again.
+    mask
+        ``(H, W)`` bool, the object.
+    suspects
+        Images that disagree with the others; those that three components hardly explain are tried
+        as well.
+    """
+    left = np.array(
+        [
+            float(np.median(np.abs(deviation[usable]))) if usable.any() else 0.0
+            for deviation, usable in zip(factors.deviation.T, samples.usable.T, strict=True)
+        ]
+    )
+    doubtful = left > max(_DOUBTFUL, _TYPICAL * float(np.median(left)))
+    tried = sorted({*suspects, *(int(i) for i in np.flatnonzero(doubtful))})
+    found = {i: _turned(i, factors, samples, images, mask) for i in tried}
+    return {i: how for i, how in found.items() if how is not None}
+
+
+def _turned_notice(turned: dict[int, str], ids: Sequence[str]) -> Notice:
+    """Return the warning about images that are turned."""
+    names = ", ".join(f"{ids[i]} ({how})" for i, how in list(turned.items())[:_LISTED])
+    more = f" and {len(turned) - _LISTED} more" if len(turned) > _LISTED else ""
+    noun = pluralize(len(turned), "image is", "images are")
+    text = f"{noun} not in the position of the others: {names}{more}; turn the file"
+    return Notice("image-turned", text, ", ".join(ids[i] for i in turned))
+
+
+def _turned(i: int, factors: Factors, samples: Samples, images: Images, mask: Mask) -> str | None:
+    """Return how an image must be turned to fit the others; None if that does not help."""
+    image = images[i]
+    size = np.array(mask.shape)
+    left = {}
+    for name, signs in {"as it is": (1, 1), **_TURNS}.items():
+        places = np.where(np.array(signs) < 0, size - 1 - samples.pixels, samples.pixels)
+        rows, columns = places.T
+        values = image[rows, columns] * samples.scale[:, i]
+        usable = mask[rows, columns] & np.isfinite(values) & (values > 0)
+        if np.count_nonzero(usable) < _FEWEST_PIXELS:
+            return None
+        left[name] = _left(np.where(usable, values, 0.0), usable, factors.normals)
+    best = min(left, key=lambda name: left[name])
+    return best if left[best] < _BETTER * left["as it is"] else None
+
+
+def _left(values: Double, usable: Mask, normals: Double) -> float:
+    """Return the median deviation of one image from a linear function of the normals."""
+    weight = usable.astype(np.float64)
+    for _ in range(8):
+        light = solve(weight[None], values[None], normals)[0]
+        deviation = np.abs(values - normals @ light)
+        typical = float(np.median(deviation[usable]))
+        weight = usable / (1 + (deviation / max(2 * typical, 1e-6)) ** 2)
+    return typical / max(float(np.median(values[usable])), 1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class _LightCheck:
+    """What the images show about their lights.
+
+    Parameters
+    ----------
+    consistency
+        Median relative residual of the images as linear combinations of three; NaN without enough
+        pixels.
+    error_deg, gain
+        ``(N,)`` angle between the given light and the one that the images show, and the brightness
+        of the image relative to that light; NaN if the images do not determine it.
+    factors
+        Lights and normals that the images show; None if they do not follow the given lights.
+    shuffled
+        A warning if the lights are in another order.
+    """
+
+    consistency: float
+    error_deg: Double
+    gain: Double
+    factors: Factors | None = None
+    shuffled: Notice | None = None
+
+    __repr__ = short_repr
+
+
+def _check_lights(samples: Samples, residual: float) -> _LightCheck:
+    """Compare the given lights of all images with those that the images show.
+
+    Parameters
+    ----------
+    samples
+        Samples of the N images.
+    residual
+        Median relative residual of the images under the given lights.
+    """
+    count = len(samples.vectors)
+    unknown = np.full(count, np.nan)
+    if count < _FEWEST_IMAGES or len(samples.values) < _FEWEST_PIXELS:
+        return _LightCheck(float("nan"), unknown, unknown)
+    factors = factorise(samples.values, samples.usable)
+    consistency = relative_residual(factors.deviation, samples.usable)
+    weakest = factors.strengths[2]
+    if weakest < max(_LEAST_RELIEF, _LEAST_CLEAR * consistency):
+        return _LightCheck(consistency, unknown, unknown)
+    if count < _FEWEST_CHECKED:
+        few = residual > max(_FEW_RESIDUAL, _FEW_FACTOR * consistency)
+        warning = _shuffled(residual, consistency) if few else None
+        return _LightCheck(consistency, unknown, unknown, shuffled=warning)
+    given = samples.vectors
+    mapped = align(factors.lights, given)
+    error = angles_deg(mapped, given)
+    gain = np.linalg.norm(mapped, axis=1) / np.linalg.norm(given, axis=1)
+    limit = max(_SHUFFLED_RESIDUAL, _SHUFFLED_FACTOR * consistency)
+    if np.quantile(error, 2 / 3) > _SHUFFLED_DEG and residual > limit:
+        return _LightCheck(consistency, error, gain, shuffled=_shuffled(residual, consistency))
+    if not explained(mapped, given):
+        return _LightCheck(consistency, unknown, unknown)
+    return _LightCheck(consistency, error, gain, factors)
+
+
+def _shuffled(residual: float, consistency: float) -> Notice:
+    text = (
+        f"the images fit each other to {consistency:.1%}, but the lights only to {residual:.0%} of "
+        "the signal: the lights are probably in another order than the images"
+    )
+    return Notice("lights-shuffled", text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,13 +340,13 @@ def quality_of(
         )  # fmt: skip
     samples = samples_of(cells, lights)
     found = fit(samples)
-    check = check_lights(samples, found.residual)
+    check = _check_lights(samples, found.residual)
     shape = _integrability(cells, lights)
     scheme = check_scheme(cells, lights)
     turned: dict[int, str] = {}
     if check.factors is not None:
         suspects = (one.image for one in scheme.found)
-        turned = turned_images(check.factors, samples, values, mask, suspects)
+        turned = _turned_images(check.factors, samples, values, mask, suspects)
     return ImageQuality(
         residual=found.residual,
         consistency=check.consistency,
@@ -164,13 +366,13 @@ def _likely(
     lights: Lights,
     samples: Samples,
     found: Fit,
-    check: LightCheck,
+    check: _LightCheck,
     turned: dict[int, str],
     shape: Integrability,
     scheme: SchemeCheck,
 ) -> tuple[Notice, ...]:
     """Return the warnings of the most likely cause; one mistake disturbs the other tests."""
-    copies = duplicates(samples, lights.ids)
+    copies = _duplicates(samples, lights.ids)
     if copies:
         return tuple(copies)
     change = remedy(cells, lights, found)
@@ -192,7 +394,7 @@ def _of_images(
     """Return the warnings about single images."""
     others = tuple(one for one in scheme.found if one.image not in turned)
     notices = scheme_notices(replace(scheme, found=others), ids)
-    return (turned_notice(turned, ids), *notices) if turned else tuple(notices)
+    return (_turned_notice(turned, ids), *notices) if turned else tuple(notices)
 
 
 def _remedy_warning(change: Remedy, found: Fit, ids: tuple[str, ...]) -> Notice:

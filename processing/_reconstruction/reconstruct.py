@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -24,35 +23,53 @@ from acquisition import (
 from calibration import BandedStack, Channel, Stack, linear_stack, luma, open_stack
 from processing._metrics import AngularError, angular_error
 from processing._normal_map import NormalMap
-from processing._reconstruction.banded_normals import ShownBySample, map_forms, solve_bands
+from processing._reconstruction.banded_normals import (
+    GraySolver,
+    ShownBySample,
+    map_forms,
+    solve_bands,
+)
 from processing._reconstruction.colour_albedo import (
     ColourSums,
     colour_albedo,
     coloured,
     may_have_colour,
 )
-from processing._reconstruction.colour_normals import colours_in_bands
+from processing._reconstruction.colour_normals import ColourSolver
 from processing._reconstruction.error_bars import (
     ErrorBarMaps,
     check_any_valid,
     validity_notices,
 )
-from processing._reconstruction.examination import Examination
-from processing._reconstruction.examined import check_facing, examination_of, geometry_of
-from processing._reconstruction.memory import memory_need, rows_of_band
+from processing._reconstruction.examination import (
+    Examination,
+    check_facing,
+    examination_of,
+    geometry_of,
+)
 from processing._reconstruction.mosaic import albedo_of_sites, gray_picture
 from processing._reconstruction.reconstruction import Reconstruction, finished_maps
 from processing._reconstruction.views import Perspective
 from processing._stages.stage import Need
-from processing._stereo.method import Method
+from processing._stereo.method import Method, StereoChannel
 from processing._stereo.photometric_stereo import check_solved
 from processing._surface.integration import integrate
 from processing._uncertainty.sample_kind import Reason
-from rig import Notice, Progress, check_type, no_progress
+from rig import Notice, Progress, check_type, no_progress, pluralize
 
 Mask = npt.NDArray[np.bool_]
-StereoChannel = Literal["gray", "rgb", "joint", "mosaic"]
 
+# The interpreter, libraries and compiled kernels, and buffers of the threads.
+_FIXED = 450_000_000
+# Bytes per pixel: maps of a result in memory with what is computed of them, and what is in memory
+# while the maps are on disk (mask, one gray reference, and one image with what is computed of it).
+_MAPS = 130
+_ON_DISK = 14
+# Bytes per pixel of a band, besides the values of the images.
+_OF_BAND = 300
+# Largest stack that is in memory as a whole; bytes of a band otherwise.
+_STACK, _BAND = 1_000_000_000, 128_000_000
+_LEAST_ROWS = 8
 # Bytes of a stack that is read at once; a larger one is solved in bands of rows.
 _IN_MEMORY = 1_000_000_000
 # Bytes of rows that are read together after the bands.
@@ -149,7 +166,7 @@ class NormalsStage:
     def need(self, source: Source) -> Need:
         """Return the memory for a recording, about."""
         channels = 3 if self.channel in ("rgb", "joint") else 1
-        return memory_need(source, channels, whole=self.needs_whole)
+        return _memory_need(source, channels, whole=self.needs_whole)
 
     def run(
         self, source: Source, files: MapFiles | None = None, on_progress: Progress = no_progress
@@ -251,19 +268,25 @@ class NormalsStage:
         on_progress: Progress,
     ) -> ShownBySample:
         """Fill the maps; ``colours`` are gray images in colour, for the albedo."""
+        solver: GraySolver | ColourSolver
         if isinstance(maps, MemoryMaps) and examined.images.in_colour:
             joint = self.channel == "joint"
-            return colours_in_bands(examined, self.method, on_progress, maps, joint=joint)
+            solver = ColourSolver(examined, self.method, maps, joint=joint)
+        else:
+            solver = GraySolver(examined, self.method, maps)
         rows = None
         if files is not None:
             count, colour = len(examined.lights), colours is not None
-            rows = rows_of_band(examined.source, count, files.memory, colour=colour)
+            rows = _rows_of_band(examined.source, count, files.memory, colour=colour)
 
         def on_band(band: slice) -> None:
             if colours is not None:
                 maps["colour"][band] = _albedo_in_colour(maps, colours, examined, band)
 
-        return solve_bands(examined, self.method, on_progress, maps, rows, on_band)
+        solve_bands(examined, solver, on_progress, maps, rows, on_band)
+        if isinstance(solver, ColourSolver):
+            solver.finish()
+        return solver.shown
 
     def _opened(
         self, source: Source, opened: ExitStack, on_progress: Progress, *, in_bands: bool
@@ -438,3 +461,51 @@ def _error(source: Source, normals: MapRows, valid: Mask, mask: Mask) -> Angular
 def _bands(mask: Mask, pixel_bytes: int) -> list[slice]:
     height, width = mask.shape
     return rows_in_bands(height, pixel_bytes * width, _READ)
+
+
+def _memory_need(source: Source, channels: int, *, whole: bool) -> Need:
+    """Return the memory for the normals of a source, about.
+
+    Parameters
+    ----------
+    source
+        The recording.
+    channels
+        3 if the images are solved in colour, else 1.
+    whole
+        Whether the complete maps are needed.
+    """
+    (height, width), count = source.size, len(source.light_ids)
+    pixels, row = height * width, _row_bytes(source, count, colour=False)
+    stack = 4 * channels * count * pixels
+    most = (
+        _FIXED + (_MAPS + 16 * (channels - 1)) * pixels + (stack if stack <= _STACK else 2 * _BAND)
+    )
+    least = _FIXED + _on_disk(source) + _LEAST_ROWS * row
+    of = f"{pluralize(count, 'image')} of {width} x {height} pixels"
+    return Need(most, most if whole else least, of)
+
+
+def _rows_of_band(source: Source, lights: int, memory: int, *, colour: bool) -> int:
+    """Return the rows of a band for which a number of bytes is enough."""
+    free = memory - _FIXED - _on_disk(source)
+    most = _BAND // (4 * lights * source.size[1])
+    rows = free // _row_bytes(source, lights, colour=colour)
+    return max(1, min(rows, most))
+
+
+def _on_disk(source: Source) -> int:
+    """Return the bytes besides bands while the maps are on disk."""
+    references = {
+        frame.exposure_us: 4 * math.prod(frame.shape)
+        for frame in source.frames
+        if frame.role in ("dark", "ambient")
+    }
+    # Images in gray and in colour have references of their own.
+    kept = sum(references.values()) * (2 if may_have_colour(source) else 1)
+    pixels = math.prod(source.size)
+    return _ON_DISK * pixels + max(0, kept - 4 * pixels)
+
+
+def _row_bytes(source: Source, lights: int, *, colour: bool) -> int:
+    return (6 * lights + _OF_BAND + (60 if colour else 0)) * source.size[1]

@@ -25,11 +25,7 @@ from processing._reconstruction.light_strengths import LightStrengths
 from processing._reconstruction.near_height import NearHeight
 from processing._reconstruction.quality import ImageQuality
 from processing._surface.height_map import HeightMap
-from processing._uncertainty.normal_uncertainty import (
-    NormalUncertainty,
-    in_degrees,
-    valid_reasons,
-)
+from processing._uncertainty.normal_uncertainty import NormalUncertainty, in_degrees, valid_reasons
 from processing._uncertainty.pixel_variances import Origin
 from processing._uncertainty.sample_kind import SampleKind
 from rig import Notice

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration import BandedStack, Stack, StackNoise, luma
-from processing._reconstruction.surface_points import SurfacePoints
+from processing._reconstruction.views import SurfacePoints
 from rig import Notice
 
 Float = npt.NDArray[np.float32]
@@ -57,18 +57,15 @@ class Band:
     ----------
     rows
         The rows.
-    around
-        The same and those around them, of which ``stack`` consists.
     inside
-        Where the rows are in ``stack``.
-    stack
-        The images.
+        Where the rows are in ``sample``.
+    sample
+        The same and those around them.
     """
 
     rows: slice
-    around: slice
     inside: slice
-    stack: Stack
+    sample: RowSample
 
 
 class RecordedImages:
@@ -149,7 +146,9 @@ class RecordedImages:
                 above, below = max(first - around, 0), min(last + around, height)
                 inner = slice(first - above, last - above)
                 stack = self._rows(above, below, colour=colour)
-                yield Band(slice(first, last), slice(above, below), inner, stack)
+                numbers = np.arange(above, below)
+                sample = RowSample(numbers, stack.values, mask[above:below], stack.noise)
+                yield Band(slice(first, last), inner, sample)
 
     def sample(self, mask: Mask, *, colour: bool = False) -> RowSample:
         """Return rows with pixels of the mask: all of a small object, else groups of 8 rows.

@@ -12,16 +12,54 @@ import numpy.typing as npt
 from acquisition import Lights
 from processing._reconstruction.cells import Cells
 from processing._reconstruction.frame_faults import predicted_cells
-from processing._reconstruction.image_prediction import predict_images
 from processing._reconstruction.self_calibration import align, angles_deg, explained
-from processing._reconstruction.strength_fit import StrengthFit, fit_strengths, light_vectors
+from processing._reconstruction.strength_fit import (
+    StrengthFit,
+    fit_strengths,
+    light_vectors,
+    project,
+    solve_normals,
+)
 from rig import Notice, pluralize, short_repr
 
 Double = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
-
 Kind = Literal["brightness", "moved", "swapped", "clipped", "striped", "shifted", "foreign"]
+_CODES: dict[Kind, str] = {
+    "swapped": "images-swapped",
+    "moved": "light-moved",
+    "brightness": "light-brightness",
+    "clipped": "image-clipped",
+    "striped": "image-striped",
+    "shifted": "image-shifted",
+    "foreign": "image-disagrees",
+}
+_REMEDIES: dict[Kind, str] = {
+    "swapped": "check the order of images and lights",
+    "moved": "did a lamp move, or is the image turned?",
+    "brightness": "check intensities and exposure times",
+    "clipped": "check the exposure and the white level",
+    "striped": "record the image again",
+    "shifted": "the object or the camera moved: record the image again",
+    "foreign": "it may show another moment, other exposure, or stray light",
+}
 
+# Samples below this share of the brightest of their pixel may be in shadow.
+_LIT = 0.15
+_FEWEST_SAMPLES = 20
+# Brightest share of an image, which is compared with the rest.
+_TOP = 0.15
+_BRIGHT = 0.9
+_STEPS = 8
+_MAD_TO_SIGMA = 1.4826
+# Deviations from a matte surface are alike over large parts of an object: as many count as these.
+_INDEPENDENT = 10.0
+# Flatter objects, or those curved along one axis only, do not show where lights are.
+_LEAST_RELIEF = 0.04
+# Residuals, relative to the median, that have half of the weight.
+_HALF_WEIGHT = 2.2
+# Influence of a sample on its own prediction is at most this, or it would be divided by 0.
+_LARGEST_LEVER = 0.95
 _FEWEST_IMAGES = 6
 _FEWEST_PIXELS = 100
 _PIXELS = 1000
@@ -56,10 +94,101 @@ _SWAPPED_SIGMAS = 2.0
 _MOST = 0.3
 _MOST_IMAGES = 2
 _LISTED = 6
-_MAD_TO_SIGMA = 1.4826
 # This share of normally distributed values is within so many standard deviations.
 _AGREEING = 0.45
 _NORMAL_QUANTILE = 0.598
+
+
+@dataclass(frozen=True, eq=False)
+class _ImagePrediction:
+    """How each of N images differs from what the others predict.
+
+    Parameters
+    ----------
+    vectors
+        ``(N, 3)`` light vectors in the middle of the object that the images show, if the prediction
+        has normals from the other images.
+    sigma_deg
+        ``(N,)`` standard deviations of the directions of these vectors; infinite if the object
+        does not show them.
+    left
+        ``(N,)`` median relative deviation of each image, at its own brightness and light vector.
+    top
+        ``(N,)`` brightness of the brightest parts relative to the rest, 1 as predicted.
+    """
+
+    vectors: Double
+    sigma_deg: Double
+    left: Double
+    top: Double
+
+    __repr__ = short_repr
+
+
+def _predict_images(fit: StrengthFit, middle: Double) -> _ImagePrediction:
+    """Predict each image from normals of the others.
+
+    Parameters
+    ----------
+    fit
+        Normals and strengths from all images.
+    middle
+        ``(N, 3)`` light vectors in the middle of the object.
+    """
+    vectors, samples = fit.vectors, fit.samples
+    count = samples.shape[1]
+    _, inverse = solve_normals(samples, fit.weights, vectors)
+    predicted = project(vectors, fit.scaled_normals)
+    level = np.quantile(np.maximum(predicted, 0), _BRIGHT, axis=1)
+    length = np.linalg.norm(vectors, axis=2, keepdims=True)
+    # Directions at a pixel differ from those in the middle by what is known.
+    aside = vectors - length * middle / np.linalg.norm(middle, axis=1, keepdims=True)
+    shown, sigma = np.array(middle), np.full(count, np.inf)
+    left, top = np.zeros(count), np.ones(count)
+    for i in range(count):
+        one = vectors[:, i]
+        # Normals without this image, by the formula of Sherman and Morrison.
+        rows = (inverse @ np.broadcast_to(one, (len(samples), 3))[..., None])[..., 0]
+        lever = np.clip(fit.weights[:, i] * np.sum(rows * one, axis=1), 0, _LARGEST_LEVER)
+        share = fit.weights[:, i] * fit.residuals[:, i] / (1 - lever)
+        normals = fit.scaled_normals - share[:, None] * rows
+        expected = np.sum(normals * one, axis=1)
+        seen = samples[:, i]
+        bright = expected > _LIT * level
+        if np.count_nonzero(bright & (seen > 0)) >= _FEWEST_SAMPLES:
+            top[i] = _top(expected[bright & (seen > 0)], seen[bright & (seen > 0)])
+        lit = seen > _LIT * level
+        if np.count_nonzero(lit) < _FEWEST_SAMPLES:
+            continue
+        slopes = length[:, i] * normals
+        target = seen - np.sum(aside[:, i] * normals, axis=1)
+        shown[i], sigma[i], left[i] = _light(slopes[lit], target[lit], seen[lit])
+    return _ImagePrediction(shown, sigma, left, top)
+
+
+def _top(expected: Double, seen: Double) -> float:
+    ratio = seen / expected
+    brightest = expected >= np.quantile(expected, 1 - _TOP)
+    if brightest.all():
+        return 1.0
+    return float(np.median(ratio[brightest]) / max(float(np.median(ratio[~brightest])), 1e-6))
+
+
+def _light(slopes: Double, target: Double, seen: Double) -> tuple[Double, float, float]:
+    """Return the light that explains most samples, the sd of its direction, and the deviation."""
+    weight = np.ones(len(target))
+    for _ in range(_STEPS):
+        rows = weight[:, None] * slopes
+        light = np.asarray(np.linalg.lstsq(rows.T @ slopes, rows.T @ target, rcond=None)[0])
+        deviation = np.abs(target - slopes @ light)
+        scale = max(_HALF_WEIGHT * float(np.median(deviation)), 1e-6)
+        weight = 1 / (1 + (deviation / scale) ** 2)
+    relief = np.sqrt(np.maximum(np.linalg.eigvalsh(rows.T @ slopes / weight.sum()), 0))
+    sigma = np.inf
+    if relief[0] > _LEAST_RELIEF * relief[2]:
+        error = _MAD_TO_SIGMA * float(np.median(deviation))
+        sigma = error / float(np.sqrt(_INDEPENDENT) * relief[0] * np.linalg.norm(light))
+    return light, float(np.degrees(sigma)), float(np.median(deviation / seen))
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,14 +306,13 @@ def _plateaus(cells: Cells) -> Mask:
         seen = seen[np.isfinite(seen)]
         if len(seen):
             share[i] = np.mean(seen > _EQUAL * np.quantile(seen, _LARGEST))
-    found: Mask = share > max(_PLATEAU, _PLATEAU_TYPICAL * float(np.median(share)))
-    return found
+    return np.asarray(share > max(_PLATEAU, _PLATEAU_TYPICAL * float(np.median(share))))
 
 
 def _light_faults(
     fit: StrengthFit, middle: Double, ids: Sequence[str], plateaus: Mask
 ) -> list[Disagreement]:
-    seen = predict_images(fit, middle)
+    seen = _predict_images(fit, middle)
     mapped = align(seen.vectors, middle)
     error = angles_deg(mapped, middle)
     typical = float(np.median(error))
@@ -244,8 +372,7 @@ def _tilt(fit: StrengthFit, middle: Double) -> Double:
     across = np.linalg.svd(mean[None])[2][1:]
     facing = np.maximum(middle @ mean, 0.05 * np.linalg.norm(middle, axis=1))
     design = np.column_stack([np.ones(len(middle)), (middle @ across.T) / facing[:, None]])
-    found: Double = design @ _most_agree(design, fit.logarithms)
-    return found
+    return np.asarray(design @ _most_agree(design, fit.logarithms))
 
 
 def _most_agree(design: Double, values: Double) -> Double:
@@ -276,26 +403,6 @@ def _spread(left: Double) -> float:
 
 def _too_many(found: int, count: int) -> bool:
     return found > max(_MOST_IMAGES, _MOST * count)
-
-
-_CODES: dict[Kind, str] = {
-    "swapped": "images-swapped",
-    "moved": "light-moved",
-    "brightness": "light-brightness",
-    "clipped": "image-clipped",
-    "striped": "image-striped",
-    "shifted": "image-shifted",
-    "foreign": "image-disagrees",
-}
-_REMEDIES: dict[Kind, str] = {
-    "swapped": "check the order of images and lights",
-    "moved": "did a lamp move, or is the image turned?",
-    "brightness": "check intensities and exposure times",
-    "clipped": "check the exposure and the white level",
-    "striped": "record the image again",
-    "shifted": "the object or the camera moved: record the image again",
-    "foreign": "it may show another moment, other exposure, or stray light",
-}
 
 
 def scheme_notices(check: SchemeCheck, ids: Sequence[str]) -> list[Notice]:

@@ -87,8 +87,7 @@ def solve(weight: Double, samples: Double, factors: Double) -> Double:
     normal = (weight @ products).reshape(-1, 3, 3)
     target = (weight * samples) @ factors
     ridge = 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] + 1e-12
-    solved: Double = np.linalg.solve(normal + ridge * np.eye(3), target[..., None])[..., 0]
-    return solved
+    return np.asarray(np.linalg.solve(normal + ridge * np.eye(3), target[..., None])[..., 0])
 
 
 def align(found: Double, given: Double) -> Double:
@@ -150,5 +149,4 @@ def _angles(a: Double, b: Double) -> Double:
     cosine = np.sum(a * b, axis=-1)
     one, other = np.broadcast_arrays(a, b)
     sine = np.linalg.norm(np.cross(one, other), axis=-1)
-    angle: Double = np.arctan2(sine, cosine)
-    return angle
+    return np.asarray(np.arctan2(sine, cosine))

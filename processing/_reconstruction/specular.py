@@ -15,7 +15,7 @@ from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, law_or_alike
 from rig import check_type, in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]

@@ -86,8 +86,7 @@ class StrengthFit:
         count = len(self.logarithms)
         basis = np.linalg.qr(np.column_stack([np.ones(count), np.eye(count)[:, 1:]]))[0][:, 1:]
         inverse = basis @ np.linalg.pinv(basis.T @ self.information @ basis) @ basis.T
-        found: Double = inverse @ (scores.T @ scores) @ inverse
-        return found
+        return np.asarray(inverse @ (scores.T @ scores) @ inverse)
 
 
 def light_vectors(cells: Cells, lights: Lights, places: npt.NDArray[np.intp]) -> Double:
@@ -207,8 +206,7 @@ def strength_information(
     size, axes = np.linalg.eigh(inverse)
     root = axes * np.sqrt(np.maximum(size, 0))[:, None, :]
     reduced = (rows @ root).transpose(1, 0, 2).reshape(rows.shape[1], -1)
-    left: Double = np.diag(np.sum(slope * predicted, axis=0)) - reduced @ reduced.T
-    return left
+    return np.asarray(np.diag(np.sum(slope * predicted, axis=0)) - reduced @ reduced.T)
 
 
 def _step(information: Double, gradient: Double, since_start: Double, prior_sd: float) -> Double:

@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import Lights
-from processing._reconstruction.cells import Cells
-from processing._reconstruction.samples import Samples, samples_of
+from processing._reconstruction.cells import Cells, Samples, samples_of
 from processing._reconstruction.self_calibration import solve
 from rig import pluralize, short_repr
 

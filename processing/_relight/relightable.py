@@ -14,7 +14,7 @@ from calibration import linear_stack, open_stack
 from processing._normal_map import NormalMap
 from processing._reconstruction.views import view_of
 from processing._relight.fit import RelightColours, RelightFit, RelightValues, Samples, fit_rows
-from processing._relight.light_basis import LightBasis, light_basis
+from processing._relight.relightable_image import LightBasis, light_basis
 from processing._stereo.light_model import LightModel
 from rig import Progress, check_type, no_progress
 

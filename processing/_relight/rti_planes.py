@@ -12,22 +12,67 @@ import json
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Identity, StorageError, write_durably
-from processing._relight.bytes_of_coefficients import coded
 from processing._relight.relightable_image import RelightableImage
 from rig import check_type
 
 Float = npt.NDArray[np.float32]
+Byte = npt.NDArray[np.uint8]
+Double = npt.NDArray[np.float64]
 
+# Coefficients of few pixels, for example of those with few samples, may be far from all others: at
+# most this share is clipped at either end.
+_CLIPPED = 1e-4
+_MOST = 2_000_000
 # Largest side of a JPEG that decoders accept.
 _LONGEST = 65_500
 _NAMES = {"ptm": "ptm", "hsh4": "hsh", "hsh9": "hsh"}
+
+
+class _Coded(NamedTuple):
+    """Coefficients ``(samples - bias) * scale``.
+
+    Parameters
+    ----------
+    samples
+        ``(H, W, K)`` uint8.
+    scale
+        ``(K,)`` positive.
+    bias
+        ``(K,)`` whole numbers, 0 to 255.
+    """
+
+    samples: Byte
+    scale: Double
+    bias: Double
+
+    def decoded(self) -> Float:
+        """Return the coefficients that the samples stand for."""
+        return ((self.samples.astype(np.float32) - self.bias) * self.scale).astype(np.float32)
+
+
+def _coded(coefficients: Float) -> _Coded:
+    """Round coefficients ``(H, W, K)`` to 8 bits; 0 is always among the values of the samples."""
+    terms = coefficients.shape[2]
+    flat = coefficients.reshape(-1, terms)
+    some = flat[:: 1 + len(flat) // _MOST]
+    low = np.minimum(np.quantile(some, _CLIPPED, axis=0, method="lower"), 0).astype(np.float64)
+    high = np.maximum(np.quantile(some, 1 - _CLIPPED, axis=0, method="higher"), 0)
+    scale = (high - low) / 254
+    scale[scale == 0] = 1.0
+    # The written text of the scale is what readers multiply by.
+    scale = np.array([float(f"{step:.9g}") for step in scale])
+    bias = np.ceil(np.abs(low) / scale)
+    samples = np.zeros(coefficients.shape, np.uint8)
+    for row, line in enumerate(coefficients):
+        samples[row] = np.clip(np.rint(line / scale + bias), 0, 255)
+    return _Coded(samples, scale, bias)
 
 
 def write_rti_planes(
@@ -91,7 +136,7 @@ def write_rti_planes(
     planes = _planes(image)
     scales, biases, written, stored = [], [], [], []
     for number in range(planes.shape[2] // 3):
-        encoded = coded(planes[:, :, 3 * number : 3 * number + 3])
+        encoded = _coded(planes[:, :, 3 * number : 3 * number + 3])
         scales += [float(step) * 255 for step in encoded.scale]
         biases += [float(bias) / 255 for bias in encoded.bias]
         written.append(Path(folder) / f"plane_{number}.jpg")

@@ -3,36 +3,46 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numba
 import numpy as np
+import numpy.typing as npt
 
 from processing._stereo.cauchy import cauchy_pixel
-from processing._stereo.least_trimmed import (
-    Triples,
-    bright_samples,
-    least_trimmed,
-    light_triples,
-    rank_of_spread,
-)
 from processing._stereo.pixel_algebra import (
+    ANY_ORDER,
     IN_PLACE,
     Double,
     Float,
-    law_or_alike,
+    count_up_to,
+    ranked,
+    reweighted,
     rms_residual,
+    solved_pixels,
     usable_samples,
     weighted_solution,
 )
 from processing._stereo.reflectance_fit import reflectance_fit
-from processing._stereo.reweighted import reweighted
-from rig import in_threads
 
-# Compiled in: processing/_stereo/cauchy.py bb47c9b9b097
-# Compiled in: processing/_stereo/least_trimmed.py ae49da2b2a08
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_stereo/reflectance_fit.py c800caf84fcf
-# Compiled in: processing/_stereo/reweighted.py eb8405535879
+# Compiled in: processing/_stereo/cauchy.py 7d6abe045ad8
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_stereo/reflectance_fit.py 047fdfacecd8
+
+Triples = npt.NDArray[np.int64]
+# Candidates per pixel, and the number of triples that are drawn to find as many.
+_CANDIDATES = 40
+_DRAWN = 120
+# Least determinant of the unit vectors of a triple.
+_DETERMINANT = 0.05
+# Share of the samples that determine the spread, and their least number.
+_SHARE = 0.4
+_LEAST_RANK = 5
+_CONCENTRATIONS = 5
+# Samples up to this multiple of the spread are fitted in a concentration step.
+_REACH = 1.5
+# Samples below this share of the mean show no light: an attached or a cast shadow.
+_DARK = 0.05
 
 # With fewer samples the subsets that agree are too small, and noise decides between them.
 _FEWEST = 16
@@ -48,13 +58,9 @@ def best(
 
     This is an `Estimator`; see there for the parameters and the result.
     """
-    scaled = np.zeros((len(values), 3))
-    rms = np.zeros(len(values))
-    triples = light_triples(values.shape[1])
+    triples = _light_triples(values.shape[1])
     toward = np.array([[0, 0, 1]], np.float32) if view is None else view
-    of_noise = law_or_alike(law, values.shape[1])
-    in_threads(_solve_pixels, len(values), values, vectors, *of_noise, toward, triples, scaled, rms)
-    return scaled, rms
+    return solved_pixels(_solve_pixels, values, vectors, law, toward, triples)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
@@ -70,7 +76,7 @@ def _best_pixel(
     length = math.sqrt(m0 * m0 + m1 * m1 + m2 * m2)
     if not (solved and 0 < length < np.inf):
         return solved, m0, m1, m2
-    found = bright_samples(count, usable, bright)
+    found = _bright_samples(count, usable, bright)
     if found < 4:
         solved, m0, m1, m2 = cauchy_pixel(count, usable, known, scratch)
         return solved, m0, m1, m2
@@ -81,7 +87,7 @@ def _best_pixel(
     per = np.float32(1 / length)
     for k in range(found):
         bright[0, k] *= per
-    x, y, z, spread = least_trimmed(
+    x, y, z, spread = _least_trimmed(
         found, bright, triples, scratch, m0 / length, m1 / length, m2 / length
     )
     m0, m1, m2 = x * length, y * length, z * length
@@ -94,7 +100,7 @@ def _best_pixel(
     for k in range(count):
         usable[0, k] *= per
     x, y, z = reflectance_fit(
-        count, usable, view, rank_of_spread(found), spread, scratch, gram, x, y, z
+        count, usable, view, _rank_of_spread(found), spread, scratch, gram, x, y, z
     )
     for k in range(count):
         usable[0, k] /= per
@@ -122,3 +128,117 @@ def _solve_pixels(
         if solved:
             rms[p] = rms_residual(count, usable, m0, m1, m2)
         scaled[p, 0], scaled[p, 1], scaled[p, 2] = m0, m1, m2
+
+
+@lru_cache(maxsize=8)
+def _light_triples(lights: int) -> Triples:
+    """Return ``(T, 3)`` fixed random triples of different lights."""
+    rng = np.random.default_rng(0)
+    return np.argsort(rng.uniform(size=(_DRAWN, lights)), axis=1)[:, :3].astype(np.int64)
+
+
+@numba.njit(**IN_PLACE)
+def _bright_samples(count: int, usable: Float, bright: Float) -> int:
+    """Copy the samples that show light, in the form of `usable_samples`; return their number.
+
+    A dark sample would agree with every normal that faces away from its light, so that a normal
+    could be found that explains only shadows.
+    """
+    total = 0.0
+    for k in range(count):
+        total += max(usable[0, k], np.float32(0))
+    limit = np.float32(_DARK * total / count)
+    found = 0
+    for k in range(count):
+        for i in range(4):
+            bright[i, found] = usable[i, k]
+        found += int(usable[0, k] > limit)
+    return found
+
+
+@numba.njit(**IN_PLACE)
+def _rank_of_spread(count: int) -> int:
+    """Return the rank, from 0, of the deviation that is the spread of ``count`` samples."""
+    return min(max(int(_SHARE * count), _LEAST_RANK), count - 1)
+
+
+@numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
+def _deviations(
+    count: int, usable: Float, m0: float, m1: float, m2: float, deviation: Float
+) -> None:
+    x, y, z, zero = np.float32(m0), np.float32(m1), np.float32(m2), np.float32(0)
+    v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
+    for k in range(count):
+        deviation[k] = abs(v[k] - max(lx[k] * x + ly[k] * y + lz[k] * z, zero))
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
+def _least_trimmed(
+    count: int, usable: Float, triples: Triples, scratch: Float, m0: float, m1: float, m2: float
+) -> tuple[float, float, float, np.float32]:
+    """Return the solution with the smallest spread of the residuals, and this spread.
+
+    The candidates are the start (m0, m1, m2) and the solutions of random triples of lights
+    (Rousseeuw, 1984); the winner is concentrated (Rousseeuw and Van Driessen, 2006): least squares
+    over the samples that agree, while the spread decreases.
+
+    Parameters
+    ----------
+    count, usable
+        Samples that show light, see `_bright_samples`, in a unit in which the albedo is about 1.
+    triples
+        Triples of indices of all N lights; those of this pixel are in proportion.
+    scratch
+        At least 2 rows of ``count`` elements.
+    m0, m1, m2
+        A first solution.
+    """
+    v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
+    deviation, weight = scratch[0], scratch[1]
+    lights = usable.shape[1]
+    rank = _rank_of_spread(count)
+    _deviations(count, usable, m0, m1, m2, deviation)
+    spread = ranked(deviation, count, rank, np.float32(0.1))
+    tried = 0
+    for t in range(len(triples)):
+        a, b, c = triples[t]
+        if count < lights:
+            a, b, c = a * count // lights, b * count // lights, c * count // lights
+        ax, ay, az, bx, by, bz = lx[a], ly[a], lz[a], lx[b], ly[b], lz[b]
+        cx, cy, cz = lx[c], ly[c], lz[c]
+        # Cramer's rule with the cross products of the vectors.
+        px, py, pz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        det = ax * px + ay * py + az * pz
+        size2 = (ax * ax + ay * ay + az * az) * (bx * bx + by * by + bz * bz)
+        size2 *= cx * cx + cy * cy + cz * cz
+        if not det * det >= np.float32(_DETERMINANT**2) * size2:
+            continue
+        tried += 1
+        if tried > _CANDIDATES:
+            break
+        fa, fb, fc = v[a] / det, v[b] / det, v[c] / det
+        z = fa * pz + fb * (cx * ay - cy * ax) + fc * (ax * by - ay * bx)
+        if not z > 0:
+            continue
+        x = fa * px + fb * (cy * az - cz * ay) + fc * (ay * bz - az * by)
+        y = fa * py + fb * (cz * ax - cx * az) + fc * (az * bx - ax * bz)
+        _deviations(count, usable, x, y, z, deviation)
+        if count_up_to(deviation, count, spread) > rank:
+            spread = ranked(deviation, count, rank, spread)
+            m0, m1, m2 = float(x), float(y), float(z)
+    for _ in range(_CONCENTRATIONS):
+        x, y, z = np.float32(m0), np.float32(m1), np.float32(m2)
+        limit = np.float32(_REACH) * spread
+        for k in range(count):
+            shading = lx[k] * x + ly[k] * y + lz[k] * z
+            agrees = shading > 0 and abs(v[k] - shading) <= limit
+            weight[k] = np.float32(1) if agrees else np.float32(0)
+        solved, n0, n1, n2 = weighted_solution(count, usable, weight)
+        if not solved:
+            break
+        _deviations(count, usable, n0, n1, n2, deviation)
+        found = ranked(deviation, count, rank, spread)
+        if not found < spread:
+            break
+        m0, m1, m2, spread = n0, n1, n2, found
+    return m0, m1, m2, spread

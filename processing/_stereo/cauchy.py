@@ -9,20 +9,18 @@ import numpy as np
 
 from processing._stereo.pixel_algebra import (
     IN_PLACE,
+    MAD_TO_SIGMA,
     Double,
     Float,
-    law_or_alike,
+    ranked,
+    reweighted,
     rms_residual,
+    solved_pixels,
     usable_samples,
     weighted_solution,
 )
-from processing._stereo.ranks import MAD_TO_SIGMA, ranked
-from processing._stereo.reweighted import reweighted
-from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_stereo/ranks.py 785cb2179947
-# Compiled in: processing/_stereo/reweighted.py eb8405535879
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).
@@ -43,11 +41,7 @@ def cauchy(
 
     This is an `Estimator`; see there for the parameters and the result. The view has no effect.
     """
-    scaled = np.zeros((len(values), 3))
-    rms = np.zeros(len(values))
-    of_noise = law_or_alike(law, values.shape[1])
-    in_threads(_solve_pixels, len(values), values, vectors, *of_noise, scaled, rms)
-    return scaled, rms
+    return solved_pixels(_solve_pixels, values, vectors, law)
 
 
 @numba.njit(**IN_PLACE)

@@ -9,7 +9,7 @@ from processing._stereo.cauchy import cauchy
 from processing._stereo.frames import Frames
 from processing._stereo.least_squares import least_squares
 from processing._stereo.light_model import LightModel
-from processing._stereo.ranks import MAD_TO_SIGMA
+from processing._stereo.pixel_algebra import MAD_TO_SIGMA
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

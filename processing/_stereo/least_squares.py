@@ -12,16 +12,14 @@ from processing._stereo.pixel_algebra import (
     IN_PLACE,
     Double,
     Float,
-    law_or_alike,
+    reweighted,
     rms_residual,
+    solved_pixels,
     usable_samples,
     weighted_solution,
 )
-from processing._stereo.reweighted import reweighted
-from rig import in_threads
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_stereo/reweighted.py eb8405535879
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 
 def least_squares(
@@ -40,11 +38,7 @@ def least_squares(
     if len(vectors) == 1:
         shared = vectors[0].astype(np.float64)
         inverse = np.ascontiguousarray(np.linalg.pinv(shared @ shared.T))
-    scaled = np.zeros((len(values), 3))
-    rms = np.zeros(len(values))
-    of_noise = law_or_alike(law, values.shape[1])
-    in_threads(_solve_pixels, len(values), values, vectors, *of_noise, inverse, scaled, rms)
-    return scaled, rms
+    return solved_pixels(_solve_pixels, values, vectors, law, inverse)
 
 
 @numba.njit(**IN_PLACE, fastmath=ANY_ORDER)

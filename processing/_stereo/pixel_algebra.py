@@ -7,6 +7,7 @@ After a change in this file, the lines "Compiled in" of its callers must change;
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numba
@@ -14,9 +15,27 @@ import numpy as np
 import numpy.typing as npt
 from numba.core.options import DefaultOptions
 
+from rig import in_threads
+
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
 
+_STEPS = 2
+# Samples beyond this many standard deviations are outliers, and at most this share may be.
+_CUT = 4.0
+_OUTLIERS = 0.1
+# The sum of the squared, normalised residuals over d degrees of freedom has the standard deviation
+# sqrt(2 d). This many are allowed, and some more for errors of the lights.
+_CHI2_SIGMAS = 4.0
+_TOLERANCE = 1.25
+# Largest spread, in standard deviations, from which one more step can reach agreement.
+_HOPELESS = 4.0
+# Passes that locate a rank, each in a quarter of the range before: to 1 part in 64, a tenth of the
+# noise of a median.
+_PASSES = 3
+# 1 / (0.75 quantile of the normal distribution): converts the median of |r| into a standard
+# deviation.
+MAD_TO_SIGMA = 1.4826
 # Largest condition number of the lights: the errors of the images are multiplied by up to this
 # factor. A dome has 2 to 5, a cone of 3 degrees about 30, a row of lights whose directions are
 # wrong by one degree about 50.
@@ -34,6 +53,16 @@ ANY_ORDER = {"reassoc", "contract", "nsz"}
 IN_PLACE: dict[str, Any] = {"cache": True}
 if hasattr(DefaultOptions, "_nrt"):
     IN_PLACE["_nrt"] = False
+
+
+def solved_pixels(
+    kernel: Callable[..., None], values: Float, vectors: Float, law: Float | None, *more: Any
+) -> tuple[Double, Double]:
+    """Return the scaled normals and residuals that a kernel writes; see `Estimator`."""
+    scaled, rms = np.zeros((len(values), 3)), np.zeros(len(values))
+    of_noise = law_or_alike(law, values.shape[1])
+    in_threads(kernel, len(values), values, vectors, *of_noise, *more, scaled, rms)
+    return scaled, rms
 
 
 def law_or_alike(law: Float | None, lights: int) -> tuple[Float, bool]:
@@ -137,3 +166,109 @@ def rms_residual(count: int, usable: Float, m0: float, m1: float, m2: float) -> 
         shading = usable[1, k] * m0 + usable[2, k] * m1 + usable[3, k] * m2
         total += (usable[0, k] - shading) ** 2
     return math.sqrt(total / count)
+
+
+@numba.njit(**IN_PLACE)
+def count_up_to(values: Float, count: int, limit: np.float32) -> int:
+    """Return how many of the first ``count`` values do not exceed a limit."""
+    found = np.int32(0)
+    for k in range(count):
+        found += np.int32(values[k] <= limit)
+    return int(found)
+
+
+@numba.njit(**IN_PLACE)
+def _count_up_to_three(
+    values: Float, count: int, a: np.float32, b: np.float32, c: np.float32
+) -> tuple[int, int, int]:
+    """Return how many of the first ``count`` values do not exceed each of three limits."""
+    below_a = below_b = below_c = np.int32(0)
+    for k in range(count):
+        below_a += np.int32(values[k] <= a)
+        below_b += np.int32(values[k] <= b)
+        below_c += np.int32(values[k] <= c)
+    return int(below_a), int(below_b), int(below_c)
+
+
+@numba.njit(**IN_PLACE)
+def ranked(values: Float, count: int, rank: int, guess: np.float32) -> np.float32:
+    """Return a limit that slightly more than ``rank`` of the values, all positive, do not exceed.
+
+    The search starts at a guess above 0 and divides the range by four in each pass. The code
+    branches once per pass and not per sample, so it is faster than a selection algorithm.
+    """
+    low, high, half = np.float32(0), guess, np.float32(0.5)
+    while high < np.inf and count_up_to(values, count, high) <= rank:
+        low, high = high, 2 * high
+    for _ in range(_PASSES):
+        b = half * (low + high)
+        a, c = half * (low + b), half * (b + high)
+        up_to_a, up_to_b, up_to_c = _count_up_to_three(values, count, a, b, c)
+        if up_to_a > rank:
+            high = a
+        elif up_to_b > rank:
+            low, high = a, b
+        elif up_to_c > rank:
+            low, high = b, c
+        else:
+            low = c
+    return high
+
+
+@numba.njit(**IN_PLACE, error_model="numpy")
+def reweighted(
+    count: int, usable: Float, scratch: Float, m0: float, m1: float, m2: float
+) -> tuple[bool, float, float, float]:
+    """Refine a solution of ``v = max(l . m, 0)`` where the residuals are noise.
+
+    The weights are the reciprocal variances at the predicted signals, so that the error is that of
+    the Cramer-Rao bound. Return False and the given solution if the residuals are not noise:
+    another reflectance, many highlights or shadows.
+
+    Parameters
+    ----------
+    count, usable
+        Samples of one pixel with the law of their noise, see `usable_samples`.
+    scratch
+        At least 3 rows of ``count`` elements.
+    m0, m1, m2
+        The given solution.
+    """
+    v, lx, ly, lz, floor, slope = usable[0], usable[1], usable[2], usable[3], usable[4], usable[5]
+    ratio, weight, of_lit = scratch[0], scratch[1], scratch[2]
+    n0, n1, n2 = m0, m1, m2
+    zero, one = np.float32(0), np.float32(1)
+    for step in range(_STEPS + 1):
+        x, y, z = np.float32(n0), np.float32(n1), np.float32(n2)
+        lit = 0
+        for k in range(count):
+            shading = max(lx[k] * x + ly[k] * y + lz[k] * z, zero)
+            precision = one / (floor[k] + slope[k] * shading)
+            ratio[k] = abs(v[k] - shading) * np.sqrt(precision)
+            # A sample that the model predicts black has no slope.
+            weight[k] = precision if shading > zero else zero
+            of_lit[lit] = ratio[k]
+            lit += int(weight[k] > zero)
+        if lit < 3:
+            break
+        scale = np.float32(MAD_TO_SIGMA) * ranked(of_lit, lit, lit // 2, one)
+        if step > 0 and scale > _HOPELESS:
+            break
+        limit = np.float32(_CUT) * max(scale, one)
+        agree, total = 0, 0.0
+        for k in range(count):
+            if ratio[k] <= limit:
+                agree += 1
+                total += float(ratio[k]) ** 2 if weight[k] > zero else 0.0
+            else:
+                weight[k] = zero
+        if step == _STEPS:
+            free = lit - 3.0
+            most = _TOLERANCE * (free + _CHI2_SIGMAS * math.sqrt(2.0 * free))
+            if agree >= count * (1.0 - _OUTLIERS) and total <= most:
+                return True, n0, n1, n2
+            break
+        solved, n0, n1, n2 = weighted_solution(count, usable, weight)
+        if not solved:
+            break
+    return False, m0, m1, m2

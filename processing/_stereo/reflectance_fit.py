@@ -7,11 +7,9 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, Double, Float
-from processing._stereo.ranks import ranked
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, Double, Float, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_stereo/ranks.py 785cb2179947
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 _ITERATIONS = 12
 # In the first iterations samples up to this multiple of the spread have weight 1, others 0.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -11,14 +12,13 @@ import numpy.typing as npt
 
 from acquisition import MapRows
 from processing._detail.rotation import rotate_from_z
-from processing._detail.rows import halo_rows
+from processing._detail.separation import halo_rows
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap
-from processing._superres.blend import blend, roughness_gate
-from processing._superres.filling import filled_outwards
 from processing._superres.interpolation import (
     REACH_PX,
+    averaged,
     bicubic,
     enlarged_mask,
     smoothly,
@@ -28,14 +28,157 @@ from processing._superres.interpolation import (
 from processing._superres.method import PixelSampling
 from processing._superres.model import Domain
 from processing._superres.network import Network
-from processing._superres.pixel_means import means_of_points, with_given
-from processing._superres.tiles import Tile, enlarged_window
 
+Window = tuple[slice, slice]
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
+# Roughness at which half of the network's result is used, in radians: fourth differences.
+_HALF = 0.004
+_BINOMIAL = np.array([0.25, 0.5, 0.25], np.float32)
+_LEAST = np.float32(1e-12)
+# A blend is at most this much better than both results, in mean-square error.
+_LEAST_SHARE = np.float32(0.25)
+_LEAST_LENGTH = 1e-6
+_FACING = np.array([0, 0, 1], np.float32)
 # Side of the square whose mean is the normal at the centre of a large pixel.
 _CENTRAL_PX = 2
+
+
+class _Tile(NamedTuple):
+    """A part of an image, and the larger part on which its result depends.
+
+    Parameters
+    ----------
+    core
+        The part itself, in pixels of the image.
+    around
+        The part with its halo, cut at the border of the image.
+    inside
+        The core, in pixels of `around`.
+    """
+
+    core: Window
+    around: Window
+    inside: Window
+
+
+class Span(NamedTuple):
+    """Some of the rows or columns of an image, as in `_Tile`."""
+
+    core: slice
+    around: slice
+    inside: slice
+
+
+def spans(length: int, side: int, halo: int) -> list[Span]:
+    """Return the parts of the rows or columns of an image.
+
+    Parameters
+    ----------
+    length
+        Number of rows or columns.
+    side, halo
+        Length of the parts, and width of the halo around them.
+    """
+    made = []
+    for first in range(0, length, side):
+        last = min(first + side, length)
+        begin, end = max(first - halo, 0), min(last + halo, length)
+        core, inside = slice(first, last), slice(first - begin, last - begin)
+        made.append(Span(core, slice(begin, end), inside))
+    return made
+
+
+def tiles(reach: npt.NDArray[np.bool_], rows: slice, side: int, halo: int) -> Iterator[_Tile]:
+    """Yield the tiles of one row of tiles that contain pixels of a mask.
+
+    Parameters
+    ----------
+    reach
+        ``(h, w)`` bool, of the rows with their halo.
+    rows
+        The rows of the cores.
+    side, halo
+        Width of the cores, and width of the halo around them.
+    """
+    for columns in spans(reach.shape[1], side, halo):
+        core = rows, columns.core
+        if reach[core].any():
+            yield _Tile(core, (slice(0, len(reach)), columns.around), (rows, columns.inside))
+
+
+def _enlarged_window(window: Window, scale: int) -> Window:
+    """Return a window in pixels of a resolution that is higher by a factor."""
+    rows, columns = (enlarged_rows(part, scale) for part in window)
+    return rows, columns
+
+
+def enlarged_rows(rows: slice, scale: int) -> slice:
+    """Return rows in pixels of a resolution that is higher by a factor."""
+    return slice(rows.start * scale, rows.stop * scale)
+
+
+class _Blend(NamedTuple):
+    """A blend of two results.
+
+    Parameters
+    ----------
+    normals
+        ``(H, W, 3)`` unit vectors.
+    variance
+        ``(H, W)`` mean-square error in radians squared.
+    """
+
+    normals: Float
+    variance: Float
+
+
+def _roughness_gate(low: Float) -> Float:
+    """Return, per pixel of a low resolution, the weight of a network where it is reliable, 0 to 1.
+
+    Where a map is smooth, its fourth differences vanish, interpolation is exact, and there is
+    nothing to add. Second differences would not do: those of steep waves are large.
+
+    Parameters
+    ----------
+    low
+        ``(h, w, 3)`` unit vectors.
+    """
+    rough = low
+    for _ in range(2):
+        smooth = cv2.sepFilter2D(rough, -1, _BINOMIAL, _BINOMIAL, borderType=cv2.BORDER_REFLECT_101)
+        rough = rough - smooth
+    energy = (rough**2).sum(axis=2)
+    energy = cv2.blur(energy, (5, 5), borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(energy / (energy + _HALF**2), np.float32)
+
+
+def blend(smooth: Float, sharp: Float, square: Float, errors: Float, gate: Float) -> _Blend:
+    """Blend an interpolation and the result of a network.
+
+    The weight of the network is 1, less where it expects to be worse than bicubic interpolation
+    (the ratio of the mean-square errors), and less where the map is smooth. With v_b and v_n the
+    mean-square errors and r the difference of the results, the mean-square error of the blend with
+    the weight w is (1 - w) v_b + w v_n - w (1 - w) r^2.
+
+    Parameters
+    ----------
+    smooth, sharp
+        ``(H, W, 3)`` unit vectors: an interpolation, and the result of the network.
+    square
+        ``(H, W)`` r^2, the squared distance of the network's result from bicubic interpolation.
+    errors
+        ``(H, W, 2)`` mean-square errors of the network's result and of bicubic interpolation.
+    gate
+        ``(H, W)`` largest weight, 0 to 1.
+    """
+    ours, theirs = errors[..., 0], errors[..., 1]
+    weight = np.minimum(1, theirs / np.maximum(ours, _LEAST)) * gate
+    variance = (1 - weight) * theirs + weight * ours - weight * (1 - weight) * square
+    floor = _LEAST_SHARE * np.minimum(theirs, ours)
+    normals = units(smooth + weight[..., None] * (sharp - smooth))
+    return _Blend(normals, np.asarray(np.maximum(variance, floor), np.float32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +238,7 @@ class LowMap:
         for number, each in enumerate(vectors):
             vectors[number] = filled_outwards(each, mask[near], halo)
         central = without_averaging(vectors[0], scale)[inner]
-        gate = roughness_gate(vectors[0])[inner]
+        gate = _roughness_gate(vectors[0])[inner]
         normals, shape, detail = (each[inner] for each in vectors)
         reach = reached(mask[near])[inner]
         return cls(normals, shape, detail, central, given, side, gate, mask[rows], reach)
@@ -134,7 +277,7 @@ class HighTile(NamedTuple):
 
 def enlarge(
     low: LowMap,
-    tile: Tile,
+    tile: _Tile,
     scale: int,
     wanted: Mask | None,
     network: Network | None,
@@ -157,7 +300,7 @@ def enlarge(
         The network, None for bicubic interpolation; what it was trained on; whether the mean of
         turned copies is used.
     """
-    around, inside = tile.around, enlarged_window(tile.inside, scale)
+    around, inside = tile.around, _enlarged_window(tile.inside, scale)
     shape = units(bicubic(low.shape[around], scale)[inside])
     mask, variance = _mask(low, tile, scale, wanted), None
     plain = normals = units(bicubic(low.normals[around], scale)[inside])
@@ -183,9 +326,9 @@ def enlarge(
     )
 
 
-def _mask(low: LowMap, tile: Tile, scale: int, wanted: Mask | None) -> Mask:
+def _mask(low: LowMap, tile: _Tile, scale: int, wanted: Mask | None) -> Mask:
     if wanted is None:
-        inside = enlarged_window(tile.inside, scale)
+        inside = _enlarged_window(tile.inside, scale)
         return enlarged_mask(low.mask[tile.around], scale)[inside]
     return low.reach[tile.core].repeat(scale, axis=0).repeat(scale, axis=1) & wanted
 
@@ -211,3 +354,83 @@ def _components(normal_map: NormalMap) -> tuple[Float, Float]:
     height, width = normal_map.size
     shape, detail = (part.normals[:height, :width] for part in shape_filter.split(padded))
     return shape, detail
+
+
+def means_of_points(normal_map: NormalMap, scale: int) -> NormalMap:
+    """Return the means over pixels of a map that has the normals at their centres.
+
+    Parameters
+    ----------
+    normal_map
+        The map. It is continued beyond its mask first.
+    scale
+        How many pixels of the higher resolution are in a pixel, in each direction.
+    """
+    mask = normal_map.mask
+    means = units(averaged(filled_outwards(normal_map.normals, mask, REACH_PX), scale))
+    return NormalMap.of_unit_vectors(np.where(mask[..., None], means, np.float32(0)), mask)
+
+
+def with_given(high: Float, low: Float, mask: Mask, side: int) -> Float:
+    """Turn the normals of each large pixel alike, so that the mean of the inner ones is as given.
+
+    Small errors that all normals of a pixel have in common add up to large errors of heights. The
+    difference of the means is added once, which leaves an error of the second order.
+
+    Parameters
+    ----------
+    high
+        ``(s h, s w, 3)`` unit vectors.
+    low
+        ``(h, w, 3)`` unit vectors, the given normals.
+    mask
+        ``(s h, s w)`` where `high` is part of a map. Large pixels that are not complete stay as
+        they are.
+    side
+        Side of the inner square: s for given means, 2 for given normals at the centres.
+    """
+    height, width = low.shape[:2]
+    scale = len(high) // height
+    blocks = high.reshape(height, scale, width, scale, 3)
+    complete = mask.reshape(height, scale, width, scale).all(axis=(1, 3))
+    inner = slice((scale - side) // 2, (scale + side) // 2)
+    difference = low - units(blocks[:, inner, :, inner].mean(axis=(1, 3)))
+    difference[~complete] = 0
+    return units((blocks + difference[:, None, :, None]).reshape(high.shape))
+
+
+def filled_outwards(vectors: Float, mask: Mask, rings: int) -> Float:
+    """Continue unit vectors beyond their mask, ring by ring.
+
+    Each ring consists of the neighbours of the known pixels and takes the mean direction of those
+    among its eight neighbours. A mirrored or turned map gives the mirrored or turned result.
+
+    Parameters
+    ----------
+    vectors
+        ``(H, W, 3)`` float32, unit vectors inside the mask and 0 outside.
+    mask
+        ``(H, W)`` bool.
+    rings
+        How many pixels far to continue; beyond, the result is (0, 0, 1).
+
+    Returns
+    -------
+    Float
+        ``(H, W, 3)`` float32 unit vectors.
+    """
+    filled, known = vectors.copy(), mask.copy()
+    for _ in range(rings):
+        if known.all():
+            break
+        sums = cv2.boxFilter(filled, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        near = cv2.dilate(known.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        ring = near & ~known
+        sums = sums[ring]
+        length = np.linalg.norm(sums, axis=1, keepdims=True)
+        means = sums / np.maximum(length, _LEAST_LENGTH)
+        # Opposite neighbours cancel out; such a pixel faces the camera.
+        filled[ring] = np.where(length > _LEAST_LENGTH, means, _FACING)
+        known |= ring
+    filled[~known] = (0, 0, 1)
+    return filled

@@ -14,19 +14,36 @@ import numpy.typing as npt
 from acquisition import DataError, Form, Maps
 from processing._detail.separation import sums_of_rows
 from processing._stages.stage import Need, NormalRows, Size, Step
-from processing._superres.enlarge import HighTile, LowMap, enlarge, reached
+from processing._superres.enlarge import (
+    HighTile,
+    LowMap,
+    Span,
+    enlarge,
+    enlarged_rows,
+    margin_rows,
+    reached,
+    spans,
+    tiles,
+)
 from processing._superres.interpolation import REACH_PX
-from processing._superres.memory import memory_need, tile_side
 from processing._superres.method import PixelSampling, SuperResolutionMethod
 from processing._superres.model import SCALES, SuperResolutionModel, read_superres_model
 from processing._superres.network import Network
-from processing._superres.tiles import Span, enlarged_rows, spans, tiles
 from processing._uncertainty.normal_uncertainty import UNIFORM_DEG
 from rig import MAX_PIXELS
 
 Mask = npt.NDArray[np.bool_]
 Filled = dict[str, npt.NDArray[Any]]
 
+# Side of a tile in pixels of the low resolution, and its least ratio to the halo.
+TILE_PX, _HALOS = 128, 2
+# The interpreter, libraries, compiled kernels and a network with the features of a tile.
+_FIXED = 450_000_000
+# Bytes per pixel of the high resolution: a result in memory with what is written of it, masks while
+# the maps are on disk, and the rows of tiles that are computed together.
+_WHOLE, _ON_DISK, _OF_BAND = 30, 2, 36
+# Bytes per pixel of the low resolution: a map in memory, a mask, and rows of tiles with halos.
+_MAP, _MASK, _OF_LOW_BAND = 13, 2, 60
 # At scale 2, turned copies take more than 20 CPU s for 1 million pixels.
 _ENSEMBLE_SCALE = 4
 _SUMS = 3
@@ -112,13 +129,13 @@ class SuperResolutionStage:
     @property
     def side(self) -> int:
         """Side of a tile in pixels of the low resolution."""
-        return tile_side(self.halo)
+        return _tile_side(self.halo)
 
     def need(self, *sizes: Size) -> Need:
         """Return the memory for a map of (height, width)."""
         (size,) = sizes
         # Without a network, what it would need is reserved, too.
-        return memory_need(size, self.scale, 19 if self.model is None else self.model.halo_px)
+        return _memory_need(size, self.scale, 19 if self.model is None else self.model.halo_px)
 
     def forms(self, *sizes: Size) -> Mapping[str, Form]:
         """Return shapes and types of the maps.
@@ -208,3 +225,27 @@ def _put(maps: Filled, own: npt.NDArray[np.float32], columns: slice, made: HighT
 def _sums(maps: Filled, own: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
     mask, added = maps["mask"], maps["added_deg"]
     return np.stack([sums_of_rows(each, mask) for each in (added**2, own**2, added)], axis=1)
+
+
+def _memory_need(size: Size, scale: int, halo_px: int) -> Need:
+    """Return the memory for a map of (height, width) and a network with a halo."""
+    height, width = size
+    fixed = _FIXED + _band(size, scale, halo_px)
+    return Need(
+        fixed + height * width * (_MAP + scale**2 * _WHOLE),
+        fixed + height * width * (_MASK + scale**2 * _ON_DISK),
+        f"a normal map of {width} x {height} pixels at scale {scale}",
+    )
+
+
+def _tile_side(halo: int) -> int:
+    """Return the side of a tile for a halo, both in pixels of the low resolution."""
+    return max(TILE_PX, _HALOS * halo)
+
+
+def _band(size: tuple[int, int], scale: int, halo_px: int) -> int:
+    """Return the bytes for rows that are computed together."""
+    height, width = size
+    rows = _tile_side(halo_px)
+    read = min(rows + 2 * (halo_px + margin_rows(halo_px)), height)
+    return width * (read * _OF_LOW_BAND + scale**2 * min(rows, height) * _OF_BAND)

@@ -2,21 +2,165 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import DataError, MapRows, rows_in_bands
 from processing._normal_map import NormalMap, check_normal_map
 from processing._stages.stage import computed
 from processing._superres.method import PixelSampling, SuperResolutionMethod
 from processing._superres.model import SuperResolutionModel
-from processing._superres.super_resolution import SuperResolution
 from processing._superres.super_resolution_stage import SuperResolutionStage
 from rig import MAX_PIXELS, Progress, no_progress
 
+Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+
+# Pixels that are read at once.
+_READ = 1 << 20
+_HALF = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class SuperResolution:
+    """A normal map of a higher resolution.
+
+    Parameters
+    ----------
+    maps
+        The maps ``normals`` ``(H, W, 3)``, ``mask`` ``(H, W)``, and those that the properties
+        describe, in memory or in files.
+    stage
+        How they were computed.
+    """
+
+    maps: Mapping[str, MapRows]
+    stage: SuperResolutionStage
+
+    def __repr__(self) -> str:
+        height, width = self.mask.shape
+        count = np.count_nonzero(self.mask)
+        made = f"NormalMap(float32[{height}, {width}, 3], {count} normals)"
+        return f"SuperResolution({made}, {self.method}, x{self.scale})"
+
+    @cached_property
+    def mask(self) -> npt.NDArray[np.bool_]:
+        """``(H, W)`` bool, the pixels with a normal."""
+        return self.maps["mask"][:]
+
+    @cached_property
+    def normal_map(self) -> NormalMap:
+        """The map."""
+        return NormalMap.of_unit_vectors(self.maps["normals"][:], self.mask)
+
+    @property
+    def sigma_deg(self) -> Float | None:
+        """``(H, W)`` predicted root mean square angle to the true normal at this resolution.
+
+        NaN outside the mask; None for bicubic interpolation, which predicts none.
+        """
+        return self.maps["sigma_deg"][:] if "sigma_deg" in self.maps else None
+
+    @property
+    def added_deg(self) -> Float:
+        """``(H, W)`` angle between the map and interpolation without a network, 0 outside."""
+        return self.maps["added_deg"][:]
+
+    @property
+    def invented(self) -> Float:
+        """``(H, W)`` share of the detail of each pixel that the network added.
+
+        The square of `added_deg` relative to its sum with the square of the angle between
+        interpolation and shape component; 0 to 1, and 0 outside the mask.
+        """
+        return self.maps["invented"][:]
+
+    @property
+    def invented_share(self) -> float:
+        """The same ratio of the means over the mask."""
+        sums = self.maps["sums"][:]
+        added, own = sums[:, 0].sum(), sums[:, 1].sum()
+        return float(added / (added + own)) if added else 0.0
+
+    @cached_property
+    def median_sigma_deg(self) -> float:
+        """Median of `sigma_deg` over the mask, NaN for bicubic interpolation."""
+        if "sigma_deg" not in self.maps:
+            return float("nan")
+        return _median_of_rows(self.maps["sigma_deg"], self.mask)
+
+    @property
+    def mean_added_deg(self) -> float:
+        """Mean of `added_deg` over the mask."""
+        return float(self.maps["sums"][:][:, 2].sum() / np.count_nonzero(self.mask))
+
+    @property
+    def method(self) -> SuperResolutionMethod:
+        """How the map was made."""
+        return self.stage.method
+
+    @property
+    def scale(self) -> int:
+        """Factor of the resolution."""
+        return self.stage.scale
+
+    @property
+    def model(self) -> SuperResolutionModel | None:
+        """The network; None for bicubic interpolation."""
+        return self.stage.model
+
+    @property
+    def self_ensemble(self) -> bool:
+        """Whether the results of turned copies were averaged."""
+        return self.stage.self_ensemble
+
+
+def _median_of_rows(values: MapRows, mask: npt.NDArray[np.bool_]) -> float:
+    """Return the median of a map over a mask, exactly, from bands of rows.
+
+    The bits of positive numbers have the order of the numbers: the upper half of those of the
+    median is counted first, then the lower half.
+
+    Parameters
+    ----------
+    values
+        ``(H, W)`` float32, 0 or above inside the mask.
+    mask
+        ``(H, W)`` bool, not empty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing._superres.super_resolve import median_of_rows
+    >>> median_of_rows(np.float32([[3, 1], [8, 2]]), np.ones((2, 2), bool))
+    2.5
+    """
+    count = np.count_nonzero(mask)
+    upper = np.zeros(_HALF, np.int64)
+    for bits in _bits(values, mask):
+        upper += np.bincount(bits >> 16, minlength=_HALF)
+    below = np.cumsum(upper)
+    middle = []
+    # One value in the middle, or two whose mean is the median.
+    for number in ((count - 1) // 2, count // 2):
+        top = int(np.searchsorted(below, number, side="right"))
+        lower = np.zeros(_HALF, np.int64)
+        for bits in _bits(values, mask):
+            lower += np.bincount(bits[bits >> 16 == top] & (_HALF - 1), minlength=_HALF)
+        rest = number - (below[top] - upper[top])
+        middle.append(top << 16 | int(np.searchsorted(np.cumsum(lower), rest, side="right")))
+    return float(np.median(np.array(middle, np.uint32).view(np.float32)))
+
+
+def _bits(values: MapRows, mask: npt.NDArray[np.bool_]) -> Iterator[npt.NDArray[np.uint32]]:
+    height, width = mask.shape
+    for rows in rows_in_bands(height, width, _READ):
+        yield values[rows][mask[rows]].view(np.uint32)
 
 
 def super_resolve(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import ComputedRows, DataError, MapRows
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -14,9 +14,12 @@ Mask = npt.NDArray[np.bool_]
 ASSUMED_SIGMA_DEG = 1.0
 # Smaller deviations, relative to the median, count as this: the model has errors too.
 LEAST_SIGMA = 0.1
+_BAND = 256  # rows
 
 
-def variances(sigma_deg: Float | None, mask: Mask) -> tuple[Float | None, float]:
+def variances(
+    sigma_deg: MapRows | None, mask: Mask, *, most: int | None = None
+) -> tuple[MapRows | None, float]:
     """Return the variances of normals relative to their median, and the median.
 
     Parameters
@@ -26,11 +29,14 @@ def variances(sigma_deg: Float | None, mask: Mask) -> tuple[Float | None, float]
         normal whose deviation is NaN counts as the least certain one.
     mask
         ``(H, W)`` bool, the pixels with a normal.
+    most
+        About how many pixels the median is computed from, in some rows of the map; default: all.
 
     Returns
     -------
     relative
-        ``(H, W)`` float32, 1 outside the mask; None if no deviation is known.
+        ``(H, W)`` float32 whose rows are computed when they are read, 1 outside the mask; None if
+        no deviation is known.
     median
         Variance in each tangent direction in rad^2; if no deviation is known, that of 1 degree.
 
@@ -39,20 +45,35 @@ def variances(sigma_deg: Float | None, mask: Mask) -> tuple[Float | None, float]
     DataError
         If the shapes differ, or a deviation is negative or infinite.
     """
-    if sigma_deg is not None and sigma_deg.shape != mask.shape:
+    unknown = None, np.radians(ASSUMED_SIGMA_DEG) ** 2 / 2
+    if sigma_deg is None:
+        return unknown
+    if sigma_deg.shape != mask.shape:
         raise DataError(
             f"deviations of shape {sigma_deg.shape} do not fit normals of shape {mask.shape}"
         )
-    inside = np.zeros(0, np.float32) if sigma_deg is None else sigma_deg[mask]
-    if (inside < 0).any() or np.isinf(inside).any():
-        raise DataError("standard deviations of normals are negative or infinite: give degrees")
-    middle = float(np.nanmedian(inside)) if np.isfinite(inside).any() else 0.0
+    every = 1 if most is None else max(1, mask.size // most)
+    largest, sample = 0.0, [np.zeros(0, np.float32)]
+    for top in range(0, len(mask), _BAND):
+        rows = slice(top, min(top + _BAND, len(mask)))
+        band, inside = sigma_deg[rows], mask[rows]
+        values = band[inside]
+        if (values < 0).any() or np.isinf(values).any():
+            raise DataError("standard deviations of normals are negative or infinite: give degrees")
+        largest = max(largest, float(np.nanmax(values, initial=0)))
+        some = slice(-top % every, None, every)
+        sample.append(band[some][inside[some]])
+    together = np.concatenate(sample)
+    middle = float(np.nanmedian(together)) if np.isfinite(together).any() else 0.0
     if middle == 0:
-        return None, np.radians(ASSUMED_SIGMA_DEG) ** 2 / 2
-    filled = np.maximum(np.nan_to_num(inside, nan=float(np.nanmax(inside))), LEAST_SIGMA * middle)
-    relative = np.ones(mask.shape, np.float32)
-    relative[mask] = np.square(filled / middle)
-    return relative, np.radians(middle) ** 2 / 2
+        return unknown
+
+    def relative(rows: slice) -> Float:
+        values = np.nan_to_num(sigma_deg[rows], nan=largest)
+        found = np.square(np.maximum(values, LEAST_SIGMA * middle) / middle)
+        return np.where(mask[rows], found, np.float32(1)).astype(np.float32)
+
+    return ComputedRows(mask.shape, np.dtype(np.float32), relative), np.radians(middle) ** 2 / 2
 
 
 def certainties(relative: Float) -> tuple[Float, Float]:

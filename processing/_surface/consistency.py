@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import MapRows
-from processing._normal_map import NormalMap, check_normal_map
+from processing._normal_map import check_normal_rows
+from processing._stages.stage import NormalRows
 from processing._surface.integrability import Axes, Integrability, integrability
 from rig import Notice
 
 Double = npt.NDArray[np.float64]
 Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 _EDGES = 20_000
 # Correct maps reach 2.3 degrees (simulated reliefs with one pixel for a detail), and with noise of
@@ -73,7 +72,7 @@ _CAUSES: dict[Axes, str] = {
 }
 
 
-def axes_notices(normal_map: NormalMap) -> list[Notice]:
+def axes_notices(normal_map: NormalRows) -> list[Notice]:
     """Return a notice if normals are those of a surface only with other axes.
 
     The slopes p and q of a surface satisfy dp/dy = dq/dx (see `integrability`). A map whose green
@@ -100,27 +99,8 @@ def axes_notices(normal_map: NormalMap) -> list[Notice]:
     >>> [len(axes_notices(green)) for green in (green_up, green_down)]
     [0, 1]
     """
-    check_normal_map("normal_map", normal_map)
-    return axes_notices_of_rows(normal_map.normals, normal_map.mask)
-
-
-def axes_notices_of_rows(normals: MapRows, mask: Mask) -> list[Notice]:
-    """Return `axes_notices` of a map whose rows are read on request.
-
-    Parameters
-    ----------
-    normals, mask
-        As in `NormalMap`, but not checked; the normals may be on disk.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from processing import axes_notices_of_rows
-    >>> flat = np.tile(np.float32([0, 0, 1]), (32, 32, 1))
-    >>> axes_notices_of_rows(flat, np.ones((32, 32), bool))
-    []
-    """
-    return _axes_notices(integrability(normals, mask), "")
+    check_normal_rows("normal_map", normal_map)
+    return _axes_notices(integrability(normal_map.normals, normal_map.mask), "")
 
 
 def consistency_warning(angle_deg: float, shape: Integrability) -> list[Notice]:

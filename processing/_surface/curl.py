@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import BandFile, CameraModel, DataError, MapRows
-from processing._normal_map import NormalMap, check_normal_map
+from acquisition import CameraModel, DataError, MapRows, MapToFill
+from processing._normal_map import check_normal_rows
+from processing._stages.stage import NormalRows, size_of
 from processing._surface.chord_rule import ChordRule
-from processing._surface.height_map import HeightRows
+from processing._surface.height_map import HeightMap
 from rig import Notice, short_repr
 
 Float = npt.NDArray[np.float32]
@@ -49,7 +50,7 @@ class NormalCurl:
         explain it. NaN if they are not known.
     """
 
-    curl_deg: Float | BandFile
+    curl_deg: MapRows
     spread_deg: float
     excess: float
 
@@ -57,7 +58,11 @@ class NormalCurl:
 
 
 def normal_curl(
-    normal_map: NormalMap, *, camera: CameraModel | None = None, sigma_deg: Float | None = None
+    normal_map: NormalRows,
+    *,
+    camera: CameraModel | None = None,
+    sigma_deg: MapRows | None = None,
+    into: MapToFill | None = None,
 ) -> NormalCurl:
     """Return the curl of the slopes that normals imply.
 
@@ -73,6 +78,8 @@ def normal_curl(
         A perspective camera of the same image size; without a camera the view is orthographic.
     sigma_deg
         ``(H, W)`` standard deviations of the normals in degrees, as for `integrate`.
+    into
+        ``(H, W)`` float32 map that is filled, perhaps in a file; default: a new array.
 
     Raises
     ------
@@ -88,43 +95,14 @@ def normal_curl(
     >>> f"{found.spread_deg:.1f}"
     '1.0'
     """
-    check_normal_map("normal_map", normal_map)
-    size = normal_map.size
-    if camera is not None and camera.size != size:
-        raise DataError(f"a camera of {camera.size} does not fit normals of {size}")
-    if sigma_deg is not None and sigma_deg.shape != size:
-        raise DataError(f"deviations of {sigma_deg.shape} do not fit normals of {size}")
-    curl = np.full(size, np.nan, np.float32)
-    return curl_in_rows(normal_map.normals, normal_map.mask, curl, camera, sigma_deg)
-
-
-def curl_in_rows(
-    normals: MapRows,
-    mask: Mask,
-    curl_deg: Float | BandFile,
-    camera: CameraModel | None = None,
-    sigma_deg: MapRows | None = None,
-) -> NormalCurl:
-    """Write the curl of normals of which rows are read; return it with its figures.
-
-    Parameters
-    ----------
-    normals, mask
-        ``(H, W, 3)`` float32 unit vectors, 0 outside the mask, and ``(H, W)`` bool.
-    curl_deg
-        ``(H, W)`` float32, written.
-    camera, sigma_deg
-        As for `normal_curl`; the deviations may be in a file.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from processing import NormalMap, curl_in_rows
-    >>> slope = NormalMap.from_vectors(np.full((4, 6, 3), [-1.0, 0.0, 1.0]))
-    >>> curl_in_rows(slope.normals, slope.mask, np.zeros((4, 6), np.float32)).spread_deg
-    0.0
-    """
-    rows, columns = mask.shape
+    check_normal_rows("normal_map", normal_map)
+    normals, mask = normal_map.normals, normal_map.mask
+    rows, columns = shape = size_of(normal_map)
+    if camera is not None and camera.size != shape:
+        raise DataError(f"a camera of {camera.size} does not fit normals of {shape}")
+    if sigma_deg is not None and sigma_deg.shape != shape:
+        raise DataError(f"deviations of {sigma_deg.shape} do not fit normals of {shape}")
+    curl_deg = np.full(shape, np.nan, np.float32) if into is None else into
     # Medians of all pixels: 4 bytes for each.
     sizes, ratios = np.zeros((2, rows * columns), np.float32)
     count = known = 0
@@ -176,7 +154,7 @@ def _mean_of_four(values: Float) -> Float:
     return mean * np.float32(0.25)
 
 
-def curl_notices(curl: NormalCurl, height_map: HeightRows) -> list[Notice]:
+def curl_notices(curl: NormalCurl, height_map: HeightMap) -> list[Notice]:
     """Return notices that distinguish normals that contradict each other from a bad integration.
 
     ``curl-not-explained`` if the curl exceeds the standard deviations of the normals nearly

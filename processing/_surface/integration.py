@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError
+from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
 from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.anchors import anchors, doubts_of_prior, solve_anchored
@@ -21,7 +21,7 @@ from processing._surface.integrability import integrability
 from processing._surface.jumps import SHARPNESS, solve_with_jumps
 from processing._surface.multigrid import solve
 from processing._surface.prior import HeightPrior
-from processing._surface.scale import placed, scale_of
+from processing._surface.scale import check_view, placed, scale_of
 from processing._surface.surface_notices import doubts_of_parts, doubts_of_solution
 from processing._surface.turns import evenness
 from rig import Progress, no_progress
@@ -125,7 +125,8 @@ def integrate(
     check_normal_map("normal_map", normal_map)
     scale = scale_of(camera, pixel_mm)
     _check(normal_map, camera, pixel_mm, k, depth_mm, prior)
-    relative, variance = variances(sigma_deg, normal_map.mask)
+    rows_of, variance = variances(sigma_deg, normal_map.mask)
+    relative: Float | None = None if rows_of is None else rows_of[:]
     if height_errors and relative is None:
         raise DataError("errors of heights require standard deviations of the normals")
     window = _bounding_box(normal_map.mask)
@@ -188,11 +189,12 @@ def integrate(
     near = None if depth_mm is None else depth_mm[mask].astype(np.float64)
     found = placed(solution.u[labels >= 0], members, near, known, scale)
     height = np.full(normal_map.size, np.nan, np.float32)
+    maps: dict[str, MapRows] = {"height": height, "parts": parts}
     depth: Float | None = None
     if scale.distance is None:
         height[mask] = found
     else:
-        depth = height.copy()
+        maps["depth"] = depth = height.copy()
         depth[mask] = found
         height[mask] = scale.distance - found
     uncertainty = None
@@ -224,10 +226,8 @@ def integrate(
         used[window] = held.weights[1:-1, 1:-1] > 0
         notices += doubts_of_prior(prior, height, scale.unit, held, used, free)
     return HeightMap(
-        height=height,
-        depth=depth,
+        maps=maps,
         mask=mask,
-        parts=parts,
         unit=scale.unit,
         pixel_size=scale.pixel_size,
         camera=camera,
@@ -266,34 +266,13 @@ def _check(
     prior: HeightPrior | None,
 ) -> None:
     """Raise `DataError` if inputs do not fit."""
-    rows, columns = normal_map.size
     if not (math.isfinite(k) and k > 0):
         raise DataError(f"a sharpness k of {k} is not positive: 4 is a good value")
-    if camera is not None and camera.size != normal_map.size:
-        raise DataError(
-            f"a camera of {camera.width} x {camera.height} pixels does not fit a normal map of "
-            f"{columns} x {rows}: crop or replace the camera"
-        )
+    check_view(normal_map.mask, camera, pixel_mm, depth_mm)
     if prior is not None and prior.height.shape != normal_map.size:
         raise DataError(
             f"a prior of shape {prior.height.shape} does not fit a normal map of shape "
             f"{normal_map.size}"
-        )
-    if depth_mm is None:
-        return
-    if camera is None and pixel_mm is not None:
-        if depth_mm.shape != normal_map.size or not np.isfinite(depth_mm[normal_map.mask]).all():
-            raise DataError(
-                f"approximate depths of shape {depth_mm.shape} must be finite at all pixels of a "
-                f"normal map of shape {normal_map.size}"
-            )
-        return
-    if camera is None or camera.working_distance_mm is None:
-        raise DataError("approximate depths require a camera with a working distance")
-    if depth_mm.shape != normal_map.size or not (depth_mm[normal_map.mask] > 0).all():
-        raise DataError(
-            f"approximate depths of shape {depth_mm.shape} must be positive at all pixels of a "
-            f"normal map of shape {normal_map.size}"
         )
 
 

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
-from processing._normal_map import NormalMap
+from acquisition import DataError, MapRows
+from processing._stages.stage import NormalRows, size_of
 from processing._surface.face_kernels import faces_of
 from processing._surface.height_map import HeightMap
 from processing._surface.simplification import pixels_of, sampled, simplified
@@ -53,8 +53,8 @@ class Mesh:
 def height_mesh(
     height_map: HeightMap,
     *,
-    normals: NormalMap | None = None,
-    colours: npt.NDArray[np.uint8] | None = None,
+    normals: NormalRows | None = None,
+    colours: MapRows | None = None,
     triangles: int | None = None,
 ) -> Mesh:
     """Make a mesh from a height map: one vertex per pixel of its mask, in reading order.
@@ -101,26 +101,19 @@ def height_mesh(
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
     mask = height_map.mask
-    if normals is not None and (normals.size != mask.shape or np.any(mask & ~normals.mask)):
-        raise DataError(
-            "the normals do not cover the height map: give the normal map it was integrated from"
-        )
+    check_cover(mask, normals, colours)
     vertices = _vertices(height_map)
     jumps = height_map.jumps
     cuts = () if jumps is None else (jumps.right, jumps.down)
     faces = faces_of(height_map.parts, vertices, *cuts)
     if not len(faces):
-        raise DataError(
-            "the surface contains no triangle: it is nowhere two pixels wide; check the mask"
-        )
-    if colours is not None:
-        _check_colours(colours, mask)
+        raise no_triangle()
     if triangles is not None:
         left, fewer = simplified(vertices, faces, triangles, height_map.pixel_size)
         if len(fewer) < len(faces):
             return _interpolated(left, fewer, height_map, normals, colours)
-    facing = None if normals is None else normals.normals[mask]
-    painted = None if colours is None else _three(colours[mask])
+    facing = None if normals is None else normals.normals[:][mask]
+    painted = None if colours is None else _three(colours[:][mask])
     return Mesh(vertices, faces, facing, height_map.unit, painted, _places(mask))
 
 
@@ -128,18 +121,18 @@ def _interpolated(
     vertices: Float,
     faces: npt.NDArray[np.int32],
     height_map: HeightMap,
-    normals: NormalMap | None,
-    colours: npt.NDArray[np.uint8] | None,
+    normals: NormalRows | None,
+    colours: MapRows | None,
 ) -> Mesh:
     """Return a mesh whose vertices are not those of the pixels."""
     mask, pixels = height_map.mask, pixels_of(vertices, height_map)
     facing = painted = None
     if normals is not None:
-        blend = sampled(normals.normals, mask, pixels)
+        blend = sampled(normals.normals[:], mask, pixels)
         blend[:, 2] += 1e-6  # a vertex without a pixel nearby faces the camera
         facing = (blend / np.linalg.norm(blend, axis=1)[:, None]).astype(np.float32)
     if colours is not None:
-        channels = colours if colours.ndim == 3 else colours[..., None]
+        channels = colours[:] if len(colours.shape) == 3 else colours[:][..., None]
         painted = _three(np.rint(sampled(channels, mask, pixels)).clip(0, 255).astype(np.uint8))
     places = ((pixels + 0.5) / mask.shape[::-1]).astype(np.float32)
     return Mesh(vertices, faces, facing, height_map.unit, painted, places)
@@ -169,13 +162,29 @@ def _places(mask: npt.NDArray[np.bool_]) -> Float:
     return places
 
 
-def _check_colours(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> None:
+def check_cover(
+    mask: npt.NDArray[np.bool_], normals: NormalRows | None, colours: MapRows | None
+) -> None:
+    """Refuse normals or colours that do not fit a surface; errors are those of `height_mesh`."""
+    if normals is not None and (size_of(normals) != mask.shape or np.any(mask & ~normals.mask)):
+        raise DataError(
+            "the normals do not cover the height map: give the normal map it was integrated from"
+        )
+    if colours is None:
+        return
     shape = colours.shape
     if colours.dtype != np.uint8 or shape not in (mask.shape, (*mask.shape, 3)):
         raise DataError(
             f"colours of {colours.dtype} and shape {shape} do not fit a height map of shape "
             f"{mask.shape}: give sRGB samples of type uint8"
         )
+
+
+def no_triangle() -> DataError:
+    """Return the error about a surface without a mesh."""
+    return DataError(
+        "the surface contains no triangle: it is nowhere two pixels wide; check the mask"
+    )
 
 
 def _three(colours: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:

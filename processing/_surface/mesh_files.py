@@ -12,12 +12,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, write_durably, write_pieces, write_png
-from processing._normal_map import NormalMap
+from acquisition import DataError, MapRows, write_durably, write_pieces, write_png
+from processing._stages.stage import NormalRows
 from processing._surface.glb import glb
 from processing._surface.height_map import HeightMap
-from processing._surface.mesh import Mesh, height_mesh
+from processing._surface.mesh import Mesh, check_cover, height_mesh
 from processing._surface.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
+from processing._surface.mesh_rows import complete_mesh
 from rig import check_type
 
 # Number of lines of a text, or of vertices and faces, that are encoded at once; it limits the
@@ -29,8 +30,8 @@ def write_mesh(
     path: str | os.PathLike[str],
     height_map: HeightMap,
     *,
-    normals: NormalMap | None = None,
-    colours: npt.NDArray[np.uint8] | None = None,
+    normals: NormalRows | None = None,
+    colours: MapRows | None = None,
     normal_texture: bool = False,
     mesh: Mesh | None = None,
 ) -> tuple[Path, ...]:
@@ -88,11 +89,15 @@ def write_mesh(
         raise DataError(
             f"{path}: unknown mesh format {path.suffix!r}: use .ply, .obj, .stl or .glb"
         )
-    if mesh is None:
-        mesh = height_mesh(height_map, normals=normals, colours=colours)
     if normal_texture and normals is None:
         raise DataError(f"{path}: a texture of normals requires normals")
-    texture = None if colours is None else textured(colours, height_map.mask)
+    if mesh is None and suffix in (".ply", ".stl"):
+        check_cover(height_map.mask, normals, colours)
+        write_pieces(path, complete_mesh(height_map, suffix, normals, colours))
+        return (path,)
+    if mesh is None:
+        mesh = height_mesh(height_map, normals=normals, colours=colours)
+    texture = None if colours is None else textured(colours[:], height_map.mask)
     if suffix == ".obj" and texture is not None:
         return _write_textured_obj(path, mesh, texture)
     encode: dict[str, Callable[[Mesh], Iterable[Piece]]]
@@ -108,8 +113,8 @@ def write_mesh(
     return (path,)
 
 
-def _normal_samples(normals: NormalMap) -> npt.NDArray[np.uint8]:
-    vectors = np.where(normals.mask[..., None], normals.normals, np.array([0, 0, 1], np.float32))
+def _normal_samples(normals: NormalRows) -> npt.NDArray[np.uint8]:
+    vectors = np.where(normals.mask[..., None], normals.normals[:], np.array([0, 0, 1], np.float32))
     samples: npt.NDArray[np.uint8] = np.rint((vectors * 0.5 + 0.5) * 255).astype(np.uint8)
     return samples
 

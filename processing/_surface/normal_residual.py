@@ -5,19 +5,22 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError, MapRows
-from processing._normal_map import NormalMap
-from processing._surface.height_map import HeightMap, HeightRows, points_of_rows
+from acquisition import DataError, MapRows, MapToFill, rows_in_bands
+from processing._normal_map import check_normal_rows
+from processing._stages.stage import NormalRows
+from processing._surface.height_map import HeightMap
 from rig import check_type
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-# Rows at a time: points and tangents of all pixels would take much memory.
-_BAND = 256
+# Bytes of a pixel with its points and tangents, and of a band.
+_PIXEL, _BAND = 400, 1 << 25
 
 
-def normal_residual(height_map: HeightMap, normal_map: NormalMap) -> Float:
+def normal_residual(
+    height_map: HeightMap, normal_map: NormalRows, into: MapToFill | None = None
+) -> MapRows:
     """Return by how much the normals of a surface differ from those that it was computed from.
 
     The normal of a pixel of the surface is at right angles to the mean chords to its neighbours in
@@ -30,10 +33,12 @@ def normal_residual(height_map: HeightMap, normal_map: NormalMap) -> Float:
         The surface.
     normal_map
         The normals that it was integrated from.
+    into
+        ``(H, W)`` float32 map that is filled, perhaps in a file; default: a new array.
 
     Returns
     -------
-    Float
+    MapRows
         ``(H, W)`` float32 angles in degrees, 0 to 180; NaN outside the surface, and at pixels
         without a neighbour in their row or in their column.
 
@@ -51,34 +56,24 @@ def normal_residual(height_map: HeightMap, normal_map: NormalMap) -> Float:
     True
     """
     check_type("height_map", height_map, HeightMap, "integrate(normal_map) returns one")
-    check_type("normal_map", normal_map, NormalMap, "read_normals(path).normal_map is one")
+    check_normal_rows("normal_map", normal_map)
     rows, columns = height_map.mask.shape
-    if normal_map.size != (rows, columns):
+    if normal_map.mask.shape != (rows, columns):
         raise DataError(
             f"a surface of {columns} x {rows} pixels does not fit a normal map of "
-            f"{normal_map.size[1]} x {normal_map.size[0]}: give the map it was integrated from"
+            f"{normal_map.mask.shape[1]} x {normal_map.mask.shape[0]}: give the map it was "
+            "integrated from"
         )
-    angles = np.full((rows, columns), np.nan, np.float32)
-    for top in range(0, rows, _BAND):
-        band = slice(top, min(top + _BAND, rows))
-        angles[band] = residual_of_rows(height_map, normal_map.normals, band)
+    angles = np.full((rows, columns), np.nan, np.float32) if into is None else into
+    for band in rows_in_bands(rows, _PIXEL * columns, _BAND):
+        angles[band] = _of_rows(height_map, normal_map.normals, band)
     return angles
 
 
-def residual_of_rows(surface: HeightRows, normals: MapRows, rows: slice) -> Float:
-    """Return rows of what `normal_residual` returns, from ``rows.start`` to ``rows.stop``.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from processing import NormalMap, integrate, residual_of_rows
-    >>> slope = NormalMap.from_vectors(np.full((4, 6, 3), [-1.0, 0.0, 1.0]))
-    >>> residual_of_rows(integrate(slope), slope.normals, slice(1, 3)).shape
-    (2, 6)
-    """
+def _of_rows(surface: HeightMap, normals: MapRows, rows: slice) -> Float:
     first, last = max(rows.start - 1, 0), min(rows.stop + 1, len(surface.mask))
     window = slice(first, last)
-    points = points_of_rows(surface, window).astype(np.float64)
+    points = surface.points(window).astype(np.float64)
     cut_right, cut_down = _cuts(surface, window)
     across = _tangents(points, cut_right)
     along = _tangents(points.swapaxes(0, 1), cut_down.T).swapaxes(0, 1)
@@ -91,9 +86,9 @@ def residual_of_rows(surface: HeightRows, normals: MapRows, rows: slice) -> Floa
     return found
 
 
-def _cuts(surface: HeightRows, rows: slice) -> tuple[Mask, Mask]:
+def _cuts(surface: HeightMap, rows: slice) -> tuple[Mask, Mask]:
     """Return where a pixel and its right (lower) neighbour have no chord."""
-    parts, jumps = surface.parts[rows], surface.jumps
+    parts, jumps = surface.maps["parts"][rows], surface.jumps
     right, down = np.zeros((2, *parts.shape), bool)
     right[:, :-1] = parts[:, 1:] != parts[:, :-1]
     down[:-1] = parts[1:] != parts[:-1]

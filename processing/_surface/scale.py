@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError
+from acquisition import CameraModel, DataError, MapRows, rows_in_bands
 from calibration import EstimateError
 
 Double = npt.NDArray[np.float64]
@@ -16,6 +16,8 @@ Labels = npt.NDArray[np.int32]
 
 # A depth that varies by more than this factor cannot be a surface in front of a camera.
 DEPTH_RANGE = 1e6
+# Values that are read at once.
+_READ = 4_000_000
 
 
 class Scale(NamedTuple):
@@ -68,6 +70,36 @@ def surface_scale(
     processing.DataError: a pixel size of 0.1 mm and a camera at 600.0 mm exclude each other: ...
     """
     return scale_of(camera, pixel_mm)[:2]
+
+
+def check_view(
+    mask: npt.NDArray[np.bool_],
+    camera: CameraModel | None,
+    pixel_mm: float | None,
+    depth_mm: MapRows | None,
+) -> None:
+    """Raise `DataError` if a camera or approximate depths do not fit a normal map."""
+    rows, columns = mask.shape
+    if camera is not None and camera.size != mask.shape:
+        raise DataError(
+            f"a camera of {camera.width} x {camera.height} pixels does not fit a normal map of "
+            f"{columns} x {rows}: crop or replace the camera"
+        )
+    if depth_mm is None:
+        return
+    is_telecentric = camera is None and pixel_mm is not None
+    if not is_telecentric and (camera is None or camera.working_distance_mm is None):
+        raise DataError("approximate depths require a camera with a working distance")
+    fits = depth_mm.shape == mask.shape
+    for band in rows_in_bands(rows, columns, _READ) if fits else ():
+        values = depth_mm[band][mask[band]]
+        fits &= bool((np.isfinite(values) if is_telecentric else values > 0).all())
+    if not fits:
+        raise DataError(
+            f"approximate depths of shape {depth_mm.shape} must be "
+            f"{'finite' if is_telecentric else 'positive'} at all pixels of a normal map of shape "
+            f"{mask.shape}"
+        )
 
 
 def scale_of(camera: CameraModel | None, pixel_mm: float | None) -> Scale:

@@ -12,7 +12,7 @@ from scipy.fft import fft, ifft, irfft, next_fast_len, rfft
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
-from processing._synthesis.spectrum import band_power, block_side
+from processing._synthesis.spectrum_match import band_power, block_side
 
 # Of larger maps, the middle part of this many rows and columns is measured.
 _MOST = 2048

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt
 
+from acquisition import DataError
+from processing._curvature.curvature import curvature
 from processing._normal_map import NormalMap, check_normal_map
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
 from processing._synthesis.footprint_search import Places
-from processing._synthesis.guidance import (
-    checked_map,
-    checked_scale,
-    curvature_direction_deg,
-    guide_copies,
-    guide_pair,
-)
-from processing._synthesis.pattern_field import PatternField, pattern_field
 from processing._synthesis.quilting import (
     BALANCE,
     CANDIDATES,
@@ -32,8 +28,85 @@ from processing._synthesis.warped_kernels import place_warped
 from rig import Progress, in_threads, no_progress
 
 Float = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
+Bytes = npt.NDArray[np.uint8]
+
+_LEAST_SCALE, _MOST_SCALE = 0.1, 10.0
+_MOST_WEIGHT = 100.0
+# Curvature is fitted over this share of a patch, and its direction smoothed over half a patch.
+_FITTED, _SMOOTHED = 8, 2
+_LEAST_FIT, _MOST_FIT = 2.0, 100.0
+# Largest stretch along the tilt: 75.5 degrees.
+_MOST_STRETCH = 4.0
+
+
+class _PatternField(NamedTuple):
+    """The map from steps in the image to steps in the exemplar.
+
+    Parameters
+    ----------
+    steps
+        ``(H, W, 2, 2)`` float32: (down, right) in the exemplar for one pixel (down, right) in the
+        image.
+    turn
+        ``(H, W)`` float32: angle in rad, counter-clockwise, from the x axis of the detail's frame
+        to that of the pattern.
+    """
+
+    steps: Float
+    turn: Float
+
+
+def _pattern_field(
+    shape: NormalMap,
+    *,
+    image_space: bool = False,
+    direction_deg: Float | None = None,
+    scale: Float | None = None,
+) -> _PatternField:
+    """Return the map from a target to a pattern that follows arc length on its surface.
+
+    A step d in the image is the step J d in the tangent plane, in the axes that the shortest
+    rotation from z to the normal s makes of x and y: ``J = I + s s^T / (s_z (1 + s_z))`` with
+    s = (s_x, s_y). It stretches by 1 / s_z along the tilt, and by 1 across it.
+
+    Parameters
+    ----------
+    shape
+        Shape component of the target. Pixels outside its mask have the map of the nearest pixel
+        inside.
+    image_space
+        The pattern follows the image instead: J is the identity.
+    direction_deg
+        ``(H, W)`` direction in the image that the x axis of the pattern follows, counter-clockwise
+        from X; finite on the mask.
+    scale
+        ``(H, W)`` size of the pattern relative to the exemplar; positive on the mask.
+    """
+    normals = shape.normals.astype(np.float64)
+    z = np.maximum(normals[..., 2], 1 / _MOST_STRETCH)
+    # Down instead of up. Beyond the limit, the direction of the tilt is kept.
+    tilt = np.stack([-normals[..., 1], normals[..., 0]], axis=-1)
+    most = np.sqrt(1 - z * z)
+    tilt *= (most / np.maximum(np.hypot(*np.moveaxis(tilt, -1, 0)), most + 1e-12))[..., None]
+    jacobian = np.zeros((*shape.size, 2, 2))
+    jacobian[...] = np.eye(2)
+    if not image_space:
+        jacobian += tilt[..., :, None] * tilt[..., None, :] / (z * (1 + z))[..., None, None]
+    turn = np.zeros(shape.size)
+    if direction_deg is not None:
+        angle = np.radians(np.where(shape.mask, direction_deg, 0))
+        step = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
+        down, right = np.moveaxis(np.einsum("...ij,...j", jacobian, step), -1, 0)
+        turn = np.arctan2(-down, right)
+        c, s = np.cos(turn), np.sin(turn)
+        # Counter-clockwise by -turn, in (down, right).
+        rotation = np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], -2)
+        jacobian = rotation @ jacobian
+    if scale is not None:
+        jacobian /= np.where(shape.mask, scale, 1)[..., None, None]
+    y, x = distance_transform_edt(~shape.mask, return_distances=False, return_indices=True)
+    return _PatternField(jacobian[y, x].astype(np.float32), turn[y, x].astype(np.float32))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,22 +236,22 @@ def synthesize_onto(
     overlap = max(patch // 4, 2) if overlap is None else overlap
     check_options(patch, overlap, seed)
     on_progress("preparing", 0, 1)
-    pair = guide_pair(guide, exemplar_guide, guide_weight, shape.mask, exemplar.mask)
+    pair = _guide_pair(guide, exemplar_guide, guide_weight, shape.mask, exemplar.mask)
     window = _bounding_box(shape.mask)
     mask = shape.mask[window]
     part = NormalMap.of_unit_vectors(shape.normals[window], mask)
     turned = None
     if isinstance(direction_deg, str):
-        turned = curvature_direction_deg(part, patch)
+        turned = _curvature_direction_deg(part, patch)
     elif direction_deg is not None:
-        turned = checked_map("direction map", direction_deg, shape.mask)[window]
-    sizes = None if scale is None else checked_scale(scale, shape.mask)[window]
-    field = pattern_field(part, image_space=image_space, direction_deg=turned, scale=sizes)
+        turned = _checked_map("direction map", direction_deg, shape.mask)[window]
+    sizes = None if scale is None else _checked_scale(scale, shape.mask)[window]
+    field = _pattern_field(part, image_space=image_space, direction_deg=turned, scale=sizes)
     made = prepare_exemplar(exemplar, patch, rotate=rotate, mirror=mirror)
     places, aim = _places(made), np.zeros((0, 0), np.float32)
     if pair is not None:
         aim = pair[0][window]
-        places = places._replace(guide=guide_copies(pair[1], rotate=rotate, mirror=mirror))
+        places = places._replace(guide=_guide_copies(pair[1], rotate=rotate, mirror=mirror))
     sheet, labels, shrunk = _fill(
         field, mask, aim, places, made.shares, patch, overlap, seed, on_progress
     )
@@ -208,7 +281,7 @@ def _bounding_box(mask: Mask) -> tuple[slice, slice]:
 
 
 def _fill(
-    field: PatternField,
+    field: _PatternField,
     mask: Mask,
     guide: Float,
     places: Places,
@@ -262,3 +335,105 @@ def _fill(
         on_progress("synthesising", placed, total)
     room = slice(mask.shape[0]), slice(mask.shape[1])
     return sheet[room], labels[room], shrunk[room]
+
+
+def _checked_map(name: str, values: npt.ArrayLike, mask: Mask) -> Float:
+    """Return a map as float32; outside the mask, it has the value of the nearest pixel inside.
+
+    Raises
+    ------
+    DataError
+        If the map has another size than the mask, or no number at a pixel of the mask.
+    """
+    array = np.asarray(values)
+    if array.shape != mask.shape:
+        has = f"{array.shape[1]} x {array.shape[0]} pixels" if array.ndim == 2 else "another shape"
+        raise DataError(
+            f"the {name} has {has}, but {mask.shape[1]} x {mask.shape[0]} are necessary: give a "
+            "map with one value per pixel"
+        )
+    missing = np.count_nonzero(~np.isfinite(array[mask]))
+    if missing:
+        raise DataError(f"the {name} has no number at {missing} pixels inside the mask")
+    y, x = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return np.asarray(array.astype(np.float32)[y, x])
+
+
+def _checked_scale(values: npt.ArrayLike, mask: Mask) -> Float:
+    """Return a map of scales.
+
+    Raises
+    ------
+    DataError
+        Also if a scale is out of range.
+    """
+    scale = _checked_map("scale map", values, mask)
+    if scale.min() < _LEAST_SCALE or scale.max() > _MOST_SCALE:
+        raise DataError(
+            f"the scale map has values from {scale.min():.3g} to {scale.max():.3g}: use "
+            f"{_LEAST_SCALE:g} to {_MOST_SCALE:g}"
+        )
+    return scale
+
+
+def _guide_pair(
+    guide: npt.ArrayLike | None,
+    exemplar_guide: npt.ArrayLike | None,
+    weight: float,
+    mask: Mask,
+    exemplar_mask: Mask,
+) -> tuple[Float, Float] | None:
+    """Return both guides in standard deviations of the exemplar's, times the root of the weight.
+
+    Raises
+    ------
+    DataError
+        If only one is given, a size is wrong, a number is missing, or the guide of the exemplar is
+        the same everywhere.
+    """
+    if not 0 < weight <= _MOST_WEIGHT:
+        raise DataError(f"a weight of {weight:g} of the guide is out of range: use up to 100")
+    if guide is None and exemplar_guide is None:
+        return None
+    if guide is None or exemplar_guide is None:
+        raise DataError("a guide requires two maps: one of the target and one of the exemplar")
+    own = _checked_map("guide of the exemplar", exemplar_guide, exemplar_mask)
+    aim = _checked_map("guide of the target", guide, mask)
+    spread = float(own[exemplar_mask].std(dtype=np.float64))
+    if spread <= 1e-6 * float(np.abs(own[exemplar_mask]).max()):
+        raise DataError("the guide of the exemplar is the same everywhere, so it guides nothing")
+    factor = np.float32(np.sqrt(weight) / spread)
+    return aim * factor, own * factor
+
+
+def _guide_copies(guide: Float, *, rotate: bool, mirror: bool) -> Float:
+    """Return the guide of an exemplar for its copies, in the order of `prepare_exemplar`."""
+    height, width = guide.shape
+    side = (max(height, width), max(height, width)) if rotate else (height, width)
+    copies = []
+    for quarter in range(4 if rotate else 1):
+        for flip in (False, True) if mirror else (False,):
+            turned = np.rot90(guide, quarter)
+            turned = turned[:, ::-1] if flip else turned
+            copies.append(np.zeros(side, np.float32))
+            copies[-1][: turned.shape[0], : turned.shape[1]] = turned
+    return np.stack(copies).ravel()
+
+
+def _curvature_direction_deg(shape: NormalMap, patch: int) -> Float:
+    """Return the direction of the largest curvature, smoothed, counter-clockwise from X.
+
+    Directions are averaged as angles of lines, weighted by the difference of the two curvatures,
+    so that parts where both are equal, and the direction arbitrary, take that of their
+    surroundings. Known everywhere; on a plane it is 0.
+    """
+    fit = min(max(patch / _FITTED, _LEAST_FIT), _MOST_FIT)
+    found = curvature(shape, scale_px=fit)
+    first, second = found.principal
+    angle = 2 * np.radians(np.where(found.mask, found.direction_deg, 0))
+    weight = np.where(found.mask, first - second, 0)
+    lines = np.dstack([weight * np.cos(angle), weight * np.sin(angle)]).astype(np.float32)
+    sigma = patch / _SMOOTHED
+    smooth = cv2.GaussianBlur(lines, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101)
+    degrees: Float = (np.degrees(np.arctan2(smooth[..., 1], smooth[..., 0])) / 2).astype(np.float32)
+    return degrees % np.float32(180)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import cv2
 import numpy as np
@@ -11,20 +12,18 @@ from scipy.fft import fftshift, irfft2, rfft2
 
 from acquisition import MapRows
 from processing._normal_map import NormalMap
-from processing._synthesis.spectrum import (
-    band_counts,
-    band_powers,
-    banded,
-    block_side,
-    frequencies,
-    windowed_power,
-)
 from processing._synthesis.strips import bands_with_margins
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 Complex = npt.NDArray[np.complex64]
 
+BANDS = 16
+MOST_BLOCK = 64
+_BLOCKS = (MOST_BLOCK, 32)
+# Of a relief of 1024 x 1024 pixels, 400 blocks left an error of 4 %.
+_MOST_BLOCKS = 1600
 # A filter is a kernel of 2 x reach + 1 pixels.
 _REACH = 32
 # Smaller sheets are hardly larger than the filter.
@@ -67,7 +66,7 @@ def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float | None:
     if not block or min(height, width) < _LEAST_SIDE:
         return None
     # Bands as narrow as the frequencies of a block.
-    powers = np.maximum(band_powers(exemplar, block, block // 2), _LEAST_POWER)
+    powers = np.maximum(_band_powers(exemplar, block, block // 2), _LEAST_POWER)
     wanted, spread = powers.mean(axis=0), powers.std(axis=0) / powers.mean(axis=0)
     has, waves, upright = _measured(sheet, block)
     sampled = [_mean_angle(sheet[row : row + 1]) for row in range(0, sheet.shape[0], _SAMPLED)]
@@ -87,7 +86,7 @@ def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float | None:
 
 def _total(powers: Double, block: int) -> float:
     """Return the power of all bands."""
-    return float(powers @ band_counts(block, len(powers)))
+    return float(powers @ _band_counts(block, len(powers)))
 
 
 def _mean_angle(vectors: Float) -> float:
@@ -121,11 +120,11 @@ def _measured(sheet: MapRows, block: int) -> tuple[Double, Complex, Float]:
         )
         for j, left in enumerate(lefts):
             window = np.ascontiguousarray(rows[:, left : left + side].transpose(2, 0, 1))
-            power += windowed_power(window[:2][inner])
+            power += _windowed_power(window[:2][inner])
             if i * len(lefts) + j in chosen:
                 waves.append(rfft2(window[:2]))
                 upright.append(window[2][inner[1:]])
-    has = np.maximum(banded(power / count, block // 2), _LEAST_POWER)
+    has = np.maximum(_banded(power / count, block // 2), _LEAST_POWER)
     return has, np.stack(waves), np.stack(upright)
 
 
@@ -145,7 +144,7 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
         slopes = irfft2(waves * response, s=(side, side))
         slopes = slopes[..., _REACH:-_REACH, _REACH:-_REACH]
         slopes /= np.sqrt(np.square(slopes).sum(axis=1) + np.square(upright))[:, None]
-        return banded(windowed_power(slopes), block // 2)
+        return _banded(_windowed_power(slopes), block // 2)
 
     gains = np.ones(block // 2)
     alone = filtered(gains)
@@ -159,8 +158,7 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
     for _ in range(_ROUNDS):
         gains *= np.exp(_smoothed(np.log(wanted / expected(gains))) / 2)
         gains = np.clip(gains, _LEAST_GAIN, _MOST_GAIN)
-    scaled: Double = gains * np.sqrt(_total(has, block) / _total(expected(gains), block))
-    return scaled
+    return np.asarray(gains * np.sqrt(_total(has, block) / _total(expected(gains), block)))
 
 
 def _smoothed(values: Double) -> Double:
@@ -175,7 +173,7 @@ def _smoothed(values: Double) -> Double:
 def _kernel(gains: Double, side: int) -> Float:
     """Return a kernel ``(side, side)`` with a gain for each band; its centre is at (0, 0)."""
     centres = (np.arange(len(gains)) + 0.5) / (2 * len(gains))
-    response = np.interp(frequencies(side), centres, gains)
+    response = np.interp(_frequencies(side), centres, gains)
     away = np.minimum(np.arange(side), side - np.arange(side))
     radius = np.hypot(away[:, None], away)
     # Constant up to half the reach: a window that tapers from the centre blurs the lowest bands.
@@ -198,3 +196,92 @@ def filtered_bands(
         del slopes
         part /= np.sqrt(np.square(part).sum(axis=2, keepdims=True))
         yield rows, part
+
+
+def block_side(*masks: Mask) -> int:
+    """Return the largest side of blocks of which some fit into each mask; 0 if none do."""
+    return next((b for b in _BLOCKS if all(len(_blocks(mask, b)) for mask in masks)), 0)
+
+
+def _blocks(mask: Mask, block: int) -> npt.NDArray[np.int64]:
+    """Return the first pixels ``(n, 2)`` of the overlapping blocks that lie inside a mask."""
+    rows, columns = mask.shape
+    if min(rows, columns) < block:
+        return np.zeros((0, 2), np.int64)
+    holes = np.zeros((rows + 1, columns + 1), np.int32)
+    np.cumsum(np.cumsum(~mask, axis=0, dtype=np.int32), axis=1, out=holes[1:, 1:])
+    inside = holes[block:, block:] - holes[:-block, block:]
+    inside += holes[:-block, :-block] - holes[block:, :-block]
+    step = block // 4
+    return np.argwhere(inside[::step, ::step] == 0) * step
+
+
+def band_power(part: NormalMap, block: int) -> Double:
+    """Return the mean power ``(bands,)`` of n_x and n_y in 16 radial bands of frequency.
+
+    Parameters
+    ----------
+    part, block
+        As for `_band_powers`.
+    """
+    return np.asarray(_band_powers(part, block, BANDS).mean(axis=0))
+
+
+def _band_powers(part: NormalMap, block: int, bands: int) -> Double:
+    """Return the power of n_x and n_y in radial bands of frequency, for blocks all over a map.
+
+    Parameters
+    ----------
+    part
+        Detail component.
+    block
+        Side of the windowed blocks, of which some fit into the mask.
+    bands
+        Number of bands.
+
+    Returns
+    -------
+    Double
+        ``(blocks, bands)``; the bands have equal widths up to 0.5 cycles per pixel. The mean of a
+        block is in no band.
+    """
+    places = _blocks(part.mask, block)
+    places = places[:: -(-len(places) // _MOST_BLOCKS)]
+    slopes = part.normals[..., :2]
+    return np.stack([
+        _banded(_windowed_power(slopes[y : y + block, x : x + block].transpose(2, 0, 1)), bands)
+        for y, x in places
+    ])  # fmt: skip
+
+
+def _windowed_power(slopes: Float) -> Float:
+    """Return the power ``(block, block / 2 + 1)`` of blocks ``(..., 2, block, block)``, summed."""
+    tapered = (slopes - slopes.mean(axis=(-2, -1), keepdims=True)) * _taper(slopes.shape[-1])
+    waves = rfft2(tapered).reshape(-1, *slopes.shape[-2:-1], slopes.shape[-1] // 2 + 1)
+    return np.asarray((np.square(waves.real) + np.square(waves.imag)).sum(axis=0))
+
+
+@cache
+def _taper(block: int) -> Float:
+    window = np.hanning(block + 2)[1:-1].astype(np.float32)
+    return np.asarray(window[:, None] * window)
+
+
+def _frequencies(side: int) -> Double:
+    """Return the frequencies ``(side, side / 2 + 1)`` of a transform in cycles per pixel."""
+    return np.asarray(np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)))
+
+
+def _numbers(block: int, bands: int) -> npt.NDArray[np.int64]:
+    return np.ceil(_frequencies(block) * 2 * bands).astype(np.int64).ravel()
+
+
+def _band_counts(block: int, bands: int) -> npt.NDArray[np.int64]:
+    """Return the number of values of a power in each band."""
+    return np.bincount(_numbers(block, bands))[1 : bands + 1]
+
+
+def _banded(power: npt.NDArray[np.floating], bands: int) -> Double:
+    """Return the mean of a power in each band."""
+    sums = np.bincount(_numbers(len(power), bands), power.ravel())[1 : bands + 1]
+    return np.asarray(sums / _band_counts(len(power), bands))

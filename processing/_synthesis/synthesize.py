@@ -2,19 +2,313 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import DataError
+from acquisition import DataError, Form, MapRows, Maps, MapToFill
 from processing._normal_map import NormalMap, check_normal_map
-from processing._stages.stage import computed
-from processing._synthesis.quilting import overlap_of
-from processing._synthesis.seam_steps import CutSteps, cut_steps
-from processing._synthesis.synthesis_stage import SynthesisStage
+from processing._stages.stage import Need, NormalRows, Size, Step, computed
+from processing._synthesis.exemplar import CLASSES
+from processing._synthesis.quilting import Quilt, first_pixels, overlap_of
+from processing._synthesis.seam_steps import CutSteps, cut_steps, part_in_middle
+from processing._synthesis.spectrum_match import KERNEL, filtered_bands, matching_kernel
+from processing._synthesis.strips import (
+    CORRECTED_ROWS,
+    ROWS,
+    Begun,
+    StripRange,
+    bands_with_margins,
+    strip_ranges,
+)
 from rig import Progress, no_progress
+
+Float = npt.NDArray[np.float32]
+Bytes = npt.NDArray[np.uint8]
+
+# Rows of the part in the middle in which steps are measured.
+_MEASURED = 1024
+# The interpreter, libraries and compiled kernels; the figures, of at most 2048 x 2048 pixels.
+_FIXED = 330_000_000
+_FIGURES = 300_000_000
+_MOST_FIGURES = 2048 * 2048
+# Bytes per pixel: of the exemplar and its separation, of each of its copies, and of a sheet in
+# memory while it is written.
+_EXEMPLAR, _COPY, _SHEET = 70, 28, 16
+# Bytes per pixel: of masks while the sheet is on disk, of a strip, and of rows while they are
+# filtered.
+_ON_DISK, _OF_STRIP, _OF_BAND = 3, 30, 70
+_MARGIN = 64
+
+
+@dataclass(frozen=True)
+class SynthesisStage:
+    """The synthesis of a sheet from an exemplar by quilting.
+
+    First the patches are placed in strips. Then the cuts are softened and the sheet is filtered,
+    in this order, because softened cuts have less power at high frequencies. The maps of the result
+    are ``sheet`` ``(H, W, 3)`` and ``labels`` ``(H, W)``, see `Synthesis`.
+
+    Parameters
+    ----------
+    size, patch, overlap, seed, rotate, mirror, tileable
+        As for `synthesize`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, SynthesisStage, computed
+    >>> noise = np.random.default_rng(0).normal(scale=0.2, size=(64, 64, 3))
+    >>> rough = NormalMap.from_vectors(noise + [0, 0, 1])
+    >>> computed(SynthesisStage((100, 150), patch=16), rough)["sheet"].shape
+    (100, 150, 3)
+    """
+
+    name: ClassVar = "synthesising"
+
+    size: Size
+    patch: int = 48
+    overlap: int | None = None
+    seed: int = 0
+    rotate: bool = False
+    mirror: bool = False
+    tileable: bool = False
+
+    def need(self, *sizes: Size) -> Need:
+        """Return the memory for an exemplar of (height, width)."""
+        copies = (4 if self.rotate else 1) * (2 if self.mirror else 1)
+        return _memory_need(sizes[0], self.size, self.patch, self.overlap, copies)
+
+    def forms(self, *sizes: Size) -> Mapping[str, Form]:
+        """Return shapes and types of the maps."""
+        (height, width), strips = self.size, len(self._strips())
+        vectors = (height, width, 3), np.float32
+        # What the next strip begins with, for even and odd strips, then the sheet's upper rows.
+        edges = 3 * self.patch, width
+        return {
+            "sheet": vectors,
+            # In files, so that a step can be repeated.
+            "softened": vectors,
+            "labels": ((height, width), np.uint8),
+            "edges": ((*edges, 3), np.float32),
+            "edge_labels": (edges, np.uint8),
+            # After each strip: number of patches, and uses of classes.
+            "uses": ((strips, 1 + CLASSES), np.float64),
+            "share": ((1,), np.float64),
+            # The first row is 0 without a filter.
+            "kernel": ((KERNEL[0] + 1, KERNEL[1]), np.float32),
+        }
+
+    def _strips(self) -> list[StripRange]:
+        overlap = overlap_of(self.patch, self.overlap)
+        tops, _ = first_pixels(self.size, self.patch, overlap, self.seed, tileable=self.tileable)
+        return strip_ranges(tops, self.size[0], self.patch, wrapped=self.tileable)
+
+    def steps(self, maps: Maps, *inputs: NormalRows, memory: int | None = None) -> list[Step]:
+        """Return the steps: quilting, softening of the cuts, and filtering."""
+        (given,) = inputs
+        exemplar = NormalMap(given.normals[:], given.mask)
+        quilt = Quilt.of(
+            exemplar, self.size, self.patch, self.overlap, self.seed,
+            rotate=self.rotate, mirror=self.mirror, tileable=self.tileable,
+        )  # fmt: skip
+        height, wrapped = self.size[0], self.tileable
+        sheet, labels = maps["sheet"], maps["labels"]
+        softened = sheet if memory is None else maps["softened"]
+
+        def place(strips: slice) -> Iterator[float]:
+            yield from self._place(maps, quilt, strips.start)
+
+        def measure_steps(_: slice) -> None:
+            maps["share"][0:1] = np.array([softening_share(sheet, labels)])
+
+        def soften(bands: slice) -> Iterator[float]:
+            share = float(maps["share"][0:1][0])
+            made = softened_bands(sheet, labels, share, wrapped=wrapped, begin=bands.start)
+            yield from self._replace(bands, sheet, softened, made if share else None)
+
+        def measure_spectrum(_: slice) -> None:
+            kernel = matching_kernel(softened, exemplar)
+            if kernel is not None:
+                maps["kernel"][0:1] = np.ones((1, KERNEL[1]))
+                maps["kernel"][1 : 1 + KERNEL[0]] = kernel
+
+        def filter_sheet(bands: slice) -> Iterator[float]:
+            kernel = maps["kernel"][0 : 1 + KERNEL[0]]
+            made = filtered_bands(softened, kernel[1:], wrapped=wrapped, begin=bands.start)
+            yield from self._replace(bands, softened, sheet, made if kernel[0, 0] else None)
+
+        count = -(-height // CORRECTED_ROWS)
+        most = None if memory is None else 1
+        rows = ROWS * (self.patch - quilt.overlap)
+        return [
+            Step("place", len(quilt.strips), place, 1, rows),
+            Step("measure steps", 1, measure_steps),
+            Step("soften", count, soften, most, CORRECTED_ROWS),
+            Step("measure spectrum", 1, measure_spectrum),
+            Step("filter", count, filter_sheet, most, CORRECTED_ROWS),
+        ]
+
+    def cut_steps(self, maps: Mapping[str, MapRows]) -> CutSteps:
+        """Return the steps of `Synthesis.steps`."""
+        return cut_steps(maps["sheet"], maps["labels"], wrapped=self.tileable)
+
+    def middle(self, maps: Mapping[str, MapRows]) -> NormalMap:
+        """Return the part in the middle that `texture_figures` measures."""
+        part: npt.NDArray[np.float32] = part_in_middle(maps["sheet"])
+        return NormalMap(part, np.ones(part.shape[:2], np.bool_))
+
+    def _place(self, maps: Maps, quilt: Quilt, strip: int) -> Iterator[float]:
+        """Place the patches of a strip; the state after it is in the maps."""
+        part, begun = quilt.strips[strip], self._begun(maps, quilt, strip)
+        filled, uses, placed = yield from quilt.fill_strip(part, begun)
+        after = begun.after(part, filled, maps["sheet"], maps["labels"], self.patch, uses, placed)
+        if not strip:
+            self._write_edge(maps, 2, after.upper, after.upper_labels)
+        self._write_edge(maps, strip % 2, after.normals, after.labels)
+        state = np.zeros((1, 1 + CLASSES))
+        state[0, 0], state[0, 1 : 1 + len(after.uses)] = after.placed, after.uses
+        maps["uses"][strip : strip + 1] = state
+
+    def _begun(self, maps: Maps, quilt: Quilt, strip: int) -> Begun:
+        """Return the sheet as it is before a strip."""
+        nothing = quilt.nothing()
+        if not strip:
+            return nothing
+        state = maps["uses"][strip - 1 : strip][0]
+        before = quilt.strips[strip - 1]
+        upper = min(self.patch, quilt.strips[0].done)
+        return Begun(
+            strip,
+            state[1 : 1 + len(nothing.uses)].copy(),
+            int(state[0]),
+            *self._edge(maps, (strip - 1) % 2, before.rows - before.done),
+            *self._edge(maps, 2, upper),
+        )
+
+    def _edge(
+        self, maps: Maps, slot: int, rows: int
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+        part = slice(slot * self.patch, slot * self.patch + rows)
+        return maps["edges"][part], maps["edge_labels"][part]
+
+    def _write_edge(
+        self,
+        maps: Maps,
+        slot: int,
+        normals: npt.NDArray[np.float32],
+        labels: npt.NDArray[np.uint8],
+    ) -> None:
+        part = slice(slot * self.patch, slot * self.patch + len(labels))
+        maps["edges"][part], maps["edge_labels"][part] = normals, labels
+
+    @staticmethod
+    def _replace(
+        bands: slice,
+        before: MapToFill,
+        after: MapToFill,
+        made: Iterator[tuple[slice, npt.NDArray[np.float32]]] | None,
+    ) -> Iterator[float]:
+        """Write bands of corrected rows, or copy them if there is no correction."""
+        count = bands.stop - bands.start
+        if made is not None:
+            for number, (rows, band) in enumerate(islice(made, count), 1):
+                after[rows] = band
+                yield number / count
+        elif before is not after:
+            height = before.shape[0]
+            rows = slice(bands.start * CORRECTED_ROWS, min(bands.stop * CORRECTED_ROWS, height))
+            after[rows] = before[rows]
+
+
+def _memory_need(exemplar: Size, size: Size, patch: int, overlap: int | None, copies: int) -> Need:
+    """Return the memory of a synthesis.
+
+    Parameters
+    ----------
+    exemplar, size
+        (height, width) of exemplar and sheet.
+    patch, overlap
+        As for `synthesize`.
+    copies
+        Number of turned and mirrored copies of the exemplar.
+    """
+    height, width = size
+    whole = _outside(exemplar, copies) + _figures(size) + _SHEET * height * width
+    stride = patch - (patch // 4 if overlap is None else overlap)
+    strip = min(ROWS * stride + patch, height) * _OF_STRIP
+    band = min(CORRECTED_ROWS + _MARGIN, height) * _OF_BAND
+    most = max(_figures(size), width * max(strip, band))
+    least = _outside(exemplar, copies) + _ON_DISK * height * width + most
+    return Need(whole, min(least, whole), f"a sheet of {width} x {height} pixels")
+
+
+def _outside(exemplar: tuple[int, int], copies: int) -> int:
+    """Return the bytes of what does not depend on the sheet."""
+    return _FIXED + exemplar[0] * exemplar[1] * (_EXEMPLAR + _COPY * copies)
+
+
+def _figures(size: tuple[int, int]) -> int:
+    """Return the bytes that the figures of a sheet need."""
+    return _FIGURES * min(size[0] * size[1], _MOST_FIGURES) // _MOST_FIGURES
+
+
+def softening_share(sheet: MapRows, labels: MapRows) -> float:
+    """Return the share that the pixels at a cut take of each other; 0 if none is needed.
+
+    It makes the mean step across cuts as large as that inside patches. A step of d between the two
+    pixels at a straight cut becomes (1 - 2 s) d if each takes a share s of the other: if steps
+    across cuts are a tenth larger, the share is 0.045.
+
+    Parameters
+    ----------
+    sheet
+        ``(H, W, 3)`` unit vectors.
+    labels
+        ``(H, W)`` numbers of the patches.
+    """
+    height = labels.shape[0]
+    middle = slice(max(0, height - _MEASURED) // 2, max(0, height - _MEASURED) // 2 + _MEASURED)
+    ratio = cut_steps(part_in_middle(sheet, middle), part_in_middle(labels, middle)).ratio
+    return (1 - 1 / ratio) / 2 if ratio > 1 else 0.0
+
+
+def softened_bands(
+    sheet: MapRows, labels: MapRows, share: float, *, wrapped: bool, begin: int = 0
+) -> Iterator[tuple[slice, Float]]:
+    """Yield bands of rows whose cuts are softened, beginning with a band."""
+    height = labels.shape[0]
+    for rows, band in bands_with_margins(sheet, 1, wrapped=wrapped, begin=begin):
+        first, last = rows.start, rows.stop
+        before = labels[first - 1 : first] if first else labels[height - 1 : height]
+        after = labels[last : last + 1] if last < height else labels[:1]
+        numbers = np.concatenate([before, labels[rows], after])
+        if not wrapped and first == 0:
+            numbers[0] = numbers[1]
+        if not wrapped and last == height:
+            numbers[-1] = numbers[-2]
+        yield rows, _softened(band, numbers, share, wrapped=wrapped)[1:-1]
+
+
+def _softened(rows: Float, labels: Bytes, share: float, *, wrapped: bool) -> Float:
+    """Return rows in which the pixels on both sides of a cut took a share of each other."""
+    softened = rows.copy()
+    for axis in (0, 1):
+        # The first row and column have no neighbour before them, unless columns are wrapped.
+        cut = labels != np.roll(labels, 1, axis)
+        if axis == 0 or not wrapped:
+            cut[(slice(None),) * axis + (0,)] = False
+        here = np.nonzero(cut)
+        before = (here[0] - 1, here[1]) if axis == 0 else (here[0], here[1] - 1)
+        step = np.float32(share) * (rows[here] - rows[before])
+        softened[here] -= step
+        softened[before] += step
+    return np.asarray(softened / np.linalg.norm(softened, axis=2, keepdims=True), np.float32)
 
 
 @dataclass(frozen=True, eq=False)

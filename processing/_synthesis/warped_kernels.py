@@ -13,10 +13,10 @@ from processing._synthesis.footprint_kernels import patch_map, sampled
 from processing._synthesis.footprint_search import Places, Wanted, box_of, find_footprint, fitting
 from processing._synthesis.patch_search import stream
 
+# Compiled in: processing/_cuts/minimum_cuts.py 599a21c2471f
 # Compiled in: processing/_synthesis/footprint_kernels.py ccf400a0e4d8
 # Compiled in: processing/_synthesis/footprint_search.py d00669b44992
 # Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-# Compiled in: processing/_cuts/minimum_cuts.py 599a21c2471f
 Float = npt.NDArray[np.float32]
 Whole = npt.NDArray[np.int32]
 Bytes = npt.NDArray[np.uint8]

@@ -7,15 +7,16 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from processing._uncertainty.model_error import common_error, deviations
 from processing._uncertainty.pixel_variances import (
     PixelVariances,
     Shown,
+    SolvedStack,
+    common_error,
+    deviations,
     pixel_variances,
     shown_by,
 )
 from processing._uncertainty.sample_kind import Reason, SampleKind
-from processing._uncertainty.solved_stack import SolvedStack
 
 Float = npt.NDArray[np.float32]
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from acquisition import Lights, tangent_basis
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

@@ -12,9 +12,14 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError, Lights
 from calibration import StackNoise, check_linear
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.pixel_variances import Counts, Origin, PixelVariances, pixel_variances
+from processing._uncertainty.pixel_variances import (
+    Counts,
+    Origin,
+    PixelVariances,
+    SolvedStack,
+    pixel_variances,
+)
 from processing._uncertainty.sample_kind import Reason
-from processing._uncertainty.solved_stack import SolvedStack
 from rig import Progress, check_type, no_progress, pluralize, short_repr
 
 Float = npt.NDArray[np.float32]

@@ -2,36 +2,104 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, cast
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import Lights
+from acquisition import CameraModel, Lights
 from calibration import StackNoise
+from processing._stereo.frames import Frames
 from processing._stereo.image_noise import law_of_images
+from processing._stereo.light_model import LightModel
 from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.model_error import agreement, common_error, deviations, model_errors
 from processing._uncertainty.reference import PARTS
 from processing._uncertainty.reference_solver import Pixels, ReferenceSolver, row_blocks
 from processing._uncertainty.sample_kind import Reason, SampleKind
-from processing._uncertainty.solved_stack import SolvedStack
 from rig import Progress, no_progress, short_repr
 
 Float = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+Double = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
+# Sums over this many pixels across, drawn toward 1 by a few degrees of freedom.
+_ACROSS = 5
+_PRIOR = 50.0
+# Residuals are not noise beyond this many standard deviations of their mean square; they count
+# completely from twice as many on, so that the error has no step at the limit.
+_SIGMAS = 4.0
+# Variance of the normal relative to N times that of independent residuals, and share of the mean
+# deviation of the object that every pixel has besides its own: from simulated materials.
+_COHERENT = 1.6
+_COMMON = 0.7
+# Power of the share that a reflectance leaves.
+_LEFT = 3
 # Where a law of the noise is from.
 Origin = Literal["sensor", "repeats", "residuals", "unknown"]
-
 # Pixels whose residuals show whether they are noise.
 _SAMPLED = 4000
 # Fewest images and pixels whose differences show that there is no noise.
 _FEWEST_IMAGES = 5
 _FEWEST_PIXELS = 100
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolvedStack:
+    """Images of an object with their solution.
+
+    Parameters
+    ----------
+    values
+        ``(N, H, W)``, or ``(N, H, W, 3)`` in colour.
+    lights, mask, points_mm, camera, depth_sigma, noise
+        As in `normal_uncertainty`.
+    normals, albedo
+        Given normals ``(H, W, 3)``, and albedo ``(H, W)``, or ``(H, W, 3)`` in colour.
+    """
+
+    values: Float
+    lights: Lights
+    mask: Mask
+    normals: Float
+    albedo: Float
+    points_mm: npt.NDArray[np.float64] | None = None
+    camera: CameraModel | None = None
+    depth_sigma: float = 0.0
+    noise: StackNoise | None = None
+
+    def of_colours(self) -> list[SolvedStack]:
+        """Return the channels of images in colour."""
+        return [
+            replace(
+                self,
+                values=np.ascontiguousarray(self.values[..., channel]),
+                albedo=np.ascontiguousarray(self.albedo[..., channel]),
+                noise=None if self.noise is None else self.noise.of_colour(channel),
+            )
+            for channel in range(self.values.shape[-1])
+        ]
+
+    def frames(self) -> Frames:
+        return Frames(self.values)
+
+    def model(self) -> LightModel:
+        """Return the light vectors at the pixels."""
+        return LightModel(self.lights, self.points_mm, self.mask)
+
+    def solver(self) -> ReferenceSolver:
+        """Return what solves the pixels again."""
+        scaled = self.normals, self.albedo
+        return ReferenceSolver(self.lights, scaled, self.points_mm, self.camera, self.depth_sigma)
+
+    def law(self) -> NoiseLaw | None:
+        """Return the law of the noise; None if it is unknown."""
+        if self.noise is None:
+            return None
+        return NoiseLaw(self.noise, (len(self.values), *self.mask.shape))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +213,7 @@ class VarianceMaps:
         shape = self._albedo.shape
         of_noise, of_lights, height, difference, *residuals = self._parts.reshape(-1, *shape)
         chi2, free, *_ = residuals
-        factor = agreement(chi2, free)
+        factor = _agreement(chi2, free)
         model, kept = model_errors(of_noise, of_lights, *residuals)
         if self._origin in ("sensor", "repeats"):
             np.maximum(factor, 1, out=factor)
@@ -282,3 +350,90 @@ def _reasons(counts: npt.NDArray[np.uint16], good: Mask, solved: Mask) -> npt.ND
     unsolved = np.where(lit + attached + in_cast + outlier < 3, Reason.SATURATED, Reason.UNSOLVED)
     reason = np.where(solved, reason, unsolved)
     return np.where(good, Reason.VALID, reason).astype(np.uint8)
+
+
+def _agreement(chi2: Float, free: Float) -> Float:
+    """Return the mean square of normalised residuals around each pixel, ``(H, W)``.
+
+    Parameters
+    ----------
+    chi2, free
+        ``(H, W)`` sums of squares and their degrees of freedom, 0 without residuals.
+    """
+    return np.asarray((_around(chi2) + _PRIOR) / (_around(free) + _PRIOR), np.float32)
+
+
+def model_errors(
+    noise: Float,
+    lights: Float,
+    chi2: Float,
+    free: Float,
+    left: Float,
+    products: Float,
+    paired: Float,
+) -> tuple[Float, Float]:
+    """Return variances by the model, and the share of differences that are errors.
+
+    Noise is independent from pixel to pixel and from light to light, and N lights average it. Where
+    the surface is not matte, residuals of neighbouring pixels are alike: the mean of their products
+    is the variance of the deviation from a matte surface. Such deviations are also alike for
+    neighbouring lights, and many lights do not average them: their effect on the normal is about N
+    times that of independent residuals of this size. Normals that a reflectance explains better
+    than the reference have a smaller error; it falls with what the reflectance leaves. The factors
+    are measured on simulated materials.
+
+    Parameters
+    ----------
+    noise, lights
+        ``(H, W)`` variances by noise and lights, 0 where there is no solution.
+    chi2, free
+        Sums of squares of the normalised residuals of the reference, and degrees of freedom.
+    left
+        Sums of squares that a reflectance at the given normal leaves.
+    products, paired
+        Sums of products of the residuals with those of a neighbour, and their degrees of freedom, 0
+        without a neighbour.
+    """
+    total = noise + lights
+    solved = total > 0
+    share = np.divide(lights, total, out=np.zeros_like(total), where=solved)
+    pairs = _around(paired)
+    # Errors of the lights are the same in all pixels.
+    spread = 1 / np.sqrt(np.maximum(pairs, 1)) + share * np.sqrt(2 / np.maximum(free, 1))
+    alike = np.divide(_around(products), pairs, out=np.zeros_like(total), where=pairs > 0)
+    excess = alike - share
+    excess *= np.clip(excess / (_SIGMAS * spread) - 1, np.float32(0), np.float32(1))
+    explained = np.minimum(_agreement(left, free) / _agreement(chi2, free), 1)
+    kept = np.where(excess > 0, explained, np.float32(1)) ** _LEFT
+    own = np.sqrt(_COHERENT * kept * excess * total * (free + 3))
+    return np.asarray(own**2, np.float32), np.asarray(kept, np.float32)
+
+
+def deviations(model: Float, total: Float) -> tuple[Double, npt.NDArray[np.intp]]:
+    """Return sums ``(H,)`` of deviations over rows, and numbers ``(H,)`` of pixels with a solution.
+
+    Parameters
+    ----------
+    model
+        ``(H, W)`` variances of `model_errors`.
+    total
+        ``(H, W)`` variances by noise and lights, 0 where there is no solution.
+    """
+    return np.sqrt(model).sum(axis=1, dtype=np.float64), np.count_nonzero(total > 0, axis=1)
+
+
+def common_error(sums: Double, solved: npt.NDArray[np.intp]) -> float:
+    """Return the variance that every pixel has besides its own, from all rows of `deviations`.
+
+    It is from the mean deviation of the object, because the part of a broad highlight that is
+    linear in the direction of the light turns normals and leaves no residual.
+    """
+    pixels = int(solved.sum())
+    return (_COMMON * float(sums.sum()) / pixels) ** 2 if pixels else 0.0
+
+
+def _around(part: Float) -> Float:
+    found = cv2.boxFilter(
+        part, -1, (_ACROSS, _ACROSS), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(found)

@@ -53,13 +53,13 @@ from processing._uncertainty.tile_reference import (
     write_shared,
 )
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_uncertainty/judged_samples.py 8a45666b122a
-# Compiled in: processing/_uncertainty/light_table.py 62cfc3cb4f29
-# Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
-# Compiled in: processing/_uncertainty/reflectance_left.py 1727cdc90181
-# Compiled in: processing/_uncertainty/tile_light_errors.py 3681c91c20ba
-# Compiled in: processing/_uncertainty/tile_reference.py a32060cfca99
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_uncertainty/judged_samples.py 2643378c9bb7
+# Compiled in: processing/_uncertainty/light_table.py 0b269081592c
+# Compiled in: processing/_uncertainty/reflectance_left.py 5d8a92af97ea
+# Compiled in: processing/_uncertainty/tangents.py 91cfd81bafa7
+# Compiled in: processing/_uncertainty/tile_light_errors.py c836fb4e2762
+# Compiled in: processing/_uncertainty/tile_reference.py 77b3795fef70
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

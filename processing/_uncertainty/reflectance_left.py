@@ -11,11 +11,9 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
-from processing._stereo.ranks import MAD_TO_SIGMA, ranked
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAD_TO_SIGMA, ranked
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_stereo/ranks.py 785cb2179947
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

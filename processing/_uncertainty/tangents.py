@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import IN_PLACE
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
 
 Double = npt.NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 from processing._uncertainty.tangents import tangent_change, tangent_trace
 from processing._uncertainty.tile_reference import BY_LIGHTS, HIGHER, LEAST, OF_ERRORS, TILE
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
-# Compiled in: processing/_uncertainty/tile_reference.py a32060cfca99
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_uncertainty/tangents.py 91cfd81bafa7
+# Compiled in: processing/_uncertainty/tile_reference.py 77b3795fef70
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

@@ -17,8 +17,8 @@ import numpy.typing as npt
 from processing._stereo.pixel_algebra import IN_PLACE
 from processing._uncertainty.tangents import squared_angle, tangent_part
 
-# Compiled in: processing/_stereo/pixel_algebra.py d36a51d0daee
-# Compiled in: processing/_uncertainty/tangents.py 0071bfac49ea
+# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_uncertainty/tangents.py 91cfd81bafa7
 
 Float = npt.NDArray[np.float32]
 Double = npt.NDArray[np.float64]

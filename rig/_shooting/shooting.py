@@ -1,4 +1,4 @@
-"""Single shots: light, trigger, frame, and the board's report of the LED that was on."""
+"""Single shots: light, trigger, frame, and the report of the LED; and a test of the wires."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rig._board.board import ON_OFF_TIMEOUT_S, Board
 from rig._board.values import BoardEcho, FlashReport, StepReport
 from rig._camera import Camera, CameraFrame
 from rig._config import RigConfig
-from rig._errors import BoardError, CameraError, FrameLostError, RigError
+from rig._errors import BoardError, CameraError, FrameLostError, FrameTimeoutError, RigError
 from rig._shooting.alive import SignOfLife
 from rig._shooting.frame_proof import FlashChain
 from rig._shooting.shot import Shot, led_name
@@ -215,3 +215,39 @@ def _awaited(camera: Camera, led: int | None, frame_id: int, frame: CameraFrame)
             f"{led_name(led)} instead of frame {frame_id}: shoot again"
         )
     return frame
+
+
+@dataclass(frozen=True)
+class Wires:
+    """Which signals arrive between board and camera.
+
+    Parameters
+    ----------
+    trigger
+        Whether the board's trigger pulse makes the camera expose.
+    exposure_active
+        Whether the camera's exposure-active output reaches the board.
+    """
+
+    trigger: bool
+    exposure_active: bool
+
+
+def try_wires(bench: Bench, led: int, times: ShotTimes) -> Wires:
+    """Flash once with the camera armed on its line, and return which signals arrived.
+
+    Raises
+    ------
+    RigError
+        If the board fails, or if the camera fails for another reason than a missing frame.
+    """
+    times.check(bench.board.identity)
+    time.sleep(max(0.0, bench.ready_s - time.monotonic()))
+    frame_id = bench.camera.expect()
+    report = bench.board.flash(led, times.ahead_us, times.hold_us)
+    bench.triggered(times, time.monotonic())
+    try:
+        bench.camera.fetch(frame_id, bench.config.frame_timeout_s)
+    except FrameTimeoutError:
+        return Wires(False, report.active_us is not None)
+    return Wires(True, report.active_us is not None)

@@ -7,24 +7,19 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
 import rig
 from sgp._camera_doubts import camera_notices
-from sgp._console import Stages, note
+from sgp._console import note
 from sgp._exit import UsageError
-from sgp._hashes import input_hashes
 from sgp._map_doubts import with_remedy
 from sgp._options import Input, Memory, Millimetres, OptionalInput, Pixels, Positive
-from sgp._output import claim_folder, writes_folder
+from sgp._output import writes_folder
 from sgp._result import Result
-from sgp._sigma_map import read_sigma
 from sgp._stage_options import SurfaceOptions
-from sgp._stored_surface import SurfaceInputs, check_colours, masked, stored_surface
-from sgp._surface_memory import SurfaceWay, surface_way
-from sgp._write_surface import write_surface
+from sgp._surface_maps import SurfaceInputs, SurfaceWay, integrated
 
 _SURFACE = SurfaceOptions()
 
@@ -96,96 +91,32 @@ def surface(
     force
         Write into an output folder that already contains files.
     """
-    sharpness = options.sharpness()
+    options.sharpness()  # refuses --k without jumps
     if prior_sigma is not None and prior is None:
         raise UsageError("--prior-sigma is for known heights: give --prior too")
     if options.height_sigma and sigma is None:
         raise UsageError("--height-sigma needs deviations of the normals: give --sigma too")
     way = _way(memory, normals, camera, sigma, prior, options, max_pixels)
-    if way.rows is not None:
-        model, notices = _camera(camera, way.size)
-        depth = None if height_mm is None else np.float32(_mean_depth(height_mm, model))
-        inputs = SurfaceInputs(
-            normals=normals,
-            mask=mask,
-            albedo=albedo,
-            camera=model,
-            sigma=sigma,
-            pixel_mm=options.pixel_mm,
-            depth_mm=None if depth is None else np.broadcast_to(depth, way.size),
-            green=green,
-            max_pixels=max_pixels,
-        )
-        result = stored_surface(inputs, options, way, out, force=force)
-        doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
-        result.warnings = [*notices, *doubts]
-        result.inputs += [path for path in (mask, albedo, camera, sigma) if path is not None]
-        return result
-    read = processing.read_normals(normals, green=green, max_pixels=max_pixels)
-    input_hashes(read.files)
-    normal_map, notices = read.normal_map, [*read.warnings]
-    if mask is not None:
-        inside, lost = masked(mask, normal_map.mask, normals)
-        notices += lost
-        normal_map = processing.NormalMap(normal_map.normals * inside[..., None], inside)
-    model, doubts_of_camera = _camera(camera, normal_map.size)
-    notices += doubts_of_camera
-    deviations = None
-    if sigma is not None:
-        deviations = read_sigma(sigma, normal_map, max_pixels)
-        notices += deviations.notices
-    sigma_deg = None if deviations is None else deviations.sigma_deg
-    unit, pixel_size = processing.surface_scale(model, options.pixel_mm)
-    known = None
-    if prior is not None:
-        known = processing.read_prior(
-            prior,
-            normal_map.size,
-            unit=unit,
-            sigma=pixel_size if prior_sigma is None else prior_sigma,
-            max_pixels=max_pixels,
-        )
-    depth_mm = None
-    if height_mm is not None:
-        depth_mm = np.full(normal_map.size, _mean_depth(height_mm, model), np.float32)
-    with Stages() as progress:
-        height_map = processing.integrate(
-            normal_map,
-            camera=model,
-            pixel_mm=options.pixel_mm,
-            depth_mm=depth_mm,
-            sigma_deg=sigma_deg,
-            common_sigma_deg=None if deviations is None else deviations.common_deg,
-            prior=known,
-            height_errors=options.height_sigma,
-            discontinuity=options.discontinuity,
-            k=sharpness,
-            on_progress=progress,
-        )
-    colours = None if albedo is None else _colours(albedo, normal_map, max_pixels)
-    claimed = claim_folder(out, "surface.json")
-    result = write_surface(
-        claimed, height_map, normal_map, options, colours=colours, sigma_deg=sigma_deg
+    model = None if camera is None else acquisition.read_camera(camera, way.size)
+    doubts = () if camera is None or model is None else tuple(camera_notices(camera, model))
+    depth = None if height_mm is None else np.float32(_mean_depth(height_mm, model))
+    inputs = SurfaceInputs(
+        normals=normals,
+        mask=mask,
+        albedo=albedo,
+        camera=model,
+        doubts=doubts,
+        sigma=sigma,
+        prior=None if prior is None else (prior, prior_sigma),
+        pixel_mm=options.pixel_mm,
+        depth_mm=None if depth is None else np.broadcast_to(depth, way.size),
+        green=green,
+        max_pixels=max_pixels,
     )
-    acquisition.remove_unfinished(out / "surface")
-    doubts = [_with_remedy(doubt, green, options) for doubt in result.warnings]
-    result.warnings = [*notices, *doubts]
-    if known is not None:
-        _add_prior(result, height_map, known)
-    given = [path for path in (mask, albedo, camera, sigma, prior) if path is not None]
-    result.inputs = [*read.files, *given]
+    result = integrated(inputs, options, way, out, force=force)
+    result.warnings = [_with_remedy(notice, green, options) for notice in result.warnings]
+    result.inputs += [path for path in (mask, albedo, camera, sigma, prior) if path is not None]
     return result
-
-
-def _add_prior(
-    result: Result, height_map: processing.HeightMap, prior: processing.HeightPrior
-) -> None:
-    """Add the number of known heights on the surface, and how far it is from them."""
-    off = (height_map.height - prior.height)[height_map.mask & prior.known].astype(np.float64)
-    rms = float(np.sqrt(np.mean(off**2)))
-    result.metrics = {**result.metrics, "prior_heights": len(off), "prior_rms": rms}
-    heights = rig.pluralize(len(off), "known height")
-    result.summary.append(f"{rms:.2g} {height_map.unit} rms from {heights}")
 
 
 def _with_remedy(
@@ -209,27 +140,16 @@ def _way(
     """Return how the surface is solved, and state it if it is not the ordinary way."""
     size = processing.find_normals(normals, max_pixels=max_pixels).size
     wanted = {"--prior": prior is not None, **options.whole_surface()}
-    way = surface_way(
+    way = SurfaceWay.within(
         memory,
         size,
-        camera=camera is not None,
-        sigma=sigma is not None,
+        processing.SurfaceStage(camera is not None, sigma is not None),
         stl=options.stl,
         whole_for=[name for name, given in wanted.items() if given],
     )
     if memory is not None or way.rows is not None:
         note(way.line())
     return way
-
-
-def _camera(
-    path: Path | None, size: tuple[int, int]
-) -> tuple[acquisition.CameraModel | None, list[rig.Notice]]:
-    """Read a camera, and return notices about it."""
-    if path is None:
-        return None, []
-    model = acquisition.read_camera(path, size)
-    return model, list(camera_notices(path, model))
 
 
 def _mean_depth(height_mm: float, camera: acquisition.CameraModel | None) -> float:
@@ -243,16 +163,3 @@ def _mean_depth(height_mm: float, camera: acquisition.CameraModel | None) -> flo
             "working plane"
         )
     return distance - height_mm
-
-
-def _colours(
-    path: Path, normal_map: processing.NormalMap, max_pixels: int
-) -> npt.NDArray[np.uint8]:
-    """Read colours as sRGB samples: floats are linear albedo, other samples are sRGB."""
-    image = acquisition.read_image(path, max_pixels=max_pixels)
-    check_colours(path, image.shape, normal_map.size)
-    if image.dtype == np.uint8:
-        return image.astype(np.uint8)
-    if image.dtype == np.uint16:
-        return np.rint(image / 257).astype(np.uint8)
-    return processing.albedo_picture(image.astype(np.float32), normal_map.mask).pixels

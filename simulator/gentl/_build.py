@@ -49,7 +49,8 @@ def build() -> Path:
     """
     compiler = _compiler()
     sources = sorted(_SOURCES.glob("*.c"))
-    digest = hashlib.sha256("\0".join((*compiler, *_FLAGS, _version(compiler))).encode())
+    version = _run([*compiler, "--version"])
+    digest = hashlib.sha256("\0".join((*compiler, *_FLAGS, version)).encode())
     for path in sorted((*sources, *_SOURCES.glob("*.h"))):
         digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     folder = _cache() / f"gentl-{digest.hexdigest()[:16]}"
@@ -89,10 +90,6 @@ def _compiler() -> list[str]:
         f"the virtual camera needs a C compiler: {wanted or 'cc, gcc or clang'} was not found; "
         "install one (Debian: apt install gcc) or name it in CC"
     )
-
-
-def _version(compiler: list[str]) -> str:
-    return _run([*compiler, "--version"])
 
 
 def _run(command: list[str], environment: Mapping[str, str] | None = None) -> str:

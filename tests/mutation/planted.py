@@ -71,13 +71,13 @@ PLANTED = (
     ),
     Planted(
         "a low pass of twice the width",
-        "processing/_detail/similarity.py",
+        "processing/_detail/local_transfer.py",
         "sigma_px = 0.5 * math.sqrt(1 / self.scale**2 - 1)",
         "sigma_px = math.sqrt(1 / self.scale**2 - 1)",
     ),
     Planted(
         "a low pass that ignores the pixel's own width",
-        "processing/_detail/similarity.py",
+        "processing/_detail/local_transfer.py",
         "sigma_px = 0.5 * math.sqrt(1 / self.scale**2 - 1)",
         "sigma_px = 0.5 * math.sqrt(1 / self.scale**2)",
     ),

@@ -59,7 +59,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "rig/_shooting/sequence.py": (_VALUES, _BY_CLOCK, "rig/test_rig_sequence.py"),
     "rig/_shooting/shooting.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
     "rig/_shooting/shot.py": (_VALUES,),
-    "rig/_shooting/wires.py": (_VALUES,),
     "rig/_board/protocol.py": ("rig/test_protocol_lines.py",),
     "rig/_board/replies.py": ("rig/test_board_replies.py",),
     "calibration/_radiance/developer.py": (
@@ -119,8 +118,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "cauchy",
             "least_squares",
             "light_model",
-            "near_vectors",
-            "pixel_algebra",
             "trimmed",
         )
     },
@@ -129,13 +126,14 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "processing/test_photometric_best.py",
             "processing/test_photometric_stereo.py",
         )
-        for name in ("best", "least_trimmed", "reflectance_fit")
+        for name in ("best", "reflectance_fit")
     },
-    "processing/_stereo/ranks.py": ("processing/test_photometric_stereo.py",),
-    **{
-        f"processing/_stereo/{name}.py": ("processing/test_photometric_noise.py",)
-        for name in ("noise_law", "reweighted")
-    },
+    "processing/_stereo/noise_law.py": ("processing/test_photometric_noise.py",),
+    "processing/_stereo/pixel_algebra.py": (
+        "processing/test_photometric_stereo.py",
+        "processing/test_photometric_near.py",
+        "processing/test_photometric_noise.py",
+    ),
     **{
         f"processing/_stereo/{name}.py": ("processing/test_tile_least_squares.py",)
         for name in ("frames", "tile_kernels", "tile_least_squares")
@@ -147,8 +145,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "processing/test_photometric_near.py",
     ),
     "processing/_curvature/curvature.py": ("processing/test_curvature.py",),
-    "processing/_curvature/plane_fit.py": ("processing/test_curvature.py",),
-    "processing/_curvature/positions.py": ("processing/test_curvature.py",),
     **{
         f"processing/_uncertainty/{name}.py": ("processing/test_normal_uncertainty.py",)
         for name in (
@@ -157,7 +153,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "pixel_variances",
             "reference",
             "reflectance_left",
-            "residual_structure",
+            "reference_solver",
             "tangents",
         )
     },
@@ -165,7 +161,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "processing/test_tile_reference.py",
         "processing/test_normal_uncertainty.py",
     ),
-    "processing/_uncertainty/model_error.py": (
+    "processing/_uncertainty/pixel_variances.py": (
         "processing/test_model_error.py",
         "processing/test_normal_uncertainty.py",
     ),
@@ -183,7 +179,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
     ),
     "processing/_uncertainty/colours.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/joint_colours.py": ("processing/test_joint_colours.py",),
-    "processing/_reconstruction/joint_noise.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/specular.py": ("processing/test_specular.py",),
     "processing/_surface/alternation.py": ("processing/test_alternation.py",),
     "processing/_surface/anchors.py": ("processing/test_height_doubt.py",),
@@ -211,10 +206,9 @@ TARGETS: dict[str, tuple[str, ...]] = {
     f"{_DETAIL}/transfer.py": ("processing/test_transfer.py",),
     f"{_DETAIL}/placement.py": ("processing/test_transfer.py",),
     "processing/_fill/fill.py": ("processing/test_fill.py",),
-    "processing/_fill/harmonic.py": ("processing/test_fill.py",),
     "processing/_fill/quilted.py": ("processing/test_fill.py",),
     f"{_DETAIL}/rotation.py": ("processing/test_rotation.py",),
-    f"{_DETAIL}/similarity.py": ("processing/test_local_transfer.py",),
+    f"{_DETAIL}/local_transfer.py": ("processing/test_local_transfer.py",),
     f"{_DETAIL}/properties.py": ("processing/test_properties.py",),
     "simulator/_shapes/surface.py": (
         "simulator/test_surface_trace.py",

@@ -3,18 +3,21 @@
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition import CameraModel, DataError
+from acquisition import BandStore, CameraModel, DamagedMapsError, DataError
 from calibration import EstimateError
-from processing import NormalMap, integrate, integrate_in_blocks
+from processing import NormalMap, SurfaceStage, integrate, integrate_in_blocks
+from processing._blocks.block_files import BlockFiles
 from processing._blocks.local_parts import NO_MEETING, LocalParts, meeting_of
 from processing._blocks.plan import CELL, plan_blocks
 from processing._blocks.seams import Seam, Side
+from tests.processing.test_stages import deleted, flipped
 
 LIMIT = 5e-4  # of the range
 SIZE = (192, 80)
@@ -32,20 +35,24 @@ def waves(noise_deg: float = 0, mask=None, size=SIZE, seed: int = 7) -> NormalMa
 def compared(folder: Path, normal_map: NormalMap, *, rows: int = 48, sigma_deg=None, **options):
     """Return the surface in blocks, and its largest difference from that of the whole."""
     whole = integrate(normal_map, sigma_deg=sigma_deg, **options)
-    found = integrate_in_blocks(
-        normal_map.normals, normal_map.mask, folder, rows=rows, sigma_deg=sigma_deg, **options
-    )
-    height, parts = found.height[:], found.parts[:]
-    found.close()
+    with opened(folder, normal_map.size, **options) as store:
+        found = integrate_in_blocks(normal_map, store, rows=rows, sigma_deg=sigma_deg, **options)
+        height, parts, (lowest, highest) = found.height, found.parts, found.extremes
+        assert found.part_count == whole.part_count
+        assert found.blocks.number == len(plan_blocks(len(parts), rows).blocks)
     np.testing.assert_array_equal(parts, whole.parts)
     np.testing.assert_array_equal(np.isfinite(height), whole.mask)
     inside = whole.mask
     span = np.ptp(whole.height[inside])
     off = float(np.abs(height - whole.height)[inside].max())
     # The estimate does not contain the tolerance of both solutions.
-    assert off <= found.error + 1e-6 * span
-    assert found.highest - found.lowest == pytest.approx(span, rel=1e-3)
+    assert off <= found.blocks.error + 1e-6 * span
+    assert highest - lowest == pytest.approx(span, rel=1e-3)
     return found, whole, off / span
+
+
+def opened(folder: Path, size=SIZE, camera=None, **_) -> BandStore:
+    return BandStore(folder / "surface", {}, SurfaceStage(camera is not None).forms(size))
 
 
 def ring() -> np.ndarray:
@@ -84,10 +91,7 @@ def two() -> np.ndarray:
 def test_blocks_have_the_surface_of_the_whole(tmp_path, mask, noise_deg, limit, rounds):
     found, whole, error = compared(tmp_path, waves(noise_deg, mask))
     assert error < limit
-    assert found.blocks == 4
-    assert found.rounds <= rounds
-    assert found.part_count == whole.parts.max() + 1
-    assert found.pixels == np.count_nonzero(whole.mask)
+    assert found.blocks.rounds <= rounds
     assert [n.code for n in found.warnings] == [n.code for n in whole.warnings]
     assert found.disagreement_deg == pytest.approx(whole.disagreement_deg, abs=0.05)
     assert found.curl == pytest.approx(whole.curl, abs=0.02)
@@ -99,7 +103,7 @@ def test_contradicting_normals_are_solved_too(tmp_path):
     mirrored = NormalMap(normals.normals * np.float32([1, -1, 1]), normals.mask)
     found, _, error = compared(tmp_path, mirrored)
     assert error < LIMIT
-    assert found.rounds >= 2
+    assert found.blocks.rounds >= 2
     assert "normals-mirrored" in [n.code for n in found.warnings]
 
 
@@ -108,7 +112,7 @@ def test_a_perspective_surface_has_depths(tmp_path):
     camera = CameraModel(k, SIZE[1], SIZE[0], 300.0)
     found, _, error = compared(tmp_path, waves(1), camera=camera)
     assert error < LIMIT
-    assert found.depth is not None
+    assert "depth" in found.maps
     assert found.unit == "mm"
 
 
@@ -119,9 +123,9 @@ def test_deviations_of_normals_count(tmp_path):
     normal_map = waves(1)
     found, _, error = compared(tmp_path, normal_map, sigma_deg=sigma)
     assert error < LIMIT
-    plain = integrate_in_blocks(normal_map.normals, normal_map.mask, tmp_path, rows=48)
-    plain.close()
-    assert plain.highest != found.highest
+    with opened(tmp_path / "plain") as store:
+        plain = integrate_in_blocks(normal_map, store, rows=48)
+        assert plain.extremes != found.extremes
 
 
 @settings(max_examples=8, deadline=None)
@@ -180,7 +184,6 @@ def test_constants_join_parts_of_blocks():
 
 
 BAD: dict[str, tuple[Callable[[], dict], type[Exception], str]] = {
-    "size": (lambda: {"mask": np.ones((3, 3), bool)}, DataError, "do not fit a mask"),
     "mask": (lambda: {"mask": np.zeros(SIZE, bool)}, DataError, "empty mask"),
     "depth": (lambda: {"depth_mm": np.ones(SIZE)}, DataError, "require a camera"),
     "no depth": (
@@ -199,19 +202,49 @@ def test_what_does_not_fit_is_refused(tmp_path, name):
     changed, kind, message = BAD[name]
     options = {"mask": np.ones(SIZE, bool), **changed()}
     mask = options.pop("mask")
-    normals = waves().normals
-    if mask.shape == SIZE:
-        normals = normals * mask[..., None]
-    with pytest.raises(kind, match=message):
-        integrate_in_blocks(normals, mask, tmp_path, rows=48, **options)
+    given = SimpleNamespace(normals=waves().normals * mask[..., None], mask=mask)
+    with opened(tmp_path) as store, pytest.raises(kind, match=message):
+        integrate_in_blocks(given, store, rows=48, **options)
 
 
 def test_blocks_that_do_not_fit_together_are_reported(tmp_path, monkeypatch):
     monkeypatch.setattr("processing._blocks.rounds._MOST_ROUNDS", 0)
-    found = integrate_in_blocks(
-        waves().normals * np.float32([1, -1, 1]), np.ones(SIZE, bool), tmp_path, rows=48
-    )
-    found.close()
-    assert found.error > LIMIT * (found.highest - found.lowest)
+    mirrored = NormalMap(waves().normals * np.float32([1, -1, 1]), np.ones(SIZE, bool))
+    with opened(tmp_path) as store:
+        found = integrate_in_blocks(mirrored, store, rows=48)
+        lowest, highest = found.extremes
+    assert found.blocks.error > LIMIT * (highest - lowest)
     notice = next(n for n in found.warnings if n.code == "blocks-not-settled")
     assert "use more memory" in notice.text
+
+
+def halved(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+@pytest.mark.parametrize("damage", [deleted, halved, flipped], ids=lambda one: one.__name__)
+@pytest.mark.parametrize(
+    "name", ["solution-0-1.raw", "labels-3.raw", "weights.raw", "step-free-2.npz"]
+)
+def test_a_part_that_was_changed_meanwhile_is_named(tmp_path, monkeypatch, name, damage):
+    """The process is stopped in the first round."""
+    normal_map, complete = waves(2), BlockFiles.complete
+
+    def stopped(files, step, **record):
+        if step == "change-0-1":
+            raise KeyboardInterrupt
+        return complete(files, step, **record)
+
+    with monkeypatch.context() as patched, opened(tmp_path) as store:
+        patched.setattr(BlockFiles, "complete", stopped)
+        with pytest.raises(KeyboardInterrupt):
+            integrate_in_blocks(normal_map, store, rows=48)
+        damage(store.folder / name)
+    with opened(tmp_path / "whole") as store:
+        whole = integrate_in_blocks(normal_map, store, rows=48).height
+    with opened(tmp_path) as store:
+        if (name, damage) != ("step-free-2.npz", deleted):  # a step is repeated instead
+            with pytest.raises(DamagedMapsError, match=f"{name}: "):
+                integrate_in_blocks(normal_map, store, rows=48)
+        again = integrate_in_blocks(normal_map, store, rows=48, replace=True)
+        np.testing.assert_array_equal(again.height, whole)

@@ -141,16 +141,17 @@ def test_wrong_colours_are_refused(tmp_path: Path, wrong) -> None:
 def test_a_height_picture_gives_the_height_back() -> None:
     _, height_map = surface()
     picture = height_picture(height_map)
-    np.testing.assert_array_equal(picture.pixels > 0, height_map.mask)
-    assert (picture.pixels[height_map.mask].min(), picture.pixels.max()) == (1, 65535)
-    found = picture.base + picture.step * picture.pixels[height_map.mask].astype(float)
+    pixels = picture.pixels[:]
+    np.testing.assert_array_equal(pixels > 0, height_map.mask)
+    assert (pixels[height_map.mask].min(), pixels.max()) == (1, 65535)
+    found = picture.base + picture.step * pixels[height_map.mask].astype(float)
     assert np.abs(found - height_map.height[height_map.mask]).max() <= picture.step * 0.51
 
 
 def test_a_flat_height_has_a_picture() -> None:
     flat = integrate(NormalMap.from_vectors(np.tile([0.0, 0, 1], (4, 5, 1))))
     picture = height_picture(flat)
-    assert (picture.pixels == 1).all()
+    assert (picture.pixels[:] == 1).all()
     assert picture.base + picture.step == pytest.approx(0)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from processing._detail.filter_kind import FilterKind
+from processing._detail.choices import FilterKind
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg

@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from processing._detail.local_transfer import transfer_local
+from processing._detail.local_transfer import Pose, Similarity, transfer_local
 from processing._detail.seam import _membrane, blend_detail, seam_of, seam_steps
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.similarity import Pose, Similarity
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from processing._superres import median
+from processing._superres import super_resolve as median
 
 
 def test_the_median_is_that_of_all_values(monkeypatch) -> None:
@@ -13,4 +13,4 @@ def test_the_median_is_that_of_all_values(monkeypatch) -> None:
             found, mask = values.astype(np.float32), random.random(shape) < 0.7
             mask[0, 0] = True
             found[~mask] = np.nan
-            assert median.median_of_rows(found, mask) == float(np.median(found[mask]))
+            assert median._median_of_rows(found, mask) == float(np.median(found[mask]))

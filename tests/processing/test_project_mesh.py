@@ -16,7 +16,7 @@ from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry, view_rotation
 from processing._projection import rasterize_kernels as kernels
-from processing._projection.creases import crease_angle_deg
+from processing._projection.rasterize import crease_angle_deg
 from rig import in_threads
 from simulator._shapes.bvh import TriangleTree
 from tests.quick_sample import quick

@@ -11,8 +11,7 @@ import trimesh
 from acquisition import CameraModel
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry
-from processing._projection.point_cloud import draw_points, fit_surfels
-from processing._projection.point_cloud_orient import orient
+from processing._projection.point_cloud import draw_points, fit_surfels, orient
 from processing._projection.view import fit_raster
 from tests.quick_sample import quick
 

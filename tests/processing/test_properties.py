@@ -136,9 +136,8 @@ def surface(height: np.ndarray, parts: np.ndarray | None = None) -> HeightMap:
     mask = np.isfinite(height)
     if parts is None:
         parts = np.where(mask, 0, -1)
-    return HeightMap(
-        height.astype(np.float32), None, mask, parts.astype(np.int32), "px", 1.0, None, 0, 0.0, ()
-    )
+    maps = {"height": height.astype(np.float32), "parts": parts.astype(np.int32)}
+    return HeightMap(maps, mask, "px", 1.0, None, 0, 0.0, ())
 
 
 def test_a_height_profile_is_sorted_by_the_heights_of_the_target() -> None:

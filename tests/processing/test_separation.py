@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from acquisition import DataError
-from processing._detail.filter_kind import FilterKind
+from processing._detail.choices import FilterKind
 from processing._detail.separation import combine, separate
 from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg, ssim

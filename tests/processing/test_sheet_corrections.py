@@ -8,8 +8,8 @@ import pytest
 
 from processing import NormalMap, texture_figures
 from processing._synthesis.seam_steps import cut_steps
-from processing._synthesis.softened_cuts import softened_bands, softening_share
 from processing._synthesis.spectrum_match import filtered_bands, matching_kernel
+from processing._synthesis.synthesize import softened_bands, softening_share
 
 
 def soften_cuts(sheet, labels, *, wrapped):

@@ -8,20 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition import BandFile, CameraModel, DataError, write_exr, write_mask, write_png
+from acquisition import BandStore, CameraModel, DataError, write_exr, write_mask, write_png
 from processing import (
     NormalMap,
-    curl_in_rows,
-    height_samples,
-    height_scale,
+    height_mesh,
     integrate,
     normal_curl,
     normal_residual,
     read_normals,
-    residual_of_rows,
     store_normals,
     write_mesh,
-    write_mesh_rows,
     write_normals,
 )
 from processing._surface import mesh_rows
@@ -108,42 +104,37 @@ CAMERAS: dict[str, Callable[[], CameraModel | None]] = {
 def test_rows_of_a_surface_are_those_of_the_whole(tmp_path, monkeypatch, camera):
     normal_map, model = noisy(), CAMERAS[camera]()
     surface = integrate(normal_map, camera=model)
-    normals, mask = normal_map.normals, normal_map.mask
-    residual = [
-        residual_of_rows(surface, normals, slice(r, min(r + 9, 61))) for r in range(0, 61, 9)
-    ]
-    np.testing.assert_array_equal(np.concatenate(residual), normal_residual(surface, normal_map))
-    sigma = np.where(mask, 2.0, np.nan).astype(np.float32)
+    sigma = np.where(normal_map.mask, 2.0, np.nan).astype(np.float32)
     whole = normal_curl(normal_map, camera=model, sigma_deg=sigma)
+    residual = normal_residual(surface, normal_map)
     monkeypatch.setattr("processing._surface.curl._BAND", 10)
-    stored = BandFile(tmp_path / "curl.raw", SIZE, np.dtype(np.float32))
-    banded = curl_in_rows(normals, mask, stored, model, sigma)
-    np.testing.assert_array_equal(stored[:], whole.curl_deg)
-    assert (banded.spread_deg, banded.excess) == (whole.spread_deg, whole.excess)
-    assert 1 < whole.excess < 3
-    stored.close()
+    monkeypatch.setattr("processing._surface.normal_residual._BAND", 9 * 400 * SIZE[1])
+    forms = dict.fromkeys(("curl", "residual"), (SIZE, np.float32))
+    with BandStore(tmp_path / "maps", {}, forms) as maps:
+        banded = normal_curl(normal_map, camera=model, sigma_deg=sigma, into=maps["curl"])
+        np.testing.assert_array_equal(maps["curl"][:], whole.curl_deg)
+        assert (banded.spread_deg, banded.excess) == (whole.spread_deg, whole.excess)
+        assert 1 < whole.excess < 3
+        normal_residual(surface, normal_map, into=maps["residual"])
+        np.testing.assert_array_equal(maps["residual"][:], residual)
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+@pytest.mark.parametrize("camera", CAMERAS)
+def test_a_mesh_of_rows_is_the_complete_mesh(tmp_path, monkeypatch, camera, jumps):
+    normal_map = noisy()
+    surface = integrate(normal_map, camera=CAMERAS[camera](), discontinuity=jumps)
     monkeypatch.setattr(mesh_rows, "_BAND", 12 * mesh_rows._PIXEL * SIZE[1])
     colours = np.random.default_rng(5).integers(0, 256, (*SIZE, 3), np.uint8)
-    for name, given in (("a.ply", {"normals": normals, "colours": colours}), ("b.ply", {}),
+    for name, given in (("a.ply", {"normals": normal_map, "colours": colours}), ("b.ply", {}),
                         ("c.ply", {"colours": colours[..., 0]}), ("d.stl", {})):  # fmt: skip
-        given_map = {"normals": normal_map} if "normals" in given else {}
-        write_mesh(tmp_path / name, surface, **{**given, **given_map})
+        write_mesh(tmp_path / name, surface, mesh=height_mesh(surface, **given))
         expected = (tmp_path / name).read_bytes()
-        write_mesh_rows(tmp_path / name, surface, **given)
+        write_mesh(tmp_path / name, surface, **given)
         assert (tmp_path / name).read_bytes() == expected
 
 
-def test_meshes_of_rows_are_refused(tmp_path):
-    surface = integrate(noisy())
-    with pytest.raises(DataError, match=r"\.ply or \.stl"):
-        write_mesh_rows(tmp_path / "a.obj", surface)
+def test_a_surface_without_triangles_has_no_mesh(tmp_path):
     line = NormalMap.from_vectors(np.full((1, 5, 3), [0.0, 0.0, 1.0]))
     with pytest.raises(DataError, match="no triangle"):
-        write_mesh_rows(tmp_path / "a.ply", integrate(line))
-
-
-def test_samples_of_heights():
-    scale = height_scale(-1.0, 3.0)
-    heights = np.float32([[-1, np.nan, 1, 3]])
-    np.testing.assert_array_equal(height_samples(heights, scale), [[1, 0, 32768, 65535]])
-    assert height_scale(2.0, 2.0) == (1.0, 1.0)
+        write_mesh(tmp_path / "a.ply", integrate(line))

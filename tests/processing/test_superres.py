@@ -25,9 +25,8 @@ from processing import (
     read_superres_model,
     super_resolve,
 )
-from processing._superres import memory as memory_module
-from processing._superres.blend import blend
-from processing._superres.filling import filled_outwards
+from processing._superres import super_resolution_stage as memory_module
+from processing._superres.enlarge import blend, filled_outwards
 from processing._superres.interpolation import bicubic, smoothly, units, without_averaging
 from processing._superres.network import Network, turned
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from processing import surface_memory
+from processing import SurfaceStage
 
 SIZES = [(1000, 1000), (2236, 2236)]
 MEASURE = """
@@ -14,7 +14,8 @@ import sys
 from pathlib import Path
 import numpy as np
 from acquisition import BandFile, CameraModel
-from processing import NormalMap, integrate, integrate_in_blocks
+from acquisition import BandStore
+from processing import NormalMap, StoredNormals, SurfaceStage, integrate, integrate_in_blocks
 
 def peak(size, name, rows):
     height, width = size
@@ -32,7 +33,10 @@ def peak(size, name, rows):
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins here
     before = kilobytes("VmRSS")
     if rows:
-        integrate_in_blocks(stored, mask, folder, rows=rows, camera=camera).close()
+        forms = SurfaceStage(with_camera).forms(size)
+        with BandStore(folder / "surface", {}, forms) as store:
+            given = StoredNormals(stored, mask, (), ())
+            integrate_in_blocks(given, store, rows=rows, camera=camera)
     else:
         integrate(normal_map, camera=camera)
     return (kilobytes("VmHWM") - before) * 1024
@@ -62,16 +66,21 @@ def test_estimates_are_above_the_measured_peak(tmp_path, size, rows, camera):
         check=True,
     )
     peak = int(measured.stdout)
-    assert peak < surface_memory(size, rows=rows, camera=camera) < 2 * peak
+    assert peak < SurfaceStage(camera).solving(size, rows) < 2 * peak
 
 
 def test_estimates_grow_with_what_is_given():
-    whole = surface_memory((3000, 4000))
-    blocks = [surface_memory((3000, 4000), rows=rows) for rows in (256, 750, 1500)]
+    size, stage = (3000, 4000), SurfaceStage()
+    whole = stage.solving(size)
+    blocks = [stage.solving(size, rows) for rows in (256, 750, 1500)]
     assert blocks == sorted(blocks)
     assert blocks[-1] < whole
-    assert blocks[0] < surface_memory((3000, 4000), rows=256, camera=True) < whole
-    known = [surface_memory((3000, 4000), sigma=sigma, camera=True) for sigma in (False, True)]
+    assert blocks[0] < SurfaceStage(True).solving(size, 256) < whole
+    known = [SurfaceStage(True, weighted).solving(size) for weighted in (False, True)]
     assert whole < known[0] < known[1]
+    need = stage.need(size)
+    assert whole < need.whole
+    assert stage.blocks(size, need.least)[1] == need.least < need.whole / 1.5
+    assert stage.blocks(size, need.whole)[0] > stage.blocks(size, need.least)[0]
     # A map that fits into one block shares no rows.
-    assert surface_memory((64, 4000), rows=64) == surface_memory((64, 4000), rows=640)
+    assert stage.solving((64, 4000), 64) == stage.solving((64, 4000), 640)

@@ -91,7 +91,7 @@ def slanted(side=64):
 )
 def test_copies_turn_their_normals(options, directions, monkeypatch):
     """Every vector that leans along (2, 1) leans along one of the turned directions."""
-    monkeypatch.setattr("processing._synthesis.synthesis_stage.matching_kernel", lambda *_: None)
+    monkeypatch.setattr("processing._synthesis.synthesize.matching_kernel", lambda *_: None)
     made = synthesize(slanted(), (150, 150), patch=12, **options).detail.normals
     leans = made[..., :2] / np.linalg.norm(made[..., :2], axis=2, keepdims=True)
     # The cosines of the angles to each direction.
@@ -240,6 +240,6 @@ def test_steep_patches_make_up_for_a_rim_where_none_fits(disc, monkeypatch):
     # Equal shares would leave the sheet a quarter too flat.
     assert means.mean() < 0.8 * meant
     # The search for patches that fit leaves the sheet a little flatter than the shares alone.
-    monkeypatch.setattr("processing._synthesis.synthesis_stage.matching_kernel", lambda *_: None)
+    monkeypatch.setattr("processing._synthesis.synthesize.matching_kernel", lambda *_: None)
     unfiltered = synthesize(disc, (256, 256), patch=PATCH).detail.normals
     assert angles_of(unfiltered).mean() > 0.85 * meant

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
+from processing._detail.choices import Tile
 from processing._detail.placement import Cover, Placement, largest_rectangle
 from processing._detail.separation import separate
 from processing._detail.shape_filter import ShapeFilter
-from processing._detail.tile import Tile
 from processing._detail.transfer import TransferResult, scale_slopes, transfer
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap

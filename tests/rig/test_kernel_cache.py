@@ -12,7 +12,7 @@ import pytest
 
 from rig import kernel_folder, watch_kernels
 from rig._kernel_cache import _adapt
-from rig._kernel_folder import KernelWatch, private_folder
+from rig._kernels import KernelWatch, private_folder
 from rig._numba_cache import _KernelCache
 
 ROOT = Path(__file__).parents[2]
@@ -37,8 +37,8 @@ class Watch(KernelWatch):
 @pytest.fixture
 def watch(monkeypatch):
     watch = Watch()
-    monkeypatch.setattr("rig._kernel_folder._State.watch", watch)
-    monkeypatch.setattr("rig._kernel_folder._State.stated", False)
+    monkeypatch.setattr("rig._kernels._State.watch", watch)
+    monkeypatch.setattr("rig._kernels._State.stated", False)
     return watch
 
 

@@ -12,14 +12,13 @@ import pytest
 from rig import BoardError, CameraError, CameraFrame, CameraInfo, RigConfig, RigError
 from rig._board.values import BoardIdentity, FlashReport
 from rig._errors import FrameTimeoutError
-from rig._shooting import alive, frame_proof, wires
+from rig._shooting import alive, frame_proof, shooting
 from rig._shooting.alive import SignOfLife
 from rig._shooting.frame_proof import FlashChain, Spacing
 from rig._shooting.sequence import runs
-from rig._shooting.shooting import Bench, check_light, hold_ms
+from rig._shooting.shooting import Bench, Wires, check_light, hold_ms, try_wires
 from rig._shooting.shot import led_name
 from rig._shooting.shot_times import ShotTimes
-from rig._shooting.wires import Wires, try_wires
 
 IDENTITY = BoardIdentity("fake", 2, "1", 6, 10_000, 1000, 48)
 INFO = CameraInfo("m", "e", "cam", 1, 1, "Mono8", 8, None, 1.0, 1e7)
@@ -43,7 +42,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
-    for module in (alive, frame_proof, wires):
+    for module in (alive, frame_proof, shooting):
         monkeypatch.setattr(module, "time", clock)
     return clock
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from acquisition import BandStore, software_version
-from processing._reconstruction import memory
+from processing._reconstruction import reconstruct as memory
 from sgp import _stored_normals
 
 # For 40 x 48 pixels and 8 lights: bands of 10 rows.

@@ -25,12 +25,11 @@ COUNT = 12
 # Bands of a few dozen rows, besides interpreter and libraries, which count as nothing then.
 MEMORY = "8M"
 NO_PROGRAM = """
-from processing._blocks import memory as blocks
-from processing._detail import rows
-from processing._reconstruction import memory
-from sgp import _surface_memory
+from processing._blocks import surface_stage
+from processing._detail import separation as rows
+from processing._reconstruction import reconstruct as memory
 
-memory._FIXED = rows._FIXED = blocks._FIXED = _surface_memory._PROGRAM = 0
+memory._FIXED = rows._FIXED = surface_stage._FIXED = surface_stage._PROGRAM = 0
 """
 # Of normal maps that are enlarged, separated, and transferred to; and of a sheet.
 LOW, MAP, CLOTH, SHEET = (1000, 16), (900, 120), (60, 50), (5000, 100)
@@ -114,7 +113,7 @@ def test_transfer(server: Server, tmp_path: Path) -> None:
 
 # Sheets count as large: their least memory is more than such a small one needs in memory.
 LARGE_SHEETS = """
-from processing._synthesis import synthesis_memory
+from processing._synthesis import synthesize as synthesis_memory
 
 synthesis_memory._SHEET = 10_000
 """

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from acquisition import BandStore, read_image
-from processing._blocks import memory as block_memory
-from processing._detail import rows
-from processing._reconstruction import memory
-from sgp import _memory_limit, _stored_run, _surface_memory
+from processing import Need, SurfaceStage
+from processing._blocks import surface_stage
+from processing._detail import separation as rows
+from processing._reconstruction import reconstruct as memory
+from sgp import _memory_limit, _stored_run
 from tests.sgp.test_cli_memory import files, stop
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 
@@ -28,8 +29,8 @@ def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
         (memory, "_FIXED"),
         (rows, "_FIXED"),
         (rows, "_MOST_MARGINS"),
-        (block_memory, "_FIXED"),
-        (_surface_memory, "_PROGRAM"),
+        (surface_stage, "_FIXED"),
+        (surface_stage, "_PROGRAM"),
     ):
         monkeypatch.setattr(module, name, 0)
     for module in (_stored_run, _memory_limit):  # the map is too small for several bands
@@ -58,21 +59,21 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
     assert sgp(*given, "--out", tmp_path / "whole").code == 0
     out, written = tmp_path / "out", []
     command = [*given, "--out", out, "--memory", LITTLE]
-    for name in ("write_normals_stage", "write_separation", "stored_surface"):
+    for name in ("write_normals_stage", "write_separation", "integrated"):
         monkeypatch.setattr(_stored_run, name, noted(getattr(_stored_run, name), name, written))
     with monkeypatch.context() as patched:
         patched.setattr(BandStore, "complete", stop(KeyboardInterrupt(), 1))
         assert sgp(*command).code == 130
     assert written == []
     assert (out / "normals" / ".part-normals").is_dir()
-    for name in ("write_separation", "stored_surface", "stored_panels"):
+    for name in ("write_separation", "integrated", "surface_panels"):
         with monkeypatch.context() as patched:
             patched.setattr(_stored_run, name, raises)
             assert sgp(*command).code == 130
     line = sgp(*command, "--stl").error_line(2)
     assert "differs in stl: repeat that command" in line
     assert sgp(*command).code == 0
-    assert written == ["write_normals_stage", "write_separation", "stored_surface"]
+    assert written == ["write_normals_stage", "write_separation", "integrated"]
     check_equal(out, tmp_path / "whole")
     assert (out / "summary.json").is_file()
 
@@ -108,8 +109,7 @@ def test_near_lights_and_a_surface_from_files(sgp, tmp_path, monkeypatch) -> Non
     assert sgp(*given, "--out", tmp_path / "whole").code == 0
     assert sgp(*given, "--out", tmp_path / "blocks", "--memory", LITTLE).code == 0
     check_equal(tmp_path / "blocks", tmp_path / "whole")
-    monkeypatch.setattr(_surface_memory, "_blocks", lambda *_, **__: {})
-    monkeypatch.setattr(_surface_memory, "_whole", lambda *_, **__: 0)
+    monkeypatch.setattr(SurfaceStage, "need", lambda *_: Need(0, 0, "a surface"))
     assert sgp(*given, "--out", tmp_path / "files", "--memory", LITTLE).code == 0
     left, right = files(tmp_path / "files"), files(tmp_path / "whole")
     assert [n for n in left if left[n] != right[n]] == []

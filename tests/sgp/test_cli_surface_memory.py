@@ -21,9 +21,8 @@ from acquisition import (
 )
 from acquisition._storage import disk
 from processing import NormalMap, write_normals
-from processing._blocks import memory
+from processing._blocks import surface_stage
 from processing._blocks.block_files import BlockFiles
-from sgp import _surface_memory
 
 SIZE = (192, 60)
 # Blocks of 48 rows.
@@ -33,8 +32,8 @@ LITTLE = "900K"
 @pytest.fixture(autouse=True)
 def small_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Interpreter and libraries count as nothing, so that tiny maps do not fit."""
-    monkeypatch.setattr(memory, "_FIXED", 0)
-    monkeypatch.setattr(_surface_memory, "_PROGRAM", 0)
+    monkeypatch.setattr(surface_stage, "_FIXED", 0)
+    monkeypatch.setattr(surface_stage, "_PROGRAM", 0)
 
 
 @pytest.fixture
@@ -106,6 +105,20 @@ def test_blocks_of_other_inputs_are_refused_by_name(sgp, given, monkeypatch) -> 
         patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, OSError("broken")))
         assert sgp(*command).code == 3
     assert sgp(*command[:-1], "1G").code == 0
+    assert not Path("x/.part-surface").exists()
+
+
+def test_blocks_that_were_changed_are_refused_by_name(sgp, given, monkeypatch) -> None:
+    command = ["surface", *given, "--out", "x", "--memory", LITTLE]
+    with monkeypatch.context() as patched:
+        patched.setattr(BlockFiles, "complete", stopped(BlockFiles.complete, 3, OSError("broken")))
+        assert sgp(*command).code == 3
+    part = Path("x/.part-surface/solution-0-0.raw")
+    part.write_bytes(bytes(part.stat().st_size))
+    answer = sgp(*command)
+    text = f"{part}: was changed since it was computed: add --force to begin again"
+    assert (answer.code, text in answer.err) == (2, True)
+    assert sgp(*command, "--force").code == 0
     assert not Path("x/.part-surface").exists()
 
 

@@ -45,7 +45,9 @@ BARS = processing.NormalUncertainty(
     ONES, ONES, np.ones((6, 4, 5), np.uint8), MASK.astype(np.uint8), "sensor", -0.1
 )
 SEPARATION = processing.Separation(NORMALS, NORMALS, processing.ShapeFilter(order=2))
-HEIGHT = processing.HeightMap(ONES, None, MASK, MASK.astype(np.int32), "mm", 0.5, None, 9, 1e-6, ())
+HEIGHT = processing.HeightMap(
+    {"height": ONES, "parts": MASK.astype(np.int32)}, MASK, "mm", 0.5, None, 9, 1e-6, ()
+)
 QUALITY = processing.ImageQuality(
     0.02,
     0.01,
