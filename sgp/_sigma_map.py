@@ -41,17 +41,22 @@ class SigmaMap:
 
 
 def read_sigma(
-    path: Path, mask: npt.NDArray[np.bool_], max_pixels: int, file: Path | None = None
+    path: Path,
+    mask: npt.NDArray[np.bool_],
+    max_pixels: int,
+    store: acquisition.BandStore | None = None,
 ) -> SigmaMap:
-    """Read standard deviations of normals in degrees, band by band into a file if one is given."""
+    """Read standard deviations of normals in degrees, into a file next to maps if there are any."""
     common_deg = _common_deg(path)
-    if file is None:
+    if store is None:
         whole = acquisition.read_image(path, max_pixels=max_pixels)
         notices = _checked(path, whole, mask)
         return SigmaMap(_limited(whole), common_deg, notices)
     with acquisition.ImageRows(path, max_pixels=max_pixels) as image:
         notices = _checked(path, image, mask)
+        file = store.folder / "sigma.raw"
         sigma = acquisition.BandFile(file, image.shape, np.dtype(np.float32))
+        store.close_with(sigma)
         height, width = mask.shape
         for rows in acquisition.rows_in_bands(height, width, _READ):
             sigma[rows] = _limited(image[rows])

@@ -179,98 +179,86 @@ def integrated(
         store = None
         if way.rows is not None:
             store = opened.enter_context(_store(inputs, way, out, force=force))
-        return _integrated(inputs, options, way, out, store, opened, force=force)
 
+        def image(path: Path) -> acquisition.MapRows:
+            if store is None:
+                return acquisition.read_image(path, max_pixels=inputs.max_pixels)
+            return opened.enter_context(acquisition.ImageRows(path, max_pixels=inputs.max_pixels))
 
-def _integrated(
-    inputs: SurfaceInputs,
-    options: SurfaceOptions,
-    way: SurfaceWay,
-    out: Path,
-    store: acquisition.BandStore | None,
-    opened: ExitStack,
-    *,
-    force: bool,
-) -> Result:
-    read, normals = _read(inputs, store)
-    notices = [*read.warnings]
-    if inputs.mask is not None:
-        inside, lost = _masked(inputs.mask, normals.mask, inputs.normals)
-        notices += lost
-        normals = _only(normals, inside)
-    notices += inputs.doubts
-    sigma: acquisition.MapRows | None = None
-    common: npt.NDArray[np.float32] | float | None = None
-    if inputs.common_sigma_deg is not None:
-        common = inputs.common_sigma_deg[:]
-    if inputs.sigma is not None and inputs.weighted:
-        file = None if store is None else store.folder / "sigma.raw"
-        known = read_sigma(inputs.sigma, normals.mask, inputs.max_pixels, file)
-        notices += known.notices
-        sigma, common = known.sigma_deg, known.common_deg
-        if store is not None and isinstance(sigma, acquisition.BandFile):
-            store.close_with(sigma)
-    elif inputs.sigma is not None:
-        sigma = _image(inputs.sigma, inputs, store, opened)
-    prior = None
-    if inputs.prior is not None:
-        unit, pixel_size = processing.surface_scale(inputs.camera, inputs.pixel_mm)
-        prior = processing.read_prior(
-            inputs.prior[0],
-            way.size,
-            unit=unit,
-            sigma=inputs.prior[1] or pixel_size,
-            max_pixels=inputs.max_pixels,
+        read, normals = _read(inputs, store)
+        notices = [*read.warnings]
+        if inputs.mask is not None:
+            inside, lost = _masked(inputs.mask, normals.mask, inputs.normals)
+            notices += lost
+            normals = _only(normals, inside)
+        notices += inputs.doubts
+        sigma: acquisition.MapRows | None = None
+        common: npt.NDArray[np.float32] | float | None = None
+        if inputs.common_sigma_deg is not None:
+            common = inputs.common_sigma_deg[:]
+        if inputs.sigma is not None and inputs.weighted:
+            known = read_sigma(inputs.sigma, normals.mask, inputs.max_pixels, store)
+            notices += known.notices
+            sigma, common = known.sigma_deg, known.common_deg
+        elif inputs.sigma is not None:
+            sigma = image(inputs.sigma)
+        prior = None if inputs.prior is None else _prior(inputs, way.size, *inputs.prior)
+        with Stages() as progress:
+            if store is not None and way.rows is not None:
+                surface = processing.integrate_in_blocks(
+                    normals,
+                    store,
+                    rows=way.rows,
+                    camera=inputs.camera,
+                    pixel_mm=inputs.pixel_mm,
+                    depth_mm=inputs.depth_mm,
+                    sigma_deg=sigma if inputs.weighted else None,
+                    replace=force,
+                    on_progress=progress,
+                )
+            else:
+                surface = processing.integrate(
+                    cast("processing.NormalMap", normals),
+                    camera=inputs.camera,
+                    pixel_mm=inputs.pixel_mm,
+                    depth_mm=None if inputs.depth_mm is None else inputs.depth_mm[:],
+                    sigma_deg=None if sigma is None else sigma[:],
+                    common_sigma_deg=common,
+                    weighted=inputs.weighted,
+                    prior=prior,
+                    height_errors=options.height_sigma and sigma is not None,
+                    discontinuity=options.discontinuity,
+                    k=options.sharpness(),
+                    on_progress=progress,
+                )
+        colours = None
+        if inputs.albedo is not None:
+            colours = _colours(inputs.albedo, image(inputs.albedo), normals.mask)
+        # Results of an earlier command are removed only now.
+        result = write_surface(
+            claim_folder(out, "surface.json"),
+            surface,
+            normals,
+            options,
+            colours=colours,
+            sigma_deg=sigma,
+            maps=store,
         )
-    with Stages() as progress:
-        if store is not None and way.rows is not None:
-            surface = processing.integrate_in_blocks(
-                normals,
-                store,
-                rows=way.rows,
-                camera=inputs.camera,
-                pixel_mm=inputs.pixel_mm,
-                depth_mm=inputs.depth_mm,
-                sigma_deg=sigma if inputs.weighted else None,
-                replace=force,
-                on_progress=progress,
-            )
-        else:
-            surface = processing.integrate(
-                cast("processing.NormalMap", normals),
-                camera=inputs.camera,
-                pixel_mm=inputs.pixel_mm,
-                depth_mm=None if inputs.depth_mm is None else inputs.depth_mm[:],
-                sigma_deg=None if sigma is None else sigma[:],
-                common_sigma_deg=common,
-                weighted=inputs.weighted,
-                prior=prior,
-                height_errors=options.height_sigma and sigma is not None,
-                discontinuity=options.discontinuity,
-                k=options.sharpness(),
-                on_progress=progress,
-            )
-    colours = None
-    if inputs.albedo is not None:
-        image = _image(inputs.albedo, inputs, store, opened)
-        colours = _colours(inputs.albedo, image, normals.mask, whole=store is None)
-    # Results of an earlier command are removed only now.
-    result = write_surface(
-        claim_folder(out, "surface.json"),
-        surface,
-        normals,
-        options,
-        colours=colours,
-        sigma_deg=sigma,
-        maps=store,
-    )
-    if store is None:
-        acquisition.remove_unfinished(out / "surface")
-    result.warnings = [*notices, *result.warnings]
-    result.inputs = [*read.files]
-    if prior is not None:
-        _add_prior(result, surface, prior)
-    return result
+        if store is None:
+            acquisition.remove_unfinished(out / "surface")
+        result.warnings = [*notices, *result.warnings]
+        result.inputs = [*read.files]
+        if prior is not None:
+            _add_prior(result, surface, prior)
+        return result
+
+
+def _prior(
+    inputs: SurfaceInputs, size: tuple[int, int], path: Path, sigma: float | None
+) -> processing.HeightPrior:
+    unit, pixel_size = processing.surface_scale(inputs.camera, inputs.pixel_mm)
+    known = pixel_size if sigma is None else sigma
+    return processing.read_prior(path, size, unit=unit, sigma=known, max_pixels=inputs.max_pixels)
 
 
 @contextmanager
@@ -364,19 +352,8 @@ def _only(
     return given._replace(mask=inside)
 
 
-def _image(
-    path: Path, inputs: SurfaceInputs, store: acquisition.BandStore | None, opened: ExitStack
-) -> acquisition.MapRows:
-    """Return an image in memory, or its rows."""
-    if store is None:
-        return acquisition.read_image(path, max_pixels=inputs.max_pixels)
-    return opened.enter_context(acquisition.ImageRows(path, max_pixels=inputs.max_pixels))
-
-
-def _colours(
-    path: Path, image: acquisition.MapRows, mask: Mask, *, whole: bool
-) -> acquisition.MapRows:
-    """Return sRGB samples: floats are linear albedo, other samples are sRGB."""
+def _colours(path: Path, image: acquisition.MapRows, mask: Mask) -> acquisition.MapRows:
+    """Return sRGB samples, in memory as the image: floats are linear albedo, others are sRGB."""
     kind, (height, width) = np.dtype(np.uint8), mask.shape
     if image.shape[:2] != mask.shape:
         raise acquisition.DataError(
@@ -396,7 +373,7 @@ def _colours(
             kind,
             lambda rows: processing.albedo_samples(image[rows], mask[rows], white),
         )
-    if not whole:
+    if not isinstance(image, np.ndarray):
         return samples
     painted = np.zeros(image.shape, kind)
     for rows in acquisition.rows_in_bands(height, width, _READ):
