@@ -12,9 +12,8 @@ import numpy.typing as npt
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
 from processing._stereo.frames import Frames
-from processing._stereo.image_noise import law_of_images
+from processing._stereo.image_noise import NoiseLaw, law_of_images
 from processing._stereo.light_model import LightModel
-from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.reference import PARTS
 from processing._uncertainty.reference_solver import Pixels, ReferenceSolver, row_blocks

@@ -8,10 +8,10 @@ import pytest
 from acquisition import CameraModel, Lights
 from calibration import EstimateError, StackNoise
 from processing import angle_deg
+from processing._reconstruction.colour_normals import shown_by_colours, variances_of_colours
 from processing._reconstruction.colours import ColourImages, laws_of_colours, solve_colours
 from processing._reconstruction.joint_colours import JointNoise, law_of_joint_samples, solve_jointly
 from processing._stereo.method import METHODS
-from processing._uncertainty.colours import shown_by_colours, variances_of_colours
 from processing._uncertainty.normal_uncertainty import as_uncertainty
 from processing._uncertainty.pixel_variances import SolvedStack
 
