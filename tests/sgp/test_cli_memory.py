@@ -83,7 +83,7 @@ def test_what_is_complete_is_not_computed_again(sgp, given, tmp_path, monkeypatc
     assert len(bands) == 2
     other = sgp(*command[:-1], "199K").code  # the budget is no part of the result
     assert other == 0
-    rows = [row for band in bands for row in range(band.start, band.stop)]
+    rows = [row for _, band in bands for row in range(band.start, band.stop)]
     assert len(rows) == len(set(rows))
     check_equal(tmp_path / "bands", tmp_path / "whole")
 

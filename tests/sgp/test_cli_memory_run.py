@@ -65,7 +65,7 @@ def test_what_is_complete_is_not_done_again(sgp, given, tmp_path, monkeypatch) -
         assert sgp(*command).code == 130
     assert written == []
     assert (out / "normals" / ".part-normals").is_dir()
-    for name in ("write_separation", "stored_surface", "stored_panels"):
+    for name in ("write_separation", "stored_surface", "normals_panels"):
         with monkeypatch.context() as patched:
             patched.setattr(_stored_run, name, raises)
             assert sgp(*command).code == 130

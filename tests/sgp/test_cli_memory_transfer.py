@@ -53,7 +53,7 @@ def test_an_interrupted_transfer_continues(sgp, maps, tmp_path, monkeypatch) -> 
         sgp, monkeypatch, tmp_path, command, memory(), ".part-normals",
         other=("--amplitude", 2), reason="amplitude",
     )  # fmt: skip
-    assert sum(rows.stop - rows.start for rows in done) == SOURCE[0] + 1 + 3 * TARGET[0]
+    assert sum(rows.stop - rows.start for _, rows in done) == SOURCE[0] + 1 + 3 * TARGET[0]
 
 
 @pytest.mark.slow
