@@ -190,6 +190,11 @@ class ShapeFilter:
 def _leave_within_edges(kind: EdgeAware, normals: Float, mask: Mask, guide: Float, w: int) -> Float:
     """Return the rest of the normals after smoothing that does not cross the edges of the guide.
 
+    At an occlusion, a Gaussian mixes the normals of the two surfaces, which leaves a bright seam in
+    the detail. These filters are guided by the Gaussian's shape, which contains no detail but still
+    separates the two sides of an edge. Outside the mask, the guide and the normals are 0, which
+    differs from a unit vector as much as the other side of an edge does.
+
     A first pass computes a better guide for the second: it restores edges that the Gaussian has
     rounded.
 

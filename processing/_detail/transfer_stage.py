@@ -119,26 +119,6 @@ def _check_steps(refine: int) -> None:
         raise DataError(f"the number of refinement steps cannot be negative: {refine}")
 
 
-def _transferred(detail: Float, received: Mask, ground: Float, target: Float) -> Float:
-    """Return rows of a target that received detail.
-
-    Parameters
-    ----------
-    detail, received
-        Detail in the local frames of the ground, and where there is some.
-    ground
-        The shape of the target, or its normals.
-    target
-        The normals of the target, which others keep.
-    """
-    return np.where(received[..., None], rotate_from_z(detail, ground), target)
-
-
-def _refined(normals: Float, received: Mask, has: Float, wanted: Float) -> Float:
-    """Return rows of a result, rotated from the shape that it has to the one that is wanted."""
-    return np.where(received[..., None], rotate_between(normals, has, wanted), normals)
-
-
 @dataclass(frozen=True)
 class TransferSizes:
     """What the memory of a transfer depends on.
@@ -428,13 +408,15 @@ class TransferStage:
             own = target.normals[rows]
             maps["shape"][rows], maps["received"][rows] = shape, received
             ground = own if self.keep_target_detail else shape
-            maps["normals"][rows] = _transferred(placed, received, ground, own)
+            turned = rotate_from_z(placed, ground)
+            maps["normals"][rows] = np.where(received[..., None], turned, own)
 
         def corrected(before: MapToFill, after: MapToFill) -> Callable[[slice], None]:
             def correct(rows: slice) -> None:
                 has, _ = separate_rows(before, target.mask, rows, shape_filter=by)
-                received = maps["received"][rows]
-                after[rows] = _refined(before[rows], received, has, maps["shape"][rows])
+                received, own = maps["received"][rows], before[rows]
+                turned = rotate_between(own, has, maps["shape"][rows])
+                after[rows] = np.where(received[..., None], turned, own)
 
             return correct
 

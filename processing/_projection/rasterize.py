@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 
 from calibration import EstimateError
 from processing._projection import rasterize_kernels as kernels
-from processing._projection.manifold import neighbours
 from processing._projection.mesh_kernels import half_edges
+from processing._projection.mesh_read import neighbours
 from processing._projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
 

@@ -19,10 +19,9 @@ from processing._reconstruction.recorded_images import Band, RowSample
 from processing._reconstruction.specular import mean_excess
 from processing._reconstruction.views import SurfacePoints
 from processing._stereo.frames import Frames
-from processing._stereo.image_noise import law_of_images
+from processing._stereo.image_noise import NoiseLaw, law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
-from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.solve import solve_maps, toward_camera, write_solutions
 from processing._stereo.stereo_maps import StereoMaps
 from processing._uncertainty.pixel_variances import (

@@ -12,10 +12,9 @@ import numpy.typing as npt
 from acquisition import CameraModel, Lights
 from calibration import StackNoise, luma
 from processing._stereo.frames import Frames
-from processing._stereo.image_noise import law_of_images
+from processing._stereo.image_noise import NoiseLaw, law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
-from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
 from rig import no_progress

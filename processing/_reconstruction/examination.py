@@ -27,7 +27,7 @@ from processing._reconstruction.near_height import Heights, NearHeight, height_l
 from processing._reconstruction.quality import ImageQuality, quality_of
 from processing._reconstruction.recorded_images import Images, RecordedImages, RowSample
 from processing._reconstruction.scheme_check import exclusion
-from processing._reconstruction.views import SurfacePoints, View, view_of
+from processing._reconstruction.views import SurfacePoints, View, lights_of, view_of
 from processing._stereo.method import Method
 from rig import Notice, Progress
 
@@ -98,11 +98,7 @@ def geometry_of(
     DataError
         If there are no lights, near lights have no scale, or a height is stated for distant ones.
     """
-    if source.lights is None:
-        raise DataError(
-            f"{source.path}: these images have no lights: give the lights.json of a calibration"
-        )
-    lights = source.lights.distant() if distant else source.lights
+    lights = lights_of(source, distant=distant)
     view = view_of(source, pixel_mm) if lights.near else None
     if view is None and (height_mm is not None or rests_on_plane):
         raise DataError(

@@ -9,8 +9,8 @@ import numpy.typing as npt
 from acquisition import DataError, Lights
 from calibration import StackNoise, check_linear, luma
 from processing._stereo.frames import Frames
+from processing._stereo.image_noise import NoiseLaw
 from processing._stereo.light_model import LightModel
-from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, law_or_alike
 from rig import check_type, in_threads

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from acquisition import CameraModel, DataError, Source
+from acquisition import CameraModel, DataError, Lights, Source
 from processing._normal_map import NormalMap
 from processing._surface.integration import integrate
 
@@ -208,3 +208,18 @@ def view_of(source: Source, pixel_mm: float | None) -> View:
     x, y, factor = (0, 0, 1) if reduction is None else (reduction.x, reduction.y, reduction.factor)
     whole = Parallel(pixel_mm / factor, source.size, ((width - 1) / 2 - x, (height - 1) / 2 - y))
     return replace(whole.downscaled(factor), size=source.size)
+
+
+def lights_of(source: Source, *, distant: bool) -> Lights:
+    """Return the lights of a source, or the same as distant lights.
+
+    Raises
+    ------
+    DataError
+        If it has none.
+    """
+    if source.lights is None:
+        raise DataError(
+            f"{source.path}: these images have no lights: give the lights.json of a calibration"
+        )
+    return source.lights.distant() if distant else source.lights

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from acquisition import DataError, Source
 from calibration import linear_stack, open_stack
 from processing._normal_map import NormalMap
-from processing._reconstruction.views import view_of
+from processing._reconstruction.views import lights_of, view_of
 from processing._relight.fit import RelightColours, RelightFit, RelightValues, Samples, fit_rows
 from processing._relight.relightable_image import LightBasis, light_basis
 from processing._stereo.light_model import LightModel
@@ -97,11 +97,7 @@ def fit_recording(
     RelightableImage(ptm, LRGB, 5 x 4 px)
     """
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
-    if source.lights is None:
-        raise DataError(
-            f"{source.path}: these images have no lights: give the lights.json of a calibration"
-        )
-    lights = source.lights.distant() if distant else source.lights
+    lights = lights_of(source, distant=distant)
     size = source.size
     points = None
     if lights.near:

@@ -11,10 +11,10 @@ from acquisition import CameraModel
 from processing._stereo.best import best
 from processing._stereo.cauchy import cauchy
 from processing._stereo.frames import Frames
+from processing._stereo.image_noise import NoiseLaw
 from processing._stereo.least_squares import least_squares
 from processing._stereo.light_model import LightModel
 from processing._stereo.method import Method
-from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.stereo_maps import StereoMaps
 from processing._stereo.tile_least_squares import tile_least_squares
 from processing._stereo.trimmed import trimmed

@@ -15,6 +15,7 @@ from acquisition import DataError, Form, Maps
 from processing._detail.separation import sums_of_rows
 from processing._stages.stage import Need, NormalRows, Size, Step
 from processing._superres.enlarge import (
+    REACH_PX,
     HighTile,
     LowMap,
     Span,
@@ -25,7 +26,6 @@ from processing._superres.enlarge import (
     spans,
     tiles,
 )
-from processing._superres.interpolation import REACH_PX
 from processing._superres.method import PixelSampling, SuperResolutionMethod
 from processing._superres.model import SCALES, SuperResolutionModel, read_superres_model
 from processing._superres.network import Network

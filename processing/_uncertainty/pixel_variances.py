@@ -12,9 +12,8 @@ import numpy.typing as npt
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
 from processing._stereo.frames import Frames
-from processing._stereo.image_noise import law_of_images
+from processing._stereo.image_noise import NoiseLaw, law_of_images
 from processing._stereo.light_model import LightModel
-from processing._stereo.noise_law import NoiseLaw
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.reference import PARTS
 from processing._uncertainty.reference_solver import Pixels, ReferenceSolver, row_blocks
@@ -271,11 +270,8 @@ def pixel_variances(
 
 def shown_by(given: SolvedStack) -> Shown:
     """Return what the pixels of a gray stack show; only those of `some_of` need normals."""
-    frames, model, law = given.frames(), given.model(), given.law()
-    pixels, fitted = np.flatnonzero(given.mask), None
-    if law is None:
-        fitted = law_of_errors(law_of_images(frames, model, given.mask), len(frames), len(pixels))
-    some = some_of(pixels)
+    frames, model, law, fitted = _laws(given)
+    some = some_of(np.flatnonzero(given.mask))
     samples, vectors = model.samples(frames, some)
     of_some = _law(law, fitted, some, samples, vectors)
     return Shown(fitted, given.solver().correlation(some, samples, vectors, of_some))
@@ -317,15 +313,22 @@ def kinds_of(
         points_mm=points_mm,
         noise=noise,
     )
-    frames, model, law = given.frames(), given.model(), given.law()
-    pixels, fitted = np.flatnonzero(mask), None
-    if law is None:
-        fitted = law_of_errors(law_of_images(frames, model, mask), len(frames), len(pixels))
+    frames, model, law, fitted = _laws(given)
+    pixels = np.flatnonzero(mask)
     samples, vectors = model.samples(frames, pixels)
     of_pixels = _law(law, fitted, pixels, samples, vectors)
     whole = np.zeros((len(stack), mask.size), np.uint8)
     whole[:, pixels] = given.solver().solve(pixels, samples, vectors, of_pixels)[0].T
     return whole.reshape(stack.shape)
+
+
+def _laws(given: SolvedStack) -> tuple[Frames, LightModel, NoiseLaw | None, Float | None]:
+    """Return images, light vectors, and the law of the noise as it is known or as they show it."""
+    frames, model, law = given.frames(), given.model(), given.law()
+    if law is not None:
+        return frames, model, law, None
+    found, pixels = law_of_images(frames, model, given.mask), int(np.count_nonzero(given.mask))
+    return frames, model, None, law_of_errors(found, len(frames), pixels)
 
 
 def law_of_errors(law: Float | None, images: int, pixels: int) -> Float | None:

@@ -128,7 +128,6 @@ TARGETS: dict[str, tuple[str, ...]] = {
         )
         for name in ("best", "reflectance_fit")
     },
-    "processing/_stereo/noise_law.py": ("processing/test_photometric_noise.py",),
     "processing/_stereo/pixel_algebra.py": (
         "processing/test_photometric_stereo.py",
         "processing/test_photometric_near.py",
@@ -138,7 +137,10 @@ TARGETS: dict[str, tuple[str, ...]] = {
         f"processing/_stereo/{name}.py": ("processing/test_tile_least_squares.py",)
         for name in ("frames", "tile_kernels", "tile_least_squares")
     },
-    "processing/_stereo/image_noise.py": ("processing/test_image_noise.py",),
+    "processing/_stereo/image_noise.py": (
+        "processing/test_image_noise.py",
+        "processing/test_photometric_noise.py",
+    ),
     "processing/_stereo/frame_normals.py": ("processing/test_frame_normals.py",),
     "processing/_stereo/photometric_stereo.py": (
         "processing/test_photometric_stereo.py",
@@ -172,12 +174,12 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "processing/_reconstruction/colour_normals.py": (
         "processing/test_banded_normals.py",
         "processing/test_colours.py",
+        "processing/test_joint_colours.py",
     ),
     "processing/_reconstruction/colours.py": (
         "processing/test_joint_colours.py",
         "processing/test_colours.py",
     ),
-    "processing/_uncertainty/colours.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/joint_colours.py": ("processing/test_joint_colours.py",),
     "processing/_reconstruction/specular.py": ("processing/test_specular.py",),
     "processing/_surface/alternation.py": ("processing/test_alternation.py",),

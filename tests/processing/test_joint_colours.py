@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel, Lights
-from calibration import EstimateError, StackNoise
+from calibration import EstimateError, StackNoise, luma
 from processing import angle_deg
+from processing._reconstruction.colour_normals import shown_by_colours, variances_of_colours
 from processing._reconstruction.colours import ColourImages, laws_of_colours, solve_colours
 from processing._reconstruction.joint_colours import JointNoise, law_of_joint_samples, solve_jointly
 from processing._stereo.method import METHODS
-from processing._uncertainty.colours import shown_by_colours, variances_of_colours
+from processing._stereo.photometric_stereo import stereo_of
+from processing._stereo.stereo_maps import StereoMaps
 from processing._uncertainty.normal_uncertainty import as_uncertainty
 from processing._uncertainty.pixel_variances import SolvedStack
 
@@ -77,7 +79,8 @@ def solved(values, near=False, method="ls", known=True, joint=True, rows=slice(N
         maps = solve_jointly(images, method, law_of_joint_samples(images, method))
     else:
         maps = solve_colours(images, method, laws_of_colours(images, method))
-    return maps.result(images.mask, images.values.max(axis=-1)), maps.albedo
+    fewest = StereoMaps(maps.normals, luma(maps.albedo), maps.residual, maps.fewest_used())
+    return stereo_of(fewest, images.mask, images.values.max(axis=-1)), maps.albedo
 
 
 def errors(result):

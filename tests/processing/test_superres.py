@@ -26,8 +26,14 @@ from processing import (
     super_resolve,
 )
 from processing._superres import super_resolution_stage as memory_module
-from processing._superres.enlarge import blend, filled_outwards
-from processing._superres.interpolation import bicubic, smoothly, units, without_averaging
+from processing._superres.enlarge import (
+    bicubic,
+    blend,
+    filled_outwards,
+    smoothly,
+    units,
+    without_averaging,
+)
 from processing._superres.network import Network, turned
 
 MODELS = Path(processing.__file__).parent / "_superres" / "models"

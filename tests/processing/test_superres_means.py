@@ -7,8 +7,13 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from processing import NormalMap, angle_deg, angular_error, low_resolution, super_resolve
-from processing._superres.enlarge import means_of_points, with_given
-from processing._superres.interpolation import averaged, units, without_averaging
+from processing._superres.enlarge import (
+    averaged,
+    means_of_points,
+    units,
+    with_given,
+    without_averaging,
+)
 
 
 def relief(height: int = 64, width: int = 96, blur: float = 2.0) -> NormalMap:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from acquisition import BandStore, read_image
-from processing._superres import memory
+from processing._superres import super_resolution_stage
 
 ROOT = Path(__file__).parents[2]
 COIN, PAINTED, BOTH = (
@@ -116,7 +116,9 @@ def bands(monkeypatch: pytest.MonkeyPatch) -> list[object]:
         done.append(rows)
 
     monkeypatch.setattr(BandStore, "complete", noted)
-    monkeypatch.setattr(memory, "TILE_PX", 16)  # the map is too small for several bands
+    monkeypatch.setattr(
+        super_resolution_stage, "TILE_PX", 16
+    )  # the map is too small for several bands
     return done
 
 
