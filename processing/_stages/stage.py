@@ -109,6 +109,18 @@ def run_steps(
         All steps, in order.
     maps
         The maps, in memory or in files. What is complete in them is not computed again.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from acquisition import MemoryMaps
+    >>> from processing import Step, run_steps
+    >>> maps = MemoryMaps({"squares": ((4,), np.float64)})
+    >>> def square(rows):
+    ...     maps["squares"][rows] = np.arange(rows.start, rows.stop) ** 2
+    >>> run_steps("squares", [Step("square", 4, square, most=3)], maps)
+    >>> maps["squares"][:]
+    array([0., 1., 4., 9.])
     """
     gaps = [(step, gap) for step in steps for gap in maps.missing(step.name, step.units)]
     total = sum(step.units * step.weight for step in steps)
@@ -127,7 +139,17 @@ def run_steps(
 
 
 def computed(stage: Stage, *inputs: NormalRows, on_progress: Progress = no_progress) -> MemoryMaps:
-    """Return the maps of a stage, computed in memory."""
+    """Return the maps of a stage, computed in memory.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from processing import NormalMap, SeparationStage, computed
+    >>> y, x = np.mgrid[1:-1:32j, -1:1:32j]
+    >>> bowl = NormalMap.from_vectors(np.dstack([x, y, 0 * x + 2]))
+    >>> sorted(computed(SeparationStage(), bowl))
+    ['detail', 'shape', 'sums']
+    """
     maps = MemoryMaps(stage.forms(*(size_of(given) for given in inputs)))
     run_steps(stage.name, stage.steps(maps, *inputs), maps, on_progress)
     return maps
