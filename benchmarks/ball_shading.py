@@ -18,13 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 from acquisition import Source, angle_deg, read_source
 from calibration import calibrate_spheres, linear_stack
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float64
 
 LEAST_COSINE = 0.2
 TUKEY = 4.685
@@ -47,13 +45,13 @@ class BallLights:
         ``(N,)`` mean weight of the lit points.
     """
 
-    directions: Array
+    directions: Float64
     bend: float
-    scatter: Array
-    share: Array
+    scatter: Float64
+    share: Float64
 
 
-def ball_normals(mask: npt.NDArray[np.bool_]) -> tuple[Array, npt.NDArray[np.bool_]]:
+def ball_normals(mask: Bool) -> tuple[Float64, Bool]:
     """Return the normals ``(P, 3)`` of a ball that fills a mask, and the pixels they belong to."""
     y, x = np.nonzero(mask)
     # The area gives the radius and the moments the centre: both average over the drawn edge.
@@ -66,7 +64,7 @@ def ball_normals(mask: npt.NDArray[np.bool_]) -> tuple[Array, npt.NDArray[np.boo
     return np.column_stack([across, up, np.sqrt(np.maximum(square, 0))])[use], pixels
 
 
-def fit_lights(values: Array, normals: Array) -> BallLights:
+def fit_lights(values: Float64, normals: Float64) -> BallLights:
     """Fit directions and scales of N lights to the values ``(N, P)`` of P points.
 
     NaN is a value that was not measured.
@@ -111,10 +109,10 @@ def fit_lights(values: Array, normals: Array) -> BallLights:
     return BallLights(unit, bend, scatter, share)
 
 
-def _start(values: Array, seen: npt.NDArray[np.bool_], normals: Array) -> Array:
+def _start(values: Float64, seen: Bool, normals: Float64) -> Float64:
     """Return direction times scale by least squares over the brighter half of the points."""
     bright = seen & (values > np.median(values[seen]))
-    found: Array = np.linalg.lstsq(normals[bright], values[bright], rcond=None)[0]
+    found: Float64 = np.linalg.lstsq(normals[bright], values[bright], rcond=None)[0]
     return found
 
 

@@ -19,12 +19,12 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from harness import Cost, alone, command_line, measured
 from sessions import write_session
 
 from acquisition import PlannedShot, read_source
 from calibration import linear_stack, open_stack
+from rig.arrays import UInt16
 
 WIDTH, HEIGHT = 5472, 3648
 ROWS = 64
@@ -38,7 +38,7 @@ def record(folder: Path, lights: int, brackets: int) -> None:
     noise = np.random.default_rng(0).normal(0, 12, (HEIGHT, WIDTH)).astype(np.float32)
     slope = np.linspace(300, 4200, WIDTH, dtype=np.float32)
 
-    def frame(i: int, shot: PlannedShot) -> npt.NDArray[np.uint16]:
+    def frame(i: int, shot: PlannedShot) -> UInt16:
         share = (shot.exposure_us or 0.0) / _TIMES_US[0] if shot.role == "light" else 0.0
         pixels = 100 + share * slope + np.roll(noise, 7919 * i)
         return np.clip(np.rint(pixels), 0, 4095).astype(np.uint16)

@@ -16,12 +16,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 from acquisition import read_image
 from processing import NormalMap, angular_error, photometric_stereo, read_normals
 from processing._stereo.method import METHODS
+from rig.arrays import Float32
 from simulator import Rendering, Truth, render, resolved_normals, scene_named
 
 
@@ -50,7 +50,7 @@ def print_methods(label: str, of: Rendering) -> None:
     print(f"{label:24}{cells}", flush=True)
 
 
-def bowl_mm(height: npt.NDArray[np.float32], truth: Truth) -> float:
+def bowl_mm(height: Float32, truth: Truth) -> float:
     """Return the mean error of a height at the centre of the object minus that at its rim, mm."""
     rows, columns = np.nonzero(truth.mask)
     away = np.hypot(rows - rows.mean(), columns - columns.mean())

@@ -14,17 +14,14 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition import Lights, angle_deg
 from calibration import demosaic, luma
 from processing import photometric_stereo
+from rig.arrays import Bool, Float32, Float64
 from simulator import bench_sensor
 from simulator._camera.sensor import sensor_image
-
-Float = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
 
 _SIZE = (240, 320)
 _SEEDS = (11, 12)
@@ -41,14 +38,14 @@ def lights() -> Lights:
     return Lights(directions=np.stack(vectors, axis=1))
 
 
-def waves() -> Array:
+def waves() -> Float64:
     """Return true normals."""
     y, x = np.indices(_SIZE, dtype=float)
     normals = np.dstack([0.4 * np.sin(x / 7), 0.4 * np.cos(y / 9), np.ones(_SIZE)])
     return np.asarray(normals / np.linalg.norm(normals, axis=-1, keepdims=True))
 
 
-def print_of(colours: tuple[tuple[float, ...], ...]) -> tuple[Array, npt.NDArray[np.bool_]]:
+def print_of(colours: tuple[tuple[float, ...], ...]) -> tuple[Float64, Bool]:
     """Return the albedo of patches ``(H, W, 3)``, and where an edge is within 2 px."""
     y, x = np.indices(_SIZE)
     patch = (x // 24 + y // 18) % 4
@@ -59,7 +56,7 @@ def print_of(colours: tuple[tuple[float, ...], ...]) -> tuple[Array, npt.NDArray
     return np.array(colours)[patch], np.asarray(near, np.uint8).astype(np.bool_)
 
 
-def mosaics(albedo: Array, seed: int | None) -> Float:
+def mosaics(albedo: Float64, seed: int | None) -> Float32:
     """Return linear mosaics ``(N, H, W)``, with the noise of a sensor if there is a seed."""
     sensor = bench_sensor()
     y, x = np.indices(_SIZE)
@@ -76,7 +73,7 @@ def mosaics(albedo: Array, seed: int | None) -> Float:
     return np.stack(images)
 
 
-def opencv_edge_aware(mosaic: Float) -> Float:
+def opencv_edge_aware(mosaic: Float32) -> Float32:
     """Demosaic by OpenCV's edge-aware method, in 16 bits."""
     scale = np.float32(60_000 / mosaic.max())
     samples = np.clip(np.rint(mosaic * scale), 0, 65_535).astype(np.uint16)
@@ -84,14 +81,14 @@ def opencv_edge_aware(mosaic: Float) -> Float:
     return np.asarray(colours / scale, np.float32)
 
 
-def malvar(mosaic: Float) -> Float:
+def malvar(mosaic: Float32) -> Float32:
     """Demosaic by the method of Malvar, He and Cutler, of OpenImageIO."""
     buffer = oiio.ImageBuf(np.ascontiguousarray(mosaic[..., None]))
     result = oiio.ImageBufAlgo.demosaic(buffer, pattern="bayer", algorithm="MHC", layout=_PATTERN)
     return np.asarray(result.get_pixels(oiio.FLOAT), np.float32)
 
 
-_METHODS: dict[str, Callable[[Float], Float] | None] = {
+_METHODS: dict[str, Callable[[Float32], Float32] | None] = {
     "every site": None,
     "gray, bilinear": lambda mosaic: demosaic(mosaic, _PATTERN),
     "gray, OpenCV edge-aware": opencv_edge_aware,
@@ -99,7 +96,7 @@ _METHODS: dict[str, Callable[[Float], Float] | None] = {
 }
 
 
-def errors(values: Float, edge: npt.NDArray[np.bool_]) -> tuple[float, float]:
+def errors(values: Float32, edge: Bool) -> tuple[float, float]:
     """Return the mean errors of all pixels and of those near edges, degrees."""
     mask = np.zeros(_SIZE, np.bool_)
     mask[4:-4, 4:-4] = True

@@ -19,13 +19,12 @@ from statistics import fmean
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 from benchmarks.paper.sources import DILIGENT
 from processing import FilterKind, NormalMap, ShapeFilter, angle_deg, read_normals, transfer
+from rig.arrays import Bool, Float64
 
-Mask = npt.NDArray[np.bool_]
 FILTERS: tuple[tuple[FilterKind, int], ...] = (
     ("gaussian", 1), ("gaussian", 8), ("guided", 1), ("bilateral", 1),
 )  # fmt: skip
@@ -33,7 +32,7 @@ NEAR_PX, STEP_MM, LOW_STEP_MM = 5, 5.0, 1.0
 PAPER = ShapeFilter("gaussian", 1)
 
 
-def near_jumps(folder: Path, mask: Mask, step_mm: float = STEP_MM) -> Mask:
+def near_jumps(folder: Path, mask: Bool, step_mm: float = STEP_MM) -> Bool:
     """Return the pixels of a mask that are near a step of the true depth inside the mask."""
     with np.load(folder / "depth_gt.npz") as arrays:
         depth = arrays[arrays.files[0]].astype(np.float64)
@@ -50,7 +49,7 @@ def near_jumps(folder: Path, mask: Mask, step_mm: float = STEP_MM) -> Mask:
     return np.asarray(mask & (away <= NEAR_PX))
 
 
-def interior(folder: Path, mask: Mask) -> Mask:
+def interior(folder: Path, mask: Bool) -> Bool:
     """Return the pixels of a mask that are near neither its outline nor a low step."""
     inside = np.pad(mask, 1).astype(np.uint8)
     to_outline = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
@@ -58,7 +57,7 @@ def interior(folder: Path, mask: Mask) -> Mask:
     return np.asarray(mask & ~low & (to_outline > NEAR_PX))
 
 
-def to_z(normal_map: NormalMap, where: Mask) -> npt.NDArray[np.float64]:
+def to_z(normal_map: NormalMap, where: Bool) -> Float64:
     return angle_deg(normal_map.normals[where], (0.0, 0.0, 1.0))
 
 

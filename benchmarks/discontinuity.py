@@ -14,19 +14,18 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from harness import alone, command_line, measured
 
 import acquisition
 import processing
+from rig.arrays import Bool, Float64, Int32
 
-Double = npt.NDArray[np.float64]
 # Mean errors in mm of the authors' code of bilateral normal integration.
 BINI = {"bear": 0.334, "buddha": 1.098, "cat": 0.074, "cow": 0.058, "goblet": 9.02}
 STEP_MM = 5.0
 
 
-def object_of(folder: Path) -> tuple[processing.NormalMap, acquisition.CameraModel, Double]:
+def object_of(folder: Path) -> tuple[processing.NormalMap, acquisition.CameraModel, Float64]:
     """Return normals, camera and true depth of an object."""
     read = processing.read_normals(folder / "normal_map.png").normal_map
     mask = acquisition.read_mask(folder / "mask.png", read.size)
@@ -42,14 +41,14 @@ def noisy(normals: processing.NormalMap, noise_deg: float, seed: int) -> process
     return processing.NormalMap.from_vectors(normals.normals + noise, normals.mask)
 
 
-def error_mm(surface: processing.HeightMap, depth: Double, mask: npt.NDArray[np.bool_]) -> float:
+def error_mm(surface: processing.HeightMap, depth: Float64, mask: Bool) -> float:
     """Return the mean absolute error; a pixel without a depth has that of the nearest one."""
     estimate = filled(surface, mask)
     scale = np.median(depth[mask] / estimate[mask])
     return float(np.abs(depth - scale * estimate)[mask].mean())
 
 
-def filled(surface: processing.HeightMap, mask: npt.NDArray[np.bool_]) -> Double:
+def filled(surface: processing.HeightMap, mask: Bool) -> Float64:
     depth, known = np.asarray(surface.depth), surface.mask
     if not (mask & ~known).any():
         return depth.astype(np.float64)
@@ -61,13 +60,13 @@ def filled(surface: processing.HeightMap, mask: npt.NDArray[np.bool_]) -> Double
     return values[nearest]
 
 
-def pieces_of(surface: processing.HeightMap) -> npt.NDArray[np.int32]:
+def pieces_of(surface: processing.HeightMap) -> Int32:
     if surface.jumps is None:
         raise ValueError("jumps were not looked for")
     return surface.jumps.pieces
 
 
-def bound_mm(surface: processing.HeightMap, depth: Double) -> float:
+def bound_mm(surface: processing.HeightMap, depth: Float64) -> float:
     """Return the mean error if each piece between jumps had its best scale."""
     pieces, estimate = pieces_of(surface), np.asarray(surface.depth)
     errors = []
@@ -78,7 +77,7 @@ def bound_mm(surface: processing.HeightMap, depth: Double) -> float:
     return float(np.concatenate(errors).mean())
 
 
-def spanning(surface: processing.HeightMap, depth: Double) -> int:
+def spanning(surface: processing.HeightMap, depth: Float64) -> int:
     """Return the number of triangles whose corners differ by more than STEP_MM in true depth."""
     corners = depth[surface.mask][processing.height_mesh(surface).faces]
     return int(np.count_nonzero(np.ptp(corners, axis=1) > STEP_MM))

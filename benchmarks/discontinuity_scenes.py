@@ -13,23 +13,21 @@ with the notice ``jumps-not-settled``. Parameters were chosen on the seeds 0 to 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 from occlusion_scenes import KINDS, scene
 
 import processing
-
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 STEP_PX = 6.0
 
 
-def error_px(surface: processing.HeightMap, height: Double) -> float:
+def error_px(surface: processing.HeightMap, height: Float64) -> float:
     off = (surface.height - height)[surface.mask]
     return float(np.abs(off - np.median(off)).mean())
 
 
-def spanning(surface: processing.HeightMap, height: Double) -> int:
+def spanning(surface: processing.HeightMap, height: Float64) -> int:
     """Return the number of triangles whose corners differ by more than STEP_PX in true height."""
     corners = height[surface.mask][processing.height_mesh(surface).faces]
     return int(np.count_nonzero(np.ptp(corners, axis=1) > STEP_PX))

@@ -13,12 +13,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse import csgraph, linalg
 
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float64, Int64
 
 # Corners of a facet from its centre: x to the right, y up, and (row, column) of the corner.
 _X = np.array([-0.5, 0.5, -0.5, 0.5])
@@ -28,7 +26,9 @@ _MOST_ROUNDS = 2000
 _STILL_PX = 1e-4
 
 
-def heights(normals: Double, mask: Mask, shaping: Literal["sight", "nearest"] = "sight") -> Double:
+def heights(
+    normals: Float64, mask: Bool, shaping: Literal["sight", "nearest"] = "sight"
+) -> Float64:
     """Return the heights of an orthographic surface.
 
     Parameters
@@ -81,10 +81,10 @@ def heights(normals: Double, mask: Mask, shaping: Literal["sight", "nearest"] = 
     return out
 
 
-def _first_of_parts(corner: npt.NDArray[np.int64], count: int) -> npt.NDArray[np.int64]:
+def _first_of_parts(corner: Int64, count: int) -> Int64:
     """Return one corner of each part; facets hang together also by one corner."""
     ends = np.repeat(corner[:, 0], 3), corner[:, 1:].ravel()
     links = sparse.coo_array((np.ones(len(ends[0])), ends), (count, count))
     _, labels = csgraph.connected_components(links, directed=False)
-    first: npt.NDArray[np.int64] = np.unique(labels, return_index=True)[1]
+    first: Int64 = np.unique(labels, return_index=True)[1]
     return first

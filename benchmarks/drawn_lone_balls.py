@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 HEIGHT, WIDTH, FINE = 300, 360, 2
 AMBIENT = 0.15
@@ -30,22 +29,22 @@ class LoneBall:
         ``(N, 3)`` unit directions toward the lights, in the house frame.
     """
 
-    values: npt.NDArray[np.float32]
+    values: Float32
     circle: tuple[float, float, float]
-    directions: Array
+    directions: Float64
 
 
 @dataclass(frozen=True, eq=False)
 class _Hit:
     """What rays meet: distances, points, normals and albedos."""
 
-    distance: Array
-    point: Array
-    normal: Array
-    albedo: Array
+    distance: Float64
+    point: Float64
+    normal: Float64
+    albedo: Float64
 
 
-Surface = Callable[[Array, Array], tuple[Array, Array, Array]]
+Surface = Callable[[Float64, Float64], tuple[Float64, Float64, Float64]]
 
 
 def lone_ball(seed: int, lights: int = 12) -> LoneBall:
@@ -99,13 +98,13 @@ def lone_ball(seed: int, lights: int = 12) -> LoneBall:
     )
 
 
-def _lights(rng: np.random.Generator, count: int) -> Array:
+def _lights(rng: np.random.Generator, count: int) -> Float64:
     tilt, turn = np.arcsin(rng.uniform(0.1, 0.75, count)), rng.uniform(0, 2 * np.pi, count)
     flat = np.sin(tilt)
     return np.column_stack([flat * np.cos(turn), flat * np.sin(turn), np.cos(tilt)])
 
 
-def _room(rng: np.random.Generator) -> tuple[list[Surface], Array]:
+def _room(rng: np.random.Generator) -> tuple[list[Surface], Float64]:
     """Return what rays can meet, and the spheres ``(B, 4)`` that cast shadows."""
     tilt, lean = np.radians(rng.uniform(20, 75)), np.radians(rng.uniform(-12, 12))
     # The upward normal of the table, seen from the camera at this elevation.
@@ -119,7 +118,7 @@ def _room(rng: np.random.Generator) -> tuple[list[Surface], Array]:
     cloth, table = np.exp(rng.uniform(*np.log([0.001, 0.06]))), rng.uniform(0.04, 0.6)
     grain = _texture(rng, 0.5)
 
-    def ground(start: Array, toward: Array) -> tuple[Array, Array, Array]:
+    def ground(start: Float64, toward: Float64) -> tuple[Float64, Float64, Float64]:
         speed = toward @ up
         distance = np.where(speed < -1e-9, -(height + start @ up) / np.minimum(speed, -1e-9), _FAR)
         distance = np.where(distance > 1e-6, distance, _FAR)
@@ -146,8 +145,8 @@ def _room(rng: np.random.Generator) -> tuple[list[Surface], Array]:
     return surfaces, np.array(blockers)
 
 
-def _globe(middle: Array, size: float, albedo: float) -> Surface:
-    def meet(start: Array, toward: Array) -> tuple[Array, Array, Array]:
+def _globe(middle: Float64, size: float, albedo: float) -> Surface:
+    def meet(start: Float64, toward: Float64) -> tuple[Float64, Float64, Float64]:
         offset = start - middle
         along = np.sum(offset * toward, axis=1)
         square = along**2 - np.sum(offset**2, axis=1) + size**2
@@ -159,7 +158,7 @@ def _globe(middle: Array, size: float, albedo: float) -> Surface:
     return meet
 
 
-def _walls(rng: np.random.Generator, up: Array) -> Surface:
+def _walls(rng: np.random.Generator, up: Float64) -> Surface:
     """A large sphere around everything, painted with rectangles."""
     size = rng.uniform(20, 60)
     base = rng.choice([0.02, 0.15, 0.5])
@@ -168,7 +167,7 @@ def _walls(rng: np.random.Generator, up: Array) -> Surface:
         for _ in range(rng.integers(3, 14))
     ]
 
-    def meet(start: Array, toward: Array) -> tuple[Array, Array, Array]:
+    def meet(start: Float64, toward: Float64) -> tuple[Float64, Float64, Float64]:
         along = np.sum(start * toward, axis=1)
         distance = np.sqrt(along**2 - np.sum(start**2, axis=1) + size**2) - along
         normal = -(start + distance[:, None] * toward) / size
@@ -186,10 +185,10 @@ def _walls(rng: np.random.Generator, up: Array) -> Surface:
     return meet
 
 
-def _texture(rng: np.random.Generator, contrast: float) -> Callable[[Array, Array], Array]:
+def _texture(rng: np.random.Generator, contrast: float) -> Callable[[Float64, Float64], Float64]:
     waves = [(rng.normal(size=2) * s, rng.uniform(0, 6.3)) for s in (0.5, 1, 2, 4) for _ in "ab"]
 
-    def texture(a: Array, b: Array) -> Array:
+    def texture(a: Float64, b: Float64) -> Float64:
         total = np.zeros_like(a)
         for (p, q), phase in waves:
             total += np.sin(p * a + q * b + phase)
@@ -198,7 +197,7 @@ def _texture(rng: np.random.Generator, contrast: float) -> Callable[[Array, Arra
     return texture
 
 
-def _cast(surfaces: list[Surface], start: Array, toward: Array) -> _Hit:
+def _cast(surfaces: list[Surface], start: Float64, toward: Float64) -> _Hit:
     nearest = np.full(len(start), _FAR)
     normal, albedo = np.zeros_like(start), np.zeros(len(start))
     for surface in surfaces:
@@ -210,7 +209,7 @@ def _cast(surfaces: list[Surface], start: Array, toward: Array) -> _Hit:
     return _Hit(nearest, start + nearest[:, None] * toward, normal, albedo)
 
 
-def _shade(hit: _Hit, light: Array, reference: float, blockers: Array) -> Array:
+def _shade(hit: _Hit, light: Float64, reference: float, blockers: Float64) -> Float64:
     """Return the brightness of what rays meet under one light, 1 for white at the ball."""
     offset = light - hit.point
     distance = np.linalg.norm(offset, axis=1)

@@ -15,10 +15,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar
 
 import numpy as np
-import numpy.typing as npt
+
+from rig.arrays import AnyArray
 
 # Otherwise idle threads of numba's OpenMP pool would spin and count as CPU time.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
@@ -104,7 +105,7 @@ def measured(work: Callable[[], Result], runs: int = 1) -> tuple[Cost, Result]:
     return Cost(*map(min, zip(*costs, strict=True))), results[0]
 
 
-def copy_s(values: npt.NDArray[Any]) -> float:
+def copy_s(values: AnyArray) -> float:
     """Return the CPU seconds for copying an array, a yardstick for work limited by memory.
 
     The copy is written to allocated memory; requesting it from the system would take longer.

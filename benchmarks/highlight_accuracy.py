@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 from scipy.ndimage import gaussian_filter
 
@@ -25,8 +24,7 @@ from acquisition import angle_deg
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.reflection import orthographic_directions
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 SIZE, RADIUS_PX, LIGHTS = 221, 100.0, 12
 OUTLINE = Ellipse((110.0, 110.0), (RADIUS_PX, RADIUS_PX))
@@ -86,7 +84,7 @@ KINDS = (
 )
 
 
-def draw(kind: Kind, seed: int) -> tuple[npt.NDArray[np.float32], Array]:
+def draw(kind: Kind, seed: int) -> tuple[Float32, Float64]:
     """Return images ``(LIGHTS, SIZE, SIZE)``, NaN where saturated, and the centres (x, y)."""
     rng = np.random.default_rng(seed)
     room = gaussian_filter(rng.normal(0, 1, (SIZE, SIZE)), 12)
@@ -97,7 +95,7 @@ def draw(kind: Kind, seed: int) -> tuple[npt.NDArray[np.float32], Array]:
     return np.array(images, np.float32), centres
 
 
-def _image(kind: Kind, centre: Array, room: Array, rng: np.random.Generator) -> Array:
+def _image(kind: Kind, centre: Float64, room: Float64, rng: np.random.Generator) -> Float64:
     y, x = np.indices((SIZE, SIZE)) - centre[::-1, None, None]
     turn, ratio = rng.uniform(0, np.pi), rng.uniform(0.85, 1.0)
     along, across = x * np.cos(turn) + y * np.sin(turn), y * np.cos(turn) - x * np.sin(turn)
@@ -140,7 +138,9 @@ def _image(kind: Kind, centre: Array, room: Array, rng: np.random.Generator) -> 
     return np.where(seen >= 1, np.nan, linear)
 
 
-def _rays(x: Array, y: Array, core_px: float, strength: float, rng: np.random.Generator) -> Array:
+def _rays(
+    x: Float64, y: Float64, core_px: float, strength: float, rng: np.random.Generator
+) -> Float64:
     """Return rays, above the strength up to a few radii of the core; half of them are unequal."""
     count = int(rng.choice([4, 6, 8]))
     first = rng.uniform(0, 2 * np.pi)
@@ -157,7 +157,7 @@ def _rays(x: Array, y: Array, core_px: float, strength: float, rng: np.random.Ge
     return total
 
 
-def _streak(along: Array, across: Array, core_px: float, rng: np.random.Generator) -> Array:
+def _streak(along: Float64, across: Float64, core_px: float, rng: np.random.Generator) -> Float64:
     """Return a streak in one direction, above white up to some radii of the core on one side."""
     long, short = core_px * rng.uniform(2, 6), core_px * rng.uniform(0.2, 2)
     width = core_px * rng.uniform(0.15, 0.4)
@@ -165,18 +165,18 @@ def _streak(along: Array, across: Array, core_px: float, rng: np.random.Generato
     return np.asarray(2 * falls * np.exp(-((across / width) ** 2) / 2))
 
 
-def weighted_centroid(image: Array) -> Array:
+def weighted_centroid(image: Float64) -> Float64:
     """Return the centroid of the blob, weighted by the excess over half of white."""
     return _centroid(np.nan_to_num(image, nan=1.0), 0.5, weighted=True)
 
 
-def threshold(image: Array) -> Array:
+def threshold(image: Float64) -> Float64:
     """Return the centroid of the pixels above 98 %, of the maximum if that is below white."""
     filled = np.nan_to_num(image, nan=1.0)
     return _centroid(filled, 0.98 * min(float(filled.max()), 1.0), weighted=False)
 
 
-def _centroid(filled: Array, level: float, *, weighted: bool) -> Array:
+def _centroid(filled: Float64, level: float, *, weighted: bool) -> Float64:
     level = min(level, 0.98 * float(filled.max()))
     _, regions = cv2.connectedComponents((filled >= level).astype(np.uint8))
     sizes = np.bincount(regions.ravel())
@@ -194,7 +194,7 @@ def main() -> None:
     print(f"{'':34}        rms px                rms degrees")
     print(f"{'':34} weighted  98 %  contour  weighted  98 %  contour  worst  chi2  found")
     for kind in KINDS:
-        errors: list[list[Array]] = [[], [], []]
+        errors: list[list[Float64]] = [[], [], []]
         angles: list[list[float]] = [[], [], []]
         pulls: list[float] = []
         missed = 0

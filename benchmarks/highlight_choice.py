@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 from light_accuracy import record, scene_of
 from light_uncertainty import camera
@@ -30,10 +29,8 @@ from sphere_setups import smaller
 from acquisition import CameraModel
 from calibration import EstimateError, calibrate_spheres
 from calibration._spheres.reflection import mirror_points
+from rig.arrays import Float32, Float64
 from simulator import Truth
-
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
 
 KINDS = ("plain", "lamp", "ghost .8", "ghost 2", "second")
 SIGMA_PX, ERASED_PX = 0.9, 7
@@ -52,7 +49,7 @@ class Score:
     refused: list[str] = field(default_factory=list)
 
 
-def disturbed(kind: str, values: Values, truth: Truth, seed: int) -> Values:
+def disturbed(kind: str, values: Float32, truth: Truth, seed: int) -> Float32:
     """Return the images with other bright spots."""
     rng = np.random.default_rng([seed, KINDS.index(kind)])
     values = values.copy()
@@ -95,7 +92,7 @@ def disturbed(kind: str, values: Values, truth: Truth, seed: int) -> Values:
     return values
 
 
-def twice_mirrored(model: CameraModel, light: Array, centres: Array, radii: Array) -> Array:
+def twice_mirrored(model: CameraModel, light: Float64, centres: Float64, radii: Float64) -> Float64:
     """Return the pixel at which the first sphere shows the light as the second mirrors it."""
     seen = centres[1]
     for _ in range(30):
@@ -104,12 +101,12 @@ def twice_mirrored(model: CameraModel, light: Array, centres: Array, radii: Arra
     return np.asarray(model.project(point), np.float64)
 
 
-def peak(image: Values, place: Array) -> float:
+def peak(image: Float32, place: Float64) -> float:
     x, y = np.rint(place).astype(int)
     return float(np.nanmax(image[y - 2 : y + 3, x - 2 : x + 3]))
 
 
-def add(image: Values, place: Array, brightness: float) -> None:
+def add(image: Float32, place: Float64, brightness: float) -> None:
     y, x = np.indices(image.shape)
     square = (x - place[0]) ** 2 + (y - place[1]) ** 2
     image += (brightness * np.exp(-square / (2 * SIGMA_PX**2))).astype(np.float32)
@@ -131,7 +128,7 @@ def main() -> None:
             usual = float(
                 np.median([[peak(v, p) for v, p in zip(values, k, strict=True)] for k in spots])
             )
-            usual_mm: dict[str, Array] = {}
+            usual_mm: dict[str, Float64] = {}
             for kind in dict.fromkeys(["plain", *options.kinds]):
                 images = disturbed(kind, values, truth, seed)
                 for state in ("peaks", "saturated"):
@@ -153,8 +150,8 @@ def main() -> None:
 
 
 def judge(
-    images: Values, truth: Truth, score: Score, usual_mm: Array | None, verbose: bool
-) -> Array | None:
+    images: Float32, truth: Truth, score: Score, usual_mm: Float64 | None, verbose: bool
+) -> Float64 | None:
     """Calibrate with the true masks, add to the score, and return the errors in mm."""
     masks = list(truth.sphere_masks)
     try:
@@ -163,7 +160,7 @@ def judge(
         score.refused.append(str(error))
         return None
     off = np.asarray(found.lights.positions_mm) - np.asarray(truth.lights.positions_mm)
-    errors_mm: Array = np.linalg.norm(off, axis=1)
+    errors_mm: Float64 = np.linalg.norm(off, axis=1)
     texts = [
         notice.text.split(":")[0]
         for notice in found.warnings

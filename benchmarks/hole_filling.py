@@ -17,20 +17,19 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 import processing
 from processing._detail.seam import seam_steps
+from rig.arrays import Bool
 
-Mask = npt.NDArray[np.bool_]
 # Around a hole: a map this much larger is filled, and detail this near is compared.
 MARGIN_PX, NEAR_PX = 150, 30
 
 
-def holes(mask: Mask, side: int, count: int, seed: int) -> list[Mask]:
+def holes(mask: Bool, side: int, count: int, seed: int) -> list[Bool]:
     """Return round holes at random places, each with at least half of its pixels in the mask."""
-    random, found = np.random.default_rng(seed), list[Mask]()
+    random, found = np.random.default_rng(seed), list[Bool]()
     y, x = np.indices(mask.shape)
     while len(found) < count:
         row, column = random.integers(0, mask.shape[0]), random.integers(0, mask.shape[1])
@@ -40,15 +39,15 @@ def holes(mask: Mask, side: int, count: int, seed: int) -> list[Mask]:
     return found
 
 
-def mean_angle_deg(detail: processing.NormalMap, part: Mask) -> float:
+def mean_angle_deg(detail: processing.NormalMap, part: Bool) -> float:
     known = detail.normals[part]
     angles = np.arctan2(np.hypot(known[:, 0], known[:, 1]), known[:, 2])
     return float(np.degrees(angles.mean()))
 
 
 def around(
-    given: processing.NormalMap, detail: processing.NormalMap, hole: Mask
-) -> tuple[processing.NormalMap, processing.NormalMap, Mask]:
+    given: processing.NormalMap, detail: processing.NormalMap, hole: Bool
+) -> tuple[processing.NormalMap, processing.NormalMap, Bool]:
     """Return the surroundings of a hole: the map, its detail, and the hole."""
     rows, columns = np.nonzero(hole)
     box = (
@@ -63,7 +62,7 @@ def steepness_and_rim(
     normals: processing.NormalMap,
     detail: processing.NormalMap,
     true: processing.NormalMap,
-    inside: Mask,
+    inside: Bool,
 ) -> tuple[float, float]:
     """Return the mean angle inside over that of the given detail around, and the step at the rim.
 

@@ -18,7 +18,6 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from harness import Cost, alone, command_line, measured
 from scipy import sparse
 from scipy.sparse import linalg
@@ -28,15 +27,16 @@ from processing._surface.chord_rule import orthographic_edges
 from processing._surface.grid_graph import divergence
 from processing._surface.integration import integrate
 from processing._surface.multigrid import solve
+from rig.arrays import Bool, Float32, Float64
 
-Graph = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.float64]]
-System = tuple[sparse.csc_array, npt.NDArray[np.float64]]
+Graph = tuple[Float32, Float32, Float64]
+System = tuple[sparse.csc_array, Float64]
 
 
 Shape = Literal["disc", "rectangle", "ragged"]
 
 
-def mask_of(shape: Shape, pixels: int) -> npt.NDArray[np.bool_]:
+def mask_of(shape: Shape, pixels: int) -> Bool:
     """Return a square image with about ``pixels`` pixels inside."""
     share = {"disc": 0.9 * np.pi / 4 - 0.005 * np.pi, "rectangle": 1.0, "ragged": 0.684}[shape]
     n = round(np.sqrt(pixels / share))
@@ -50,7 +50,7 @@ def mask_of(shape: Shape, pixels: int) -> npt.NDArray[np.bool_]:
     holes = rng.random((n, n)) < 0.01
     inside = (x**2 + y**2 < 1) & (rough < 1.2) & ~holes
     _, labels = cv2.connectedComponents(inside.astype(np.uint8), connectivity=4)
-    largest: npt.NDArray[np.bool_] = labels == np.argmax(np.bincount(labels[inside]))
+    largest: Bool = labels == np.argmax(np.bincount(labels[inside]))
     return largest
 
 

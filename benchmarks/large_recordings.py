@@ -23,12 +23,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line, largest
 from stereo_costs import dome, session
 from whole_commands import cost
 
 from acquisition import ComputedRows, Lights, write_exr
+from rig.arrays import Float32
 
 SGP = [sys.executable, "-m", "sgp"]
 _COMMANDS = ("normals", "run", "separate", "transfer", "synthesize", "surface")
@@ -67,7 +67,7 @@ def waves(root: Path, megapixels: float) -> Path:
     side = round((megapixels * 1e6) ** 0.5)
     noise = np.random.default_rng(0).normal(0, _NOISE, (_NOISE_ROWS, side, 2)).astype(np.float32)
 
-    def rows(part: slice) -> npt.NDArray[np.float32]:
+    def rows(part: slice) -> Float32:
         y, x = np.arange(part.start, part.stop, dtype=np.float32), np.arange(side, dtype=np.float32)
         slopes = noise[np.arange(part.start, part.stop) % _NOISE_ROWS]
         slopes[..., 0] += 0.5 * np.sin(x / 70) + 0.3 * np.sin(x / 9)

@@ -16,7 +16,6 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 from light_uncertainty import camera, outline_points
 from sphere_setups import CORNERS, Exact, smaller
@@ -24,11 +23,9 @@ from sphere_setups import CORNERS, Exact, smaller
 from acquisition import CameraModel, angle_deg
 from calibration import EstimateError, SphereCalibration, calibrate_spheres
 from calibration._spheres.ellipse import fit_ellipse
+from rig.arrays import Float32, Float64
 from simulator import ChromeSphere, Even, Lens, Scene, Truth, bench_sensor, dome_lights, render
 from simulator._camera.sensor import sensor_image
-
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
 
 LONG_US, SHORT_US = 20000.0, 40.0
 # Largest mean errors that are accepted at full size, by the number of spheres.
@@ -41,10 +38,10 @@ class Score:
 
     error_mm: float
     error_deg: float
-    shares: Array
+    shares: Float64
     worst_sigmas: float
-    radii_px: Array
-    centres_px: Array
+    radii_px: Float64
+    centres_px: Float64
     codes: tuple[str, ...]
 
 
@@ -63,7 +60,7 @@ def scene_of(seed: int, count: int, model: CameraModel, *, sharp: bool) -> Scene
     )
 
 
-def record(scene: Scene, seed: int) -> tuple[Values, Truth]:
+def record(scene: Scene, seed: int) -> tuple[Float32, Truth]:
     """Render a scene and merge two exposures of each image; NaN where both are saturated."""
     rendering, noise = render(scene), scene.noise
     span = noise.white_level_dn - noise.black_level_dn

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 from scipy.ndimage import gaussian_filter1d
 from scipy.stats import chi2
@@ -27,8 +26,7 @@ from calibration._spheres.joint_refinement import Observation, predicted_highlig
 from calibration._spheres.light_positions import LocatedLights, locate_lights
 from calibration._spheres.outline_noise import viewing_cone
 from calibration._spheres.placed import place
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 EDGE_PX, ALONG_PX, SYSTEMATIC_PX = 0.3, 4.0, 0.03
 # Share of the variance of the radius error that all outlines of a seed have in common.
@@ -60,7 +58,7 @@ def camera() -> CameraModel:
     return CameraModel(k, 2448, 2048, 600.0)
 
 
-def dome(count: int = 36, radius_mm: float = 450.0) -> Array:
+def dome(count: int = 36, radius_mm: float = 450.0) -> Float64:
     """Return lights on rings at elevations of 15, 35, 55 and 75 degrees."""
     elevations = np.radians([15, 35, 55, 75])
     share = np.cos(elevations) / np.cos(elevations).sum()
@@ -77,7 +75,7 @@ def dome(count: int = 36, radius_mm: float = 450.0) -> Array:
     return radius_mm * np.concatenate(places)
 
 
-def spheres(layout: Layout, rng: np.random.Generator) -> tuple[Array, Array]:
+def spheres(layout: Layout, rng: np.random.Generator) -> tuple[Float64, Float64]:
     """Return centres and radii of spheres on the plane that do not touch, in the camera's field."""
     while True:
         radii = rng.choice(layout.radii_mm, layout.count)
@@ -92,11 +90,11 @@ def spheres(layout: Layout, rng: np.random.Generator) -> tuple[Array, Array]:
 
 def outline_points(
     model: CameraModel,
-    centre: Array,
+    centre: Float64,
     radius: float,
     rng: np.random.Generator,
     common_px: float = 0.0,
-) -> Array:
+) -> Float64:
     """Return the pixels of edge points with errors along the normals of the outline.
 
     ``common_px`` is the error of the radius that all outlines share.
@@ -120,11 +118,11 @@ def outline_points(
     noise *= EDGE_PX * np.sqrt(2 * np.sqrt(np.pi) * ALONG_PX)
     x, y, r = rng.normal(0, SYSTEMATIC_PX, 3)
     r = common_px + np.sqrt(1 - COMMON_SHARE) * r
-    off: Array = points + (noise + r)[:, None] * normals + np.array([x, y])
+    off: Float64 = points + (noise + r)[:, None] * normals + np.array([x, y])
     return off
 
 
-def observe(layout: Layout, seed: int, stated: float = 1.0) -> tuple[LocatedLights, Array]:
+def observe(layout: Layout, seed: int, stated: float = 1.0) -> tuple[LocatedLights, Float64]:
     """Return lights located from simulated observations, and their true positions.
 
     The standard deviations of highlights are stated as so many times those of their errors.
@@ -151,17 +149,17 @@ class Figures:
     """Statistics over the seeds of a layout."""
 
     error_mm: float
-    by_axis: Array
+    by_axis: Float64
     together: float
     beyond: int
 
 
-def simulated(layout: Layout, seed: int, stated: float = 1.0) -> tuple[Array, Array]:
+def simulated(layout: Layout, seed: int, stated: float = 1.0) -> tuple[Float64, Float64]:
     located, truth = observe(layout, seed, stated)
     return located.refined.positions_mm - truth, located.refined.covariance_mm2
 
 
-def figures(trial: Callable[[int], tuple[Array, Array]], seeds: range) -> Figures:
+def figures(trial: Callable[[int], tuple[Float64, Float64]], seeds: range) -> Figures:
     limit = chi2.ppf(QUANTILE ** (1 / 36), 3)
     errors, shares, squares = [], [], []
     for seed in seeds:

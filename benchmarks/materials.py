@@ -14,25 +14,22 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 from acquisition import Lights, angle_deg
 from calibration import StackNoise
 from processing import photometric_stereo
 from processing._stereo.method import METHODS
+from rig.arrays import Bool, Float64
 from simulator import Ggx, OrenNayar
 from simulator._scene.reflectance import reflectance
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 # Variance per value and without light, where white is 1: 10 000 electrons at white, 5 read noise.
 _SLOPE, _FLOOR = 1e-4, 2.5e-7
 _EYE = np.array([0.0, 0.0, 1.0])
 
 
-def dome(count: int, lowest: float = 0.35) -> Array:
+def dome(count: int, lowest: float = 0.35) -> Float64:
     """Return directions ``(N, 3)`` spread over a dome by the golden angle."""
     z = np.linspace(0.98, lowest, count)
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
@@ -40,7 +37,7 @@ def dome(count: int, lowest: float = 0.35) -> Array:
     return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
 
 
-def ball(size: int) -> tuple[Array, Mask]:
+def ball(size: int) -> tuple[Float64, Bool]:
     """Return the normals ``(H, W, 3)`` of a ball, and where it is."""
     y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j]
     z = np.sqrt(np.clip(1 - x * x - y * y, 0, None))
@@ -48,8 +45,8 @@ def ball(size: int) -> tuple[Array, Mask]:
 
 
 def materials(
-    directions: Array, normals: Array, rng: np.random.Generator
-) -> Iterator[tuple[str, Array]]:
+    directions: Float64, normals: Float64, rng: np.random.Generator
+) -> Iterator[tuple[str, Float64]]:
     """Yield the name of each case and its images ``(N, H, W)`` without noise."""
     cosine = np.einsum("nc,hwc->nhw", directions, normals)
     lit = np.clip(cosine, 0, None)
@@ -72,7 +69,7 @@ def materials(
     yield "any half shadowed", np.where(kept, 0.6 * lit, 0)
 
 
-def recorded(images: Array, rng: np.random.Generator) -> Array:
+def recorded(images: Float64, rng: np.random.Generator) -> Float64:
     """Return images with noise; the brightest hundredth is white, and saturated samples NaN."""
     images = images / np.quantile(images, 0.99)
     noisy = images + rng.normal(size=images.shape) * np.sqrt(_FLOOR + _SLOPE * images)
@@ -80,8 +77,8 @@ def recorded(images: Array, rng: np.random.Generator) -> Array:
 
 
 def errors(
-    values: Array, directions: Array, normals: Array, mask: Mask, known: bool
-) -> list[Array]:
+    values: Float64, directions: Float64, normals: Float64, mask: Bool, known: bool
+) -> list[Float64]:
     """Return the angular errors of every method, degrees; pixels without a normal count as 90."""
     noise = StackNoise.of_one_exposure(_SLOPE, _FLOOR, len(values)) if known else None
     found = []
@@ -92,7 +89,7 @@ def errors(
     return found
 
 
-def bound_deg(normals: Array, directions: Array, albedo: float) -> float:
+def bound_deg(normals: Float64, directions: Float64, albedo: float) -> float:
     """Return the Cramer-Rao bound of the root mean square error of unshadowed points, degrees."""
     signal = albedo * np.einsum("nc,pc->np", directions, normals)
     information = np.einsum("np,ni,nj->pij", 1 / (_FLOOR + _SLOPE * signal), directions, directions)

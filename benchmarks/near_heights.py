@@ -12,10 +12,8 @@ points that were found and, after "of", at the true ones. Seeds 0 to 3 were used
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 from acquisition import Lights
@@ -23,6 +21,7 @@ from processing import angular_error, photometric_stereo
 from processing._reconstruction.near_height import near_height
 from processing._reconstruction.views import Perspective
 from processing._stereo.method import Method
+from rig.arrays import AnyArray, Float32
 from simulator import Ggx, Rendering, Truth, render, scene_named
 
 SCENES = (
@@ -40,7 +39,7 @@ def rendered(name: str, seed: int, size: tuple[int, int], leds: int) -> Renderin
     return render(replace(scene, material=Ggx(float(gloss), 0.04)) if gloss else scene)
 
 
-def images(rendering: Rendering, seed: int) -> npt.NDArray[np.float32]:
+def images(rendering: Rendering, seed: int) -> Float32:
     """Return noisy images, divided by the strengths of the lights, NaN where saturated."""
     truth, planes = rendering.truth, rendering.planes
     if planes.ndim == 4:
@@ -53,9 +52,7 @@ def images(rendering: Rendering, seed: int) -> npt.NDArray[np.float32]:
     return np.asarray(measured / strengths[:, None, None], np.float32)
 
 
-def error_deg(
-    values: npt.NDArray[np.float32], truth: Truth, depth: npt.NDArray[Any], method: Method
-) -> float:
+def error_deg(values: Float32, truth: Truth, depth: AnyArray, method: Method) -> float:
     """Return the mean error of normals for which the surface is at a depth, mm."""
     if truth.camera is None:
         raise SystemExit("the scene has no camera")

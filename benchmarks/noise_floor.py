@@ -13,14 +13,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Frame, Lights, Source, angle_deg
 from calibration import Stack, linear_stack
+from rig.arrays import Bool, Float64
 from simulator import Measurement, bench_sensor, cramer_rao_deg
 from simulator._camera.sensor import sensor_image
-
-Array = npt.NDArray[np.float64]
 
 _SIZE = 161
 _CASES = {
@@ -30,7 +28,7 @@ _CASES = {
 }
 
 
-def hemisphere() -> tuple[Array, npt.NDArray[np.bool_]]:
+def hemisphere() -> tuple[Float64, Bool]:
     """Return normals ``(H, W, 3)`` of a hemisphere up to 50 degrees, and where it is."""
     y, x = np.mgrid[1 : -1 : _SIZE * 1j, -1 : 1 : _SIZE * 1j] * np.sin(np.radians(50))
     mask = np.hypot(x, y) < np.sin(np.radians(50))
@@ -46,7 +44,7 @@ def lights() -> Lights:
     return Lights(directions=np.stack(vectors, axis=1))
 
 
-def recorded(signal: Array, exposures_us: tuple[float, ...], seed: int) -> Source:
+def recorded(signal: Float64, exposures_us: tuple[float, ...], seed: int) -> Source:
     """Record electrons per 20 ms, ``(N, H, W)``, with one dark frame per exposure."""
     sensor = bench_sensor()
     frames = []
@@ -71,7 +69,7 @@ def recorded(signal: Array, exposures_us: tuple[float, ...], seed: int) -> Sourc
     )
 
 
-def solved(stack: Stack, vectors: Array, *, weighted: bool) -> Array:
+def solved(stack: Stack, vectors: Float64, *, weighted: bool) -> Float64:
     """Return the normals by least squares over the samples that are not saturated."""
     values = stack.values.astype(float)
     use = np.isfinite(values)
@@ -100,7 +98,7 @@ def main() -> None:
     for name, exposures_us in _CASES.items():
         measured = Measurement(bench_sensor(), white_e / 20_000, exposures_us)
         bound = cramer_rao_deg(normals, albedo, lights(), measured).astype(float)
-        errors: dict[bool, list[Array]] = {False: [], True: []}
+        errors: dict[bool, list[Float64]] = {False: [], True: []}
         for seed in range(4):
             stack = linear_stack(recorded(signal, exposures_us, seed))
             for weighted, found in errors.items():

@@ -19,18 +19,15 @@ from functools import partial
 from itertools import islice
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 from acquisition import LightErrors, Lights, angle_deg, tangent_basis
 from calibration import StackNoise
 from processing import Method, NormalUncertainty, normal_uncertainty, photometric_stereo
 from processing._stereo.method import METHODS
+from rig.arrays import Bool, Float64
 from simulator import Ggx, render, scene_named
 from simulator._scene.reflectance import reflectance
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 
 # Variance per value and without light, where white is 1: 10 000 electrons at white, 5 read noise.
 SLOPE, FLOOR = 1e-4, 2.5e-7
@@ -43,12 +40,12 @@ _DIRECTION_RAD, _POSITION_MM, _INTENSITY = 0.01, 3.0, 0.01
 class Case:
     """Images ``(N, H, W)`` without noise, and what they are of."""
 
-    images: Array
+    images: Float64
     lights: Lights
-    normals: Array
-    mask: Mask
-    points_mm: Array | None = None
-    shadows: Mask | None = None
+    normals: Float64
+    mask: Bool
+    points_mm: Float64 | None = None
+    shadows: Bool | None = None
 
 
 def dome(count: int, lowest: float = 0.35) -> Lights:
@@ -104,7 +101,7 @@ def relief(name: str, *, width: int, seed: int, count: int = 36, sharp: bool = T
     )
 
 
-def misplaced(lights: Lights, rng: np.random.Generator) -> tuple[Lights, Array]:
+def misplaced(lights: Lights, rng: np.random.Generator) -> tuple[Lights, Float64]:
     """Return lights with errors that they state, and the factors of their intensities."""
     count = len(lights)
     factor = 1 + _INTENSITY * rng.normal(size=count)
@@ -127,7 +124,7 @@ def misplaced(lights: Lights, rng: np.random.Generator) -> tuple[Lights, Array]:
     return replace(lights, positions_mm=moved, errors=errors), factor
 
 
-def recorded(case: Case, factor: Array, rng: np.random.Generator) -> Array:
+def recorded(case: Case, factor: Float64, rng: np.random.Generator) -> Float64:
     """Return images with noise; saturated samples are NaN."""
     images = case.images * factor[:, None, None]
     noisy = images + rng.normal(size=images.shape) * np.sqrt(FLOOR + SLOPE * images)
@@ -149,7 +146,7 @@ def cases(seed: int, size: int, count: int) -> Iterator[tuple[str, bool, int, li
     yield "glossy, GGX 0.15", False, 2, [make(size=size, cast=False, gloss=0.15)]
 
 
-def ratios(actual: Array, predicted: Array) -> Array:
+def ratios(actual: Float64, predicted: Float64) -> Float64:
     """Return actual over predicted, both root mean square, in ten parts by the predicted one."""
     order = np.argsort(predicted)
     return np.array(
@@ -162,7 +159,7 @@ def ratios(actual: Array, predicted: Array) -> Array:
 
 def solved(
     case: Case, method: Method, known: bool, errors: bool, rng: np.random.Generator
-) -> tuple[Array, NormalUncertainty]:
+) -> tuple[Float64, NormalUncertainty]:
     """Return the angular errors ``(H, W)`` and the error bars of one recording."""
     lights, factor = case.lights, np.ones(len(case.lights))
     if errors:

@@ -15,14 +15,12 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import processing
+from rig.arrays import Bool, Float64
 
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 # Height, and whether the layer covers the place, by x to the right and y up.
-Layer = Callable[[Double, Double], tuple[Double, Mask]]
+Layer = Callable[[Float64, Float64], tuple[Float64, Bool]]
 Builder = Callable[[np.random.Generator, float], list[Layer]]
 
 _PLACES = 4  # places in a pixel, along each side
@@ -42,7 +40,7 @@ class OccludedScene:
     """
 
     normals: processing.NormalMap
-    height: Double
+    height: Float64
 
     def noisy(self, noise_deg: float, seed: int) -> processing.NormalMap:
         """Return the normals with noise on each component."""
@@ -75,7 +73,7 @@ def scene(kind: str, seed: int, size: int = 192, blur_px: float = 0.0) -> Occlud
     return OccludedScene(processing.NormalMap.from_vectors(normals, seen), height)
 
 
-def _seen(layers: list[Layer], size: int, places: int) -> tuple[Double, Double, Mask]:
+def _seen(layers: list[Layer], size: int, places: int) -> tuple[Float64, Float64, Bool]:
     """Return height, normals and mask of the highest layers."""
     at = (np.arange(size * places) + 0.5) / places - size / 2
     x, y = np.meshgrid(at, -at)
@@ -103,7 +101,7 @@ def _waves(rng: np.random.Generator, size: float, slope: float, shortest: float)
     frequencies = 2 * math.pi / lengths
     heights = slope * math.sqrt(2 / count) / frequencies
 
-    def ground(x: Double, y: Double) -> tuple[Double, Mask]:
+    def ground(x: Float64, y: Float64) -> tuple[Float64, Bool]:
         z = np.zeros_like(x)
         for angle, frequency, phase, high in zip(angles, frequencies, phases, heights, strict=True):
             z += high * np.sin(frequency * (math.cos(angle) * x + math.sin(angle) * y) + phase)
@@ -112,13 +110,13 @@ def _waves(rng: np.random.Generator, size: float, slope: float, shortest: float)
     return ground
 
 
-def _turned(x: Double, y: Double, angle: float) -> tuple[Double, Double]:
+def _turned(x: Float64, y: Float64, angle: float) -> tuple[Float64, Float64]:
     """Return coordinates along a direction and across it."""
     cos, sin = math.cos(angle), math.sin(angle)
     return cos * x + sin * y, cos * y - sin * x
 
 
-def _smoothstep(t: Double) -> Double:
+def _smoothstep(t: Float64) -> Float64:
     t = np.clip(t, 0, 1)
     return np.asarray(t * t * (3 - 2 * t))
 
@@ -136,7 +134,7 @@ def _reliefs(rng: np.random.Generator, size: float) -> list[Layer]:
     ]
     steepness = rng.uniform(0.7, 1.8)
 
-    def relief(x: Double, y: Double) -> tuple[Double, Mask]:
+    def relief(x: Float64, y: Float64) -> tuple[Float64, Bool]:
         z, inside = ground(x, y)
         for u, v, radius, high in discs:
             away = np.hypot(x - u, y - v) - radius
@@ -153,7 +151,7 @@ def _balls(rng: np.random.Generator, size: float) -> list[Layer]:
     slope = tilt * np.array([math.cos(angle), math.sin(angle)])
     waves = _waves(rng, size, 0.05, 0.3)
 
-    def ground(x: Double, y: Double) -> tuple[Double, Mask]:
+    def ground(x: Float64, y: Float64) -> tuple[Float64, Bool]:
         z, inside = waves(x, y)
         return z + slope[0] * x + slope[1] * y, inside
 
@@ -169,7 +167,7 @@ def _balls(rng: np.random.Generator, size: float) -> list[Layer]:
 def _ellipsoid(
     centre: tuple[float, float, float], axes: tuple[float, float, float], angle: float
 ) -> Layer:
-    def upper_half(x: Double, y: Double) -> tuple[Double, Mask]:
+    def upper_half(x: Float64, y: Float64) -> tuple[Float64, Bool]:
         along, across = _turned(x - centre[0], y - centre[1], angle)
         along, across = along / axes[0], across / axes[1]
         left = 1 - along**2 - across**2
@@ -203,7 +201,7 @@ def _sheet(rng: np.random.Generator, size: float, ground: Layer) -> Layer:
     middle, half = rng.uniform(-0.15, 0.15) * size, rng.uniform(0.2, 0.4) * size
     bend = rng.uniform(-0.1, 0.1) * size
 
-    def sheet(x: Double, y: Double) -> tuple[Double, Mask]:
+    def sheet(x: Float64, y: Float64) -> tuple[Float64, Bool]:
         along, across = _turned(x, y, angle)
         # The distance behind the rim, which is a curve.
         behind = rim + bend * np.cos(2.5 * across / size) - along
@@ -225,7 +223,7 @@ def _tongue(rng: np.random.Generator, size: float, ground: Layer) -> Layer:
     long, wide = rng.uniform(0.2, 0.5) * size, rng.uniform(0.05, 0.14) * size
     slope, power = rng.uniform(0.15, 0.7), rng.uniform(1, 2)
 
-    def tongue(x: Double, y: Double) -> tuple[Double, Mask]:
+    def tongue(x: Float64, y: Float64) -> tuple[Float64, Bool]:
         along, across = _turned(x - u, y - v, angle)
         lift = slope * long * np.maximum(along / long, 0) ** power
         end = wide * np.sqrt(np.clip((long - along) / wide, 0, 1))
@@ -241,7 +239,7 @@ def _spirals(rng: np.random.Generator, size: float) -> list[Layer]:
     inner, pitch = rng.uniform(0.1, 0.14) * size, rng.uniform(0.13, 0.17) * size
     wide, rise = rng.uniform(0.5, 0.8) * pitch, rng.uniform(2.5, 8)
 
-    def ribbon(x: Double, y: Double) -> tuple[Double, Mask]:
+    def ribbon(x: Float64, y: Float64) -> tuple[Float64, Bool]:
         radius = np.hypot(x, y)
         angle = np.mod(np.arctan2(y, x) - begin, 2 * math.pi)
         # Number of whole turns at this distance from the centre.
@@ -266,7 +264,7 @@ def _horn(rng: np.random.Generator, size: float) -> Layer:
     radius, long = rng.uniform(0.05, 0.12) * size, rng.uniform(0.25, 0.5) * size
     slope = rng.uniform(0.2, 0.7)
 
-    def horn(x: Double, y: Double) -> tuple[Double, Mask]:
+    def horn(x: Float64, y: Float64) -> tuple[Float64, Bool]:
         along, across = _turned(x - u, y - v, angle)
         left = radius**2 - across**2
         z = np.sqrt(np.maximum(left, 1e-6)) + slope * along - 1.2 * radius

@@ -9,11 +9,11 @@ the growth of the peak memory after the mesh is loaded (on Linux).
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from harness import Cost, alone, command_line, copy_s, measured
 
 from acquisition import CameraModel
 from processing import Geometry, project
+from rig.arrays import Float64
 
 
 def bumpy_ball(faces: int) -> Geometry:
@@ -37,7 +37,7 @@ def shuffled(mesh: Geometry) -> Geometry:
 
 
 def on_the_ball(points: int) -> Geometry:
-    vectors: npt.NDArray[np.float64] = np.random.default_rng(0).normal(size=(points, 3))
+    vectors: Float64 = np.random.default_rng(0).normal(size=(points, 3))
     return Geometry(50 * vectors / np.linalg.norm(vectors, axis=1, keepdims=True))
 
 

@@ -20,21 +20,21 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
 from acquisition import Lights
 from processing import image_quality, photometric_stereo
+from rig.arrays import Bool, Float32, Float64
 from simulator import SCENES, render, scene_named
 
 MIRROR_X = np.array([-1.0, 1.0, 1.0])
 
 
 class Recording(NamedTuple):
-    values: npt.NDArray[np.float32]
+    values: Float32
     lights: Lights
-    mask: npt.NDArray[np.bool_]
-    points_mm: npt.NDArray[np.float64] | None
+    mask: Bool
+    points_mm: Float64 | None
 
 
 Mistake = Callable[[Recording, np.random.Generator], Recording]

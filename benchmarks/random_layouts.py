@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
+from rig.arrays import Float32, Float64
 from simulator import (
     Ball,
     BandNoise,
@@ -35,9 +35,6 @@ from simulator import (
 )
 from simulator._camera.sensor import sensor_image
 
-Values = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
-
 # Width, height, and how often a size is drawn.
 SIZES = (((640, 512), 0.5), ((960, 804), 0.3), ((1280, 1024), 0.15), ((2448, 2048), 0.05))
 SMALL_SIZES = (((640, 512), 0.8), ((960, 804), 0.2))
@@ -52,12 +49,12 @@ class Layout:
 
     seed: int
     kind: str
-    values: Values
+    values: Float32
     camera: CameraModel
     spheres: tuple[ChromeSphere, ...]
-    lights_mm: Array
+    lights_mm: Float64
 
-    def outlines(self) -> Iterator[tuple[ChromeSphere, Array]]:
+    def outlines(self) -> Iterator[tuple[ChromeSphere, Float64]]:
         """Yield each sphere and the pixels of its outline, ``(M, 2)``."""
         for sphere in self.spheres:
             yield sphere, outline(self.camera, sphere)
@@ -72,7 +69,7 @@ class Layout:
         ]
 
 
-def outline(camera: CameraModel, sphere: ChromeSphere, count: int = 180) -> Array:
+def outline(camera: CameraModel, sphere: ChromeSphere, count: int = 180) -> Float64:
     """Return the pixels ``(count, 2)`` where rays touch a sphere."""
     axis = np.array(sphere.centre_mm) - camera.centre_mm
     distance = float(np.linalg.norm(axis))
@@ -83,11 +80,11 @@ def outline(camera: CameraModel, sphere: ChromeSphere, count: int = 180) -> Arra
     around = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(axis, first))
     sine = sphere.radius_mm / distance
     touch = distance * (1 - sine**2) * axis + sphere.radius_mm * np.sqrt(1 - sine**2) * around
-    pixels: Array = camera.project(camera.centre_mm + touch)
+    pixels: Float64 = camera.project(camera.centre_mm + touch)
     return pixels
 
 
-def radius_px(points: Array) -> float:
+def radius_px(points: Float64) -> float:
     """Return the mean radius of an outline."""
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).mean())
 
@@ -196,7 +193,7 @@ def clutter_of(
     return tuple(items)
 
 
-def record(scene: Scene, seed: int) -> Values:
+def record(scene: Scene, seed: int) -> Float32:
     """Render a scene and merge two exposures of each image; NaN where both are saturated."""
     rendering, images = render(scene), []
     noise, width = scene.noise, scene.lens.size[1]
@@ -220,7 +217,7 @@ def layout_of(seed: int, kind: str, *, small: bool, cache: Path | None = None) -
     scene = scene_of(seed, kind, small=small)
     place = None if cache is None else cache / f"{kind}-{seed}-{'small' if small else 'all'}.npy"
     if place is not None and place.exists():
-        values: Values = np.load(place)
+        values: Float32 = np.load(place)
     else:
         values = record(scene, seed)
         if place is not None:

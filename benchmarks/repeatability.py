@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 from light_accuracy import record
 from sessions import write_session
@@ -29,10 +28,9 @@ from sessions import write_session
 from acquisition import Lights, PlannedShot, read_source
 from calibration import calibrate_spheres
 from processing import integrate, reconstruct
+from rig.arrays import Float32, Float64, UInt16
 from simulator import ChromeSphere, Scene, render, scene_named
 from simulator._camera.sensor import sensor_image
-
-Array = npt.NDArray[np.float64]
 
 _RADIUS_MM, _EXPOSURE_US = 16.0, 20_000.0
 _PLACES_MM = ((-60, -50), (65, -45), (-62, 48), (58, 52))
@@ -41,9 +39,9 @@ _PLACES_MM = ((-60, -50), (65, -45), (-62, 48), (58, 52))
 class Recorded(NamedTuple):
     """One recording's results."""
 
-    normals: Array
-    sigma_deg: Array
-    height: Array
+    normals: Float64
+    sigma_deg: Float64
+    height: Float64
     distances_px: tuple[int, ...]
     difference_sigma: tuple[float, ...]
 
@@ -67,11 +65,11 @@ def drawn(stated: Lights, truth: Lights, seed: int) -> Lights:
     return replace(stated, positions_mm=found)
 
 
-def recorded_again(folder: Path, scene: Scene, planes: npt.NDArray[np.float32], seed: int) -> None:
+def recorded_again(folder: Path, scene: Scene, planes: Float32, seed: int) -> None:
     """Record images of the object with the noise of a seed."""
     noise = scene.noise
 
-    def frame(_: int, shot: PlannedShot) -> npt.NDArray[np.uint16]:
+    def frame(_: int, shot: PlannedShot) -> UInt16:
         lit = planes[shot.led] if shot.role == "light" else 0 * planes[0]
         electrons = (lit * shot.exposure_us).astype(np.float32)
         return sensor_image(electrons, noise, key=(seed, shot.led or 0, shot.role != "light"))

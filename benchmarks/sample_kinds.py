@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 from normal_uncertainty import FLOOR, SLOPE, Case, ball, recorded, relief
 
@@ -21,8 +20,7 @@ from calibration import StackNoise
 from processing import SampleKind, photometric_stereo
 from processing._stereo.method import METHODS
 from processing._uncertainty.pixel_variances import kinds_of
-
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool
 
 
 def scenes(seed: int, size: int) -> Iterator[tuple[str, Case]]:
@@ -34,7 +32,7 @@ def scenes(seed: int, size: int) -> Iterator[tuple[str, Case]]:
         yield f"{name}, blurred", relief(name, width=2 * size, seed=seed, sharp=False)
 
 
-def score(found: Mask, true: Mask) -> str:
+def score(found: Bool, true: Bool) -> str:
     """Return precision and recall."""
     both = np.count_nonzero(found & true)
     shares = (both / max(np.count_nonzero(of), 1) for of in (found, true))

@@ -5,20 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
-
-import numpy.typing as npt
 
 from acquisition import CapturePlan, PlannedShot
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.value_records import SensorRecord
 from acquisition._session.writer import CameraReport, SessionWriter
+from rig.arrays import AnyArray
 
 
 def write_session(
     folder: Path,
     name: str,
-    frame_of: Callable[[int, PlannedShot], npt.NDArray[Any]],
+    frame_of: Callable[[int, PlannedShot], AnyArray],
     *,
     lights: int,
     size: tuple[int, int],

@@ -36,7 +36,7 @@ import cv2
 import numpy as np
 from harness import command_line
 from layout_scores import Score, append_score, read_scores, table
-from random_layouts import Array, Layout, layout_of, outline, radius_px, scene_of
+from random_layouts import Layout, layout_of, outline, radius_px, scene_of
 
 from calibration import EstimateError, SphereCalibration, calibrate_spheres, find_spheres
 from calibration._spheres.cone import OUTLINE_SIGMA_PX, Cone
@@ -48,6 +48,7 @@ from calibration._spheres.joint_refinement import (
     predicted_highlights,
 )
 from calibration._spheres.placed import place
+from rig.arrays import Float64
 from simulator import ChromeSphere
 
 OUTLINE_PX, HIGHLIGHT_PX = 0.04, 0.01
@@ -82,7 +83,7 @@ def expected_mm(layout: Layout, spheres: list[ChromeSphere]) -> float:
     return rms_mm(system.covariance())
 
 
-def rms_mm(covariances: Array) -> float:
+def rms_mm(covariances: Float64) -> float:
     """Return the root of the mean trace of covariances."""
     return float(np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean()))
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 from light_uncertainty import COMMON_PX, HIGHLIGHT_PX, camera, dome, outline_points
 
@@ -22,8 +21,7 @@ from calibration._spheres.joint_refinement import Observation, predicted_highlig
 from calibration._spheres.light_positions import locate_lights
 from calibration._spheres.outline_noise import viewing_cone
 from calibration._spheres.placed import place
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 CORNERS = [(-105, -82), (105, 82), (-105, 82), (105, -82)]
 PLACES: dict[str, list[tuple[float, float]]] = {
@@ -46,7 +44,7 @@ def lights_of(
     rng: np.random.Generator | None = None,
     assumed: CameraModel | None = None,
     assumed_radius_mm: float | None = None,
-) -> Array:
+) -> Float64:
     """Return the positions ``(36, 3)`` found with spheres that rest at these places.
 
     Without ``rng`` the observations are exact. ``assumed`` is what the operator states.
@@ -73,7 +71,7 @@ def lights_of(
     ids = tuple(f"L{i:02d}" for i in range(len(truth)))
     seen = Observation(assumed, place(cones, given, assumed), highlights, sigma_px)
     located = locate_lights(seen, ids)
-    found: Array = located.refined.positions_mm
+    found: Float64 = located.refined.positions_mm
     return found
 
 
@@ -87,14 +85,14 @@ class Exact(np.random.Generator):
         return np.zeros(() if size is None else size) + loc
 
 
-def error(found: Array) -> tuple[float, float]:
+def error(found: Float64) -> tuple[float, float]:
     """Return the mean error in mm, and that of the direction from the origin in degrees."""
     truth = dome()
     shift = np.linalg.norm(found - truth, axis=1).mean()
     return float(shift), float(angle_deg(found, truth).mean())
 
 
-def tilt_deg(found: Array) -> float:
+def tilt_deg(found: Float64) -> float:
     """Return the mean error in degrees of the normals of a flat object that fills the field.
 
     The true lights shine on a matte surface with equal irradiances at the origin; the normals are
@@ -103,7 +101,7 @@ def tilt_deg(found: Array) -> float:
     x, y = np.meshgrid(np.linspace(-140, 140, 15), np.linspace(-118, 118, 13))
     points = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 1, 3)
 
-    def light_vectors(lights: Array) -> Array:
+    def light_vectors(lights: Float64) -> Float64:
         toward = lights - points
         squared = (lights**2).sum(axis=1) / (toward**2).sum(axis=2)
         return toward / np.linalg.norm(toward, axis=2, keepdims=True) * squared[..., None]

@@ -23,7 +23,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from harness import Cost, command_line, copy_s, measured
 from sessions import write_session
 from whole_commands import cost as command_cost
@@ -32,8 +31,7 @@ from acquisition import Lights, PlannedShot, read_source, write_lights, write_ma
 from calibration import linear_stack
 from processing import Method, normal_uncertainty, photometric_stereo
 from processing._stereo.method import METHODS
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32, Float64, UInt16
 
 _NOISE = 0.01
 # Shorter work is measured more often.
@@ -70,7 +68,7 @@ class Row:
     unit: str = "us"
 
 
-def dome(count: int) -> Float:
+def dome(count: int) -> Float32:
     """Return directions ``(N, 3)`` spread over a dome by the golden angle."""
     z = np.linspace(0.97, 0.5, count)
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
@@ -78,24 +76,24 @@ def dome(count: int) -> Float:
     return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1).astype(np.float32)
 
 
-def plane(side: int) -> npt.NDArray[np.float64]:
+def plane(side: int) -> Float64:
     """Return points ``(H, W, 3)`` of the working plane, mm, whose rows repeat."""
     x, y = np.meshgrid(np.linspace(-70, 70, side), np.linspace(70, -70, _ROWS))
     strip = np.stack([x, y, 0 * x], axis=2)
     return strip[np.arange(side) % _ROWS]
 
 
-def images(lights: Lights, side: int, *, gloss: bool) -> Float:
+def images(lights: Lights, side: int, *, gloss: bool) -> Float32:
     """Return images ``(N, H, W)`` of a relief whose rows repeat."""
     return repeated(strips(lights, side, gloss=gloss), side)
 
 
-def repeated(rows: Float, side: int) -> Float:
+def repeated(rows: Float32, side: int) -> Float32:
     """Return images ``(..., H, W)`` whose rows repeat those given."""
     return np.ascontiguousarray(rows[..., np.arange(side) % _ROWS, :])
 
 
-def strips(lights: Lights, side: int, *, gloss: bool, seed: int = 0) -> Float:
+def strips(lights: Lights, side: int, *, gloss: bool, seed: int = 0) -> Float32:
     """Return the first rows ``(N, 128, W)`` of `images`."""
     rng = np.random.default_rng(seed)
     values = np.zeros((len(lights), min(_ROWS, side), side), np.float32)
@@ -117,7 +115,7 @@ def strips(lights: Lights, side: int, *, gloss: bool, seed: int = 0) -> Float:
     return values
 
 
-def naive(values: Float, directions: Float) -> Any:
+def naive(values: Float32, directions: Float32) -> Any:
     """Solve plain least squares as a first version of a program would."""
     samples = values.reshape(len(values), -1).astype(np.float64)
     return np.linalg.lstsq(directions.astype(np.float64), samples, rcond=None)[0]
@@ -162,7 +160,7 @@ def session(folder: Path, lights: Lights, side: int, *, gloss: bool = False, see
     write_mask(folder.with_suffix(".png"), np.ones((side, side), bool))
     values = strips(lights, side, gloss=gloss, seed=seed)
 
-    def frame(_: int, shot: PlannedShot) -> npt.NDArray[np.uint16]:
+    def frame(_: int, shot: PlannedShot) -> UInt16:
         lit = values[shot.led] if shot.role == "light" else 0 * values[0]
         return repeated(np.clip(np.rint(_BLACK + _PER_SIGNAL * lit), 0, 4095).astype("u2"), side)
 
@@ -191,7 +189,7 @@ def print_row(name: str, row: Row, cost: Cost, copy: float, of: float) -> None:
     print(f"{name:28}{cost.cpu_s:8.2f}{us:8.3f}{cost.cpu_s / copy:8.1f}{beyond:8.0f}{limit}")
 
 
-def table(rows: dict[str, Row], stack: Float, rounds: int) -> None:
+def table(rows: dict[str, Row], stack: Float32, rounds: int) -> None:
     """Measure the rows in turn, several times, and print the least costs."""
     costs: dict[str, list[Cost]] = {name: [] for name in rows}
     copies: list[float] = []

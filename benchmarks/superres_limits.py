@@ -19,13 +19,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 import processing
 from benchmarks.paper.sources import Sources
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32
 
 _SCALE = 4
 _WINDOW_PX = 64  # of the spectrum
@@ -62,8 +60,8 @@ def noise_share(truth: processing.NormalMap, scale: int) -> float:
 class Half(NamedTuple):
     """Vectors that are (0, 0, 1) outside the mask, and the mask."""
 
-    normals: Float
-    mask: npt.NDArray[np.bool_]
+    normals: Float32
+    mask: Bool
 
 
 def halves(truth: processing.NormalMap) -> list[Half]:

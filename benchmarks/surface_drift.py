@@ -19,14 +19,12 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from harness import command_line
 
 import acquisition
 import processing
 import simulator
-
-Double = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float64
 
 HEIGHTS_MM = (1.0, 2.0, 4.0, 8.0)
 RAMP_MM = 14.0
@@ -85,9 +83,7 @@ def scenes(width: int, height: int) -> dict[str, simulator.Scene]:
     return {"plane": plane, "gauge": gauge}
 
 
-def surface_of(
-    folder: Path, case: Case, truth: Double, seed: int
-) -> tuple[Double, npt.NDArray[np.bool_]]:
+def surface_of(folder: Path, case: Case, truth: Float64, seed: int) -> tuple[Float64, Bool]:
     """Return the points of a surface and its mask."""
     stored = folder / "derived" / "truth"
     lights = acquisition.read_lights(stored / "lights.json")
@@ -103,7 +99,7 @@ def surface_of(
     return found.surface.points().astype(np.float64), found.surface.mask
 
 
-def plane_figures(points: Double, mask: npt.NDArray[np.bool_], truth: Double) -> list[float]:
+def plane_figures(points: Float64, mask: Bool, truth: Float64) -> list[float]:
     """Return bend (rms and range) in micrometres, and tilt in degrees."""
     inside = mask & np.isfinite(truth)
     x, y, z = points[inside].T
@@ -116,7 +112,7 @@ def plane_figures(points: Double, mask: npt.NDArray[np.bool_], truth: Double) ->
     return [1000 * float(off.std()), 1000 * float(high - low), float(tilt)]
 
 
-def step_figures(points: Double, mask: npt.NDArray[np.bool_], truth: Double) -> list[float]:
+def step_figures(points: Float64, mask: Bool, truth: Float64) -> list[float]:
     """Return the error of each step in micrometres, along the middle of the gauge."""
     gauge = simulator.StepGauge(RADIUS_MM, HEIGHTS_MM, RAMP_MM)
     ends = np.concatenate([[-np.inf], gauge.edges_mm, [np.inf]])

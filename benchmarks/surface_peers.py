@@ -14,28 +14,26 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from discontinuity import error_mm, object_of
 from discrete_geometry import heights
 from harness import command_line
 
 import acquisition
 import processing
+from rig.arrays import Bool, Float64
 
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 # Height z and slopes dz/dx, dz/dy over -1..1.
-Form = Callable[[Double, Double], tuple[Double, Double, Double]]
+Form = Callable[[Float64, Float64], tuple[Float64, Float64, Float64]]
 
 
-def sphere(x: Double, y: Double) -> tuple[Double, Double, Double]:
+def sphere(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
     """Return the part of a sphere that is seen up to 70 degrees in the corners."""
     radius = 2**0.5 / np.sin(np.radians(70))
     z = np.sqrt(np.maximum(radius**2 - x**2 - y**2, 1e-6))
     return z, -x / z, -y / z
 
 
-def peaks(x: Double, y: Double) -> tuple[Double, Double, Double]:
+def peaks(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
     """Return the sum of three bells that MATLAB calls peaks, up to 60 degrees steep."""
     u, v, scale = 3 * x, 3 * y, 0.045
     a = 3 * np.exp(-(u**2) - (v + 1) ** 2)
@@ -48,33 +46,33 @@ def peaks(x: Double, y: Double) -> tuple[Double, Double, Double]:
     return scale * z, 3 * scale * (zu - 2 * (u + 1) * c), 3 * scale * zv
 
 
-def plane(x: Double, y: Double) -> tuple[Double, Double, Double]:
+def plane(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
     return 0.7 * x - 0.4 * y, np.full_like(x, 0.7), np.full_like(y, -0.4)
 
 
-def saddle(x: Double, y: Double) -> tuple[Double, Double, Double]:
+def saddle(x: Float64, y: Float64) -> tuple[Float64, Float64, Float64]:
     return 0.6 * (x**2 - y**2), 1.2 * x, -1.2 * y
 
 
 FORMS: dict[str, Form] = {"sphere cap": sphere, "peaks": peaks, "plane": plane, "saddle": saddle}
 
 
-def ragged(size: int) -> Mask:
+def ragged(size: int) -> Bool:
     """Return a mask with a rough rim, holes and islands."""
     noise = np.random.default_rng(3).normal(size=(size, size))
     rough = cv2.GaussianBlur(noise, (0, 0), size / 50)
     y, x = np.mgrid[-1 : 1 : size * 1j, -1 : 1 : size * 1j]
     inside = (x**2 + y**2 < 0.85 + 0.1 * rough / rough.std()) & (noise > -2.2)
     _, labels = cv2.connectedComponents(inside.astype(np.uint8), connectivity=4)
-    largest: Mask = labels == np.argmax(np.bincount(labels[inside]))
+    largest: Bool = labels == np.argmax(np.bincount(labels[inside]))
     return largest
 
 
-def view(form: Form, size: int, *, perspective: bool) -> tuple[Double, Double, Double]:
+def view(form: Form, size: int, *, perspective: bool) -> tuple[Float64, Float64, Float64]:
     """Return normals, heights or depths, and cosines to the line of sight; one unit is 1 px."""
     half = size / 2
     x, y = np.meshgrid(np.arange(size) - half + 0.5, half - 0.5 - np.arange(size))
-    facing: Double
+    facing: Float64
     if not perspective:
         z, zx, zy = form(x / half, y / half)
         normals = np.dstack([-zx, -zy, np.ones_like(z)])
@@ -100,7 +98,7 @@ def camera(size: int) -> acquisition.CameraModel:
     return acquisition.CameraModel(K, size, size)
 
 
-def percent(estimate: Double, truth: Double, mask: Mask, *, perspective: bool) -> float:
+def percent(estimate: Float64, truth: Float64, mask: Bool, *, perspective: bool) -> float:
     """Return the mean error in percent of the range; offset or scale are free."""
     if perspective:
         estimate = estimate * np.median(truth[mask] / estimate[mask])
@@ -109,7 +107,7 @@ def percent(estimate: Double, truth: Double, mask: Mask, *, perspective: bool) -
     return float(100 * np.abs(estimate - truth)[mask].mean() / np.ptp(truth[mask]))
 
 
-def closed_form(name: str, size: int, mask: Mask, *, perspective: bool) -> list[float]:
+def closed_form(name: str, size: int, mask: Bool, *, perspective: bool) -> list[float]:
     """Return the errors of our surface and of the two of Xie et al., in percent of the range."""
     normals, truth, facing = view(FORMS[name], size, perspective=perspective)
     given = processing.NormalMap.from_vectors(normals, mask & (facing > 0.05))

@@ -12,9 +12,7 @@ import numpy.typing as npt
 from acquisition import DataError
 from calibration import EstimateError, check_linear
 from rig import short_repr
-
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64
 
 # Values below this fraction of the object's brightness are raised to it. Without the floor, the
 # threshold on the logarithm would split the noise of the background.
@@ -45,14 +43,14 @@ class ObjectMask:
         0.75..1.
     """
 
-    mask: Mask
+    mask: Bool
     contrast: float
     separability: float
 
     __repr__ = short_repr
 
 
-def object_mask(values: npt.ArrayLike, *, outside: Mask | None = None) -> ObjectMask:
+def object_mask(values: npt.ArrayLike, *, outside: Bool | None = None) -> ObjectMask:
     """Find the object: the pixels that are much brighter than the background under some light.
 
     Parameters
@@ -97,7 +95,7 @@ def object_mask(values: npt.ArrayLike, *, outside: Mask | None = None) -> Object
 
 
 def mask_of_images(
-    images: Iterable[npt.NDArray[np.float32]], shape: tuple[int, ...], outside: Mask | None
+    images: Iterable[Float32], shape: tuple[int, ...], outside: Bool | None
 ) -> ObjectMask:
     """Return `object_mask` of images ``(H, W)`` that are read one after the other."""
     examined = np.ones(shape, np.bool_) if outside is None else ~np.asarray(outside)
@@ -127,9 +125,7 @@ def mask_of_images(
     return ObjectMask(mask=_clean(bright) & examined, contrast=contrast, separability=separability)
 
 
-def _brightest(
-    images: Iterable[npt.NDArray[np.float32]], shape: tuple[int, ...]
-) -> tuple[npt.NDArray[np.float32], Mask]:
+def _brightest(images: Iterable[Float32], shape: tuple[int, ...]) -> tuple[Float32, Bool]:
     """Return the largest finite sample of each pixel, and the mask of the saturated pixels.
 
     A median filter removes single pixels from both.
@@ -144,7 +140,7 @@ def _brightest(
     return filtered, np.asarray(cv2.medianBlur(saturated, 3)) > 0
 
 
-def _otsu(image: npt.NDArray[np.float32]) -> tuple[float, float]:
+def _otsu(image: Float32) -> tuple[float, float]:
     """Return the threshold that splits the values best, and its separability, 0..1."""
     total = float(np.var(image, dtype=np.float64))
     if not total > 0:
@@ -155,12 +151,12 @@ def _otsu(image: npt.NDArray[np.float32]) -> tuple[float, float]:
     below = np.cumsum(share)[:-1]
     moment = np.cumsum(share * centres)
     # Never 0 / 0: the first and the last bin hold the extremes.
-    between: Double = (moment[-1] * below - moment[:-1]) ** 2 / (below * (1.0 - below))
+    between: Float64 = (moment[-1] * below - moment[:-1]) ** 2 / (below * (1.0 - below))
     best = int(np.argmax(between))
     return float(edges[best + 1]), min(float(between[best]) / total, 1.0)
 
 
-def _clean(bright: Mask) -> Mask:
+def _clean(bright: Bool) -> Bool:
     # Imported here: it takes .2 s, and most recordings have a mask.
     from scipy import ndimage
 

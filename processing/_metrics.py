@@ -14,12 +14,10 @@ from acquisition import DataError, angle_deg
 from processing._normal_map import NormalMap, check_normal_map
 from processing._ssim_kernel import similarity_rows
 from rig import in_threads, short_repr
+from rig.arrays import Bool, Float32, Float64
 
 __all__ = ["AngularError", "angle_deg", "angular_error", "ssim"]
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Protocol = Literal["masked", "paper"]
 
 # Error of a pixel without a normal, as in the published benchmarks.
@@ -43,13 +41,13 @@ class AngularError:
     mae_deg: float
     median_deg: float
     coverage: float
-    map_deg: Float
+    map_deg: Float32
 
     __repr__ = short_repr
 
 
 def angular_error(
-    estimate: NormalMap, truth: NormalMap | npt.ArrayLike, mask: Mask | None = None
+    estimate: NormalMap, truth: NormalMap | npt.ArrayLike, mask: Bool | None = None
 ) -> AngularError:
     """Measure the angular error of a normal map.
 
@@ -101,7 +99,7 @@ def angular_error(
     )
 
 
-def angle_map_deg(a: Float, b: npt.ArrayLike, mask: Mask) -> Float:
+def angle_map_deg(a: Float32, b: npt.ArrayLike, mask: Bool) -> Float32:
     """Return the angle between two ``(H, W, 3)`` maps, or a map and a vector; NaN outside a mask.
 
     It is that of `angle_deg`, of vectors in float32.
@@ -114,7 +112,7 @@ def angle_map_deg(a: Float, b: npt.ArrayLike, mask: Mask) -> Float:
 
 
 @numba.njit(cache=True)
-def _angles_of_row(a: Float, b: Float, mask: Mask, out: Float) -> None:
+def _angles_of_row(a: Float32, b: Float32, mask: Bool, out: Float32) -> None:
     for c in range(mask.size):
         if not mask[c]:
             continue
@@ -127,7 +125,7 @@ def _angles_of_row(a: Float, b: Float, mask: Mask, out: Float) -> None:
 
 
 @numba.njit(nogil=True, cache=True)
-def _angles(first: int, last: int, a: Float, b: Float, mask: Mask, out: Float) -> None:
+def _angles(first: int, last: int, a: Float32, b: Float32, mask: Bool, out: Float32) -> None:
     """Write the angles of the pixels of a mask; ``b`` has the size of ``a``, or one pixel."""
     for r in range(first, last):
         if len(b) > 1:
@@ -139,7 +137,7 @@ def _angles(first: int, last: int, a: Float, b: Float, mask: Mask, out: Float) -
 def ssim(
     a: NormalMap,
     b: NormalMap,
-    mask: Mask | None = None,
+    mask: Bool | None = None,
     *,
     protocol: Protocol = "masked",
 ) -> float:
@@ -193,8 +191,8 @@ def ssim(
 
 
 def similarity_of_rows(
-    a: Float, b: Float, masks: tuple[Mask, Mask], counted: Mask, protocol: Protocol
-) -> Double:
+    a: Float32, b: Float32, masks: tuple[Bool, Bool], counted: Bool, protocol: Protocol
+) -> Float64:
     """Return the sums over rows of which `mean_similarity` makes the similarity of `ssim`.
 
     Parameters
@@ -214,7 +212,7 @@ def similarity_of_rows(
     return similarity_rows(a, b, counted, 0.01**2, 0.03**2)
 
 
-def mean_similarity(sums: Double, counted: Mask, protocol: Protocol) -> float:
+def mean_similarity(sums: Float64, counted: Bool, protocol: Protocol) -> float:
     """Return the similarity of two maps from the sums of all of their rows."""
     if protocol == "paper":
         return float(np.mean(sums) / counted.shape[1])
@@ -229,7 +227,7 @@ def _check_sizes(a: NormalMap, b: NormalMap) -> None:
         )
 
 
-def _checked_mask(mask: Mask, size: tuple[int, int]) -> Mask:
+def _checked_mask(mask: Bool, size: tuple[int, int]) -> Bool:
     if mask.dtype != np.bool_ or mask.shape != size:
         raise DataError(
             f"a mask of {mask.dtype} and shape {mask.shape} does not fit maps of {_text(size)}"

@@ -8,16 +8,13 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import BandFile, DataError, rows_in_bands
 from processing._normal_encoding import NormalEncoding, normal_encoding
 from processing._normal_map import directions
 from rig import Notice, in_threads, pluralize
+from rig.arrays import AnyArray, Bool, Float32, UInt16
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Pixels = npt.NDArray[Any]
 Green = Literal["up", "down"]
 
 # Larger components cannot belong to a unit vector, and their squares would overflow.
@@ -50,7 +47,7 @@ class _Directions:
         self._sum, self._negative = np.zeros(3), np.zeros(3, np.int64)
         self._away = self._count = 0
 
-    def add(self, normals: Float, known: Mask) -> None:
+    def add(self, normals: Float32, known: Bool) -> None:
         """Count more normals: ``(h, W, 3)`` unit vectors, 0 where ``(h, W)`` `known` is false."""
         for k in range(3):
             self._sum[k] += normals[..., k].sum(dtype=np.float64)
@@ -86,7 +83,7 @@ class _Directions:
         return []
 
 
-def _pixel_doubts(where: str, finite: Mask | None, mask: Mask | None, known: Mask) -> list[Notice]:
+def _pixel_doubts(where: str, finite: Bool | None, mask: Bool | None, known: Bool) -> list[Notice]:
     """Return notices about pixels without a normal.
 
     Parameters
@@ -136,7 +133,7 @@ class PixelRows(Protocol):
     def dtype(self) -> np.dtype[Any]:
         """Type of the samples."""
 
-    def with_alpha(self, rows: slice, /) -> tuple[Pixels, Pixels | None]:
+    def with_alpha(self, rows: slice, /) -> tuple[AnyArray, AnyArray | None]:
         """Return rows of the colours, and of alpha if there is one."""
 
 
@@ -144,8 +141,8 @@ class PixelRows(Protocol):
 class PixelsInMemory:
     """An image that was read at once."""
 
-    pixels: Pixels
-    alpha: Pixels | None
+    pixels: AnyArray
+    alpha: AnyArray | None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -155,14 +152,14 @@ class PixelsInMemory:
     def dtype(self) -> np.dtype[Any]:
         return self.pixels.dtype
 
-    def with_alpha(self, rows: slice) -> tuple[Pixels, Pixels | None]:
+    def with_alpha(self, rows: slice) -> tuple[AnyArray, AnyArray | None]:
         return self.pixels[rows], None if self.alpha is None else self.alpha[rows]
 
 
 class GivenMask(NamedTuple):
     """A mask from a file."""
 
-    inside: Mask
+    inside: Bool
     file: Path
 
 
@@ -171,8 +168,8 @@ def decode_normals(
     pixels: PixelRows,
     given: GivenMask | None,
     green: Green,
-    normals: Float | BandFile,
-) -> tuple[Mask, list[Notice]]:
+    normals: Float32 | BandFile,
+) -> tuple[Bool, list[Notice]]:
     """Write the normals of an image; return where they are known, and notices.
 
     Parameters
@@ -286,12 +283,12 @@ class _Stored(NamedTuple):
         ``(H, W)`` alpha channel of the file, or None.
     """
 
-    drawn: Mask
-    finite: Mask | None
-    alpha: Pixels | None
+    drawn: Bool
+    finite: Bool | None
+    alpha: AnyArray | None
 
 
-def _stored(pixels: PixelRows, normals: Float | BandFile, bands: list[slice]) -> _Stored:
+def _stored(pixels: PixelRows, normals: Float32 | BandFile, bands: list[slice]) -> _Stored:
     """Write the values of an image: integers are decoded, floats are as they are."""
     size, integers = pixels.shape[:2], np.issubdtype(pixels.dtype, np.integer)
     most = np.iinfo(pixels.dtype).max if integers else 0
@@ -299,7 +296,7 @@ def _stored(pixels: PixelRows, normals: Float | BandFile, bands: list[slice]) ->
     table = (np.arange(most + 1) * (2.0 / max(most, 1)) - 1.0).astype(np.float32)
     drawn = np.zeros(size, np.bool_)
     finite = None if integers else np.zeros(size, np.bool_)
-    alpha: Pixels | None = None
+    alpha: AnyArray | None = None
     for rows in bands:
         part, opacity = pixels.with_alpha(rows)
         if opacity is not None:
@@ -318,7 +315,7 @@ def _stored(pixels: PixelRows, normals: Float | BandFile, bands: list[slice]) ->
     return _Stored(drawn, finite, alpha)
 
 
-def _some(normals: Float | BandFile, chosen: Mask, bands: list[slice]) -> Float:
+def _some(normals: Float32 | BandFile, chosen: Bool, bands: list[slice]) -> Float32:
     """Return ``(N, 3)`` values of some of the chosen pixels."""
     every, seen = 1 + int(np.count_nonzero(chosen)) // _MOST_COMPARED, 0
     found = [np.zeros((0, 3), np.float32)]
@@ -329,13 +326,13 @@ def _some(normals: Float | BandFile, chosen: Mask, bands: list[slice]) -> Float:
     return np.concatenate(found)
 
 
-def _distance_to_unit(vectors: Float) -> float:
+def _distance_to_unit(vectors: Float32) -> float:
     with np.errstate(over="ignore"):
         length = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
     return float(np.median(np.abs(length - 1))) if len(vectors) else 0.0
 
 
-def _were_colours(values: Float) -> bool:
+def _were_colours(values: Float32) -> bool:
     """Return whether values that are not negative are codes converted from sRGB to light.
 
     Vectors of other lengths that all point to one side may seem to have another curve.
@@ -348,12 +345,12 @@ def _were_colours(values: Float) -> bool:
     return kind == "table" and 3 * _distance_to_unit(read) < _distance_to_unit(values)
 
 
-def _share(alpha: Pixels) -> Float:
+def _share(alpha: AnyArray) -> Float32:
     full = float(np.iinfo(alpha.dtype).max) if np.issubdtype(alpha.dtype, np.integer) else 1.0
     return np.asarray(np.nan_to_num(alpha.astype(np.float32) / np.float32(full)))
 
 
-def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
+def _mask_of_alpha(file: Path, share: Float32) -> tuple[Bool | None, Notice]:
     """Return the mask given by the alpha channel, and a note about it."""
     inside = share > 0.5
     if not inside.any():
@@ -368,12 +365,12 @@ def _mask_of_alpha(file: Path, share: Float) -> tuple[Mask | None, Notice]:
     return inside, Notice("alpha-is-mask", text, str(file), "info")
 
 
-def _partly(share: Float) -> Mask:
+def _partly(share: Float32) -> Bool:
     return np.asarray((share > 0) & (share < 1))
 
 
 def _is_premultiplied(
-    normals: Float | BandFile, share: Float, bands: list[slice], *, doubled: bool
+    normals: Float32 | BandFile, share: Float32, bands: list[slice], *, doubled: bool
 ) -> bool:
     """Return whether encoded colours are multiplied by alpha.
 
@@ -389,7 +386,7 @@ def _is_premultiplied(
     return _distance_to_unit(divided) < _distance_to_unit(vectors)
 
 
-def _divide(vectors: Float, share: Float) -> None:
+def _divide(vectors: Float32, share: Float32) -> None:
     partly = _partly(share)
     vectors[partly] = (vectors[partly] + 1) / share[partly][:, None] - 1
 
@@ -401,9 +398,7 @@ def _eight_bits(file: Path) -> Notice:
 
 
 @numba.njit(nogil=True, cache=True)
-def encode(
-    first: int, last: int, normals: Float, mask: Mask, green: float, out: npt.NDArray[np.uint16]
-) -> None:
+def encode(first: int, last: int, normals: Float32, mask: Bool, green: float, out: UInt16) -> None:
     """Write ``round((n / 2 + 0.5) * 65535)``, and z toward the camera outside a mask.
 
     Parameters
@@ -425,7 +420,7 @@ def encode(
 
 
 @numba.njit(cache=True)
-def _clear(vectors: Float, drawn: Mask) -> None:
+def _clear(vectors: Float32, drawn: Bool) -> None:
     """Set ``(H, W, 3)`` vectors that are not finite or too long to 0, and write which are not 0."""
     for r in range(len(drawn)):
         for c in range(drawn.shape[1]):
@@ -438,7 +433,7 @@ def _clear(vectors: Float, drawn: Mask) -> None:
 
 
 @numba.njit(cache=True)
-def _lengths(vectors: Float, out: Float) -> None:
+def _lengths(vectors: Float32, out: Float32) -> None:
     """Write the lengths of ``(H, W, 3)`` vectors."""
     for r in range(len(out)):
         for c in range(out.shape[1]):

@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import SRGB, TransferCurve
 from rig import Notice
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64, Floating
 
 # Codes of 8 bits per unit, if 0 and 255 are -1 and 1, and the code of zero then.
 _HALF: Final = 127.5
@@ -73,7 +70,7 @@ class NormalEncoding(NamedTuple):
     zeros: tuple[float, float] = (np.nan, np.nan)
     off_unit: float = 0.0
 
-    def apply(self, vectors: Float) -> None:
+    def apply(self, vectors: Float32) -> None:
         """Change decoded vectors ``(..., 3)`` in place; their lengths are not yet 1."""
         if self.curve is not None:
             vectors[...] = self.curve.light(np.clip(vectors / 2 + 0.5, 0, 1)) * 2 - 1
@@ -122,7 +119,7 @@ class NormalEncoding(NamedTuple):
         return [Notice("normals-encoding", text, where, "info") for text in texts]
 
 
-def normal_encoding(vectors: Float) -> NormalEncoding:
+def normal_encoding(vectors: Float32) -> NormalEncoding:
     """Find out how decoded vectors ``(N, 3)``, some of those of a map, were encoded."""
     drawn = vectors[(np.abs(vectors - vectors[:, :1]) > _SAME).any(1)].astype(np.float64)
     if not len(drawn):
@@ -152,7 +149,7 @@ def normal_encoding(vectors: Float) -> NormalEncoding:
     )
 
 
-def _lacks_z(vectors: Double) -> bool:
+def _lacks_z(vectors: Float64) -> bool:
     x, y, z = vectors.T
     if np.ptp(z) > _SAME or max(np.ptp(x), np.ptp(y)) < _SAME:
         return False
@@ -162,7 +159,7 @@ def _lacks_z(vectors: Double) -> bool:
     return bool(fits.mean() > 0.99 and contradicts.mean() > 0.01)
 
 
-def _curve(vectors: Double) -> TransferCurve | None:
+def _curve(vectors: Float64) -> TransferCurve | None:
     """Return the transfer curve without which the vectors have unit length, if there is one."""
 
     def error(curve: TransferCurve | None) -> float:
@@ -188,11 +185,11 @@ def _curve(vectors: Double) -> TransferCurve | None:
     return best if error(best) < plain / _FALLS else None
 
 
-def _off_unit(vectors: Double) -> float:
+def _off_unit(vectors: Float64) -> float:
     return float(np.abs(np.linalg.norm(vectors, axis=1) - 1).mean())
 
 
-def _zeros(vectors: Double) -> list[float]:
+def _zeros(vectors: Float64) -> list[float]:
     """Return the decoded values of zero with which rounding explains z best, none without one."""
     length = np.linalg.norm(vectors, axis=1)
     codes = vectors[(length > 0.5) & (length < 1.5)] * _HALF + _HALF
@@ -208,7 +205,7 @@ def _zeros(vectors: Double) -> list[float]:
     return [zero / _HALF - 1 for zero, kept in zip(_CODES_OF_ZERO, close, strict=True) if kept]
 
 
-def _unexplained(codes: Double, zero: float, scale: float, half: float) -> int:
+def _unexplained(codes: Float64, zero: float, scale: float, half: float) -> int:
     """Return for how many unit vectors x and y, rounded, do not allow the third component."""
     away = np.abs(codes - zero)
     inner, outer = np.maximum(away[:, :2] - half, 0) / scale, (away[:, :2] + half) / scale
@@ -218,7 +215,7 @@ def _unexplained(codes: Double, zero: float, scale: float, half: float) -> int:
     return int(np.count_nonzero((z > largest + _SAME) | (z < least - _SAME)))
 
 
-def _peak(values: npt.NDArray[np.floating]) -> float:
+def _peak(values: Floating) -> float:
     """Return the value next to zero that is far more frequent than its neighbours, or NaN."""
     code = 1 / _HALF
     places = np.array([-1.5, -0.5, 0.5, 1.5]) * code

@@ -11,9 +11,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from rig import check_type, in_threads, pluralize
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Floating, Generic, Int64
 
 # Vectors in half-float EXR files deviate from unit length by up to 8e-4.
 _UNIT_TOLERANCE = 1e-3
@@ -43,8 +41,8 @@ class NormalMap:
     NormalMap.from_vectors : Make a map from vectors of any length.
     """
 
-    normals: Float
-    mask: Mask
+    normals: Float32
+    mask: Bool
 
     def __repr__(self) -> str:
         count = pluralize(int(np.count_nonzero(self.mask)), "normal")
@@ -70,7 +68,7 @@ class NormalMap:
         object.__setattr__(self, "mask", mask)
 
     @classmethod
-    def from_vectors(cls, vectors: npt.ArrayLike, mask: Mask | None = None) -> NormalMap:
+    def from_vectors(cls, vectors: npt.ArrayLike, mask: Bool | None = None) -> NormalMap:
         """Make a normal map from vectors of any length.
 
         Parameters
@@ -102,7 +100,7 @@ class NormalMap:
         return cls(normals, known)
 
     @classmethod
-    def of_unit_vectors(cls, normals: Float, mask: Mask) -> NormalMap:
+    def of_unit_vectors(cls, normals: Float32, mask: Bool) -> NormalMap:
         """Make a map from the result of a rotation or a filter, without checking it.
 
         Checking every vector would take a fifth of the time that their computation took.
@@ -125,7 +123,7 @@ class NormalMap:
         return height, width
 
 
-def _check_shapes(vectors: npt.NDArray[np.generic], mask: npt.NDArray[np.generic]) -> None:
+def _check_shapes(vectors: Generic, mask: Generic) -> None:
     if vectors.ndim != 3 or vectors.shape[2] != 3:
         raise DataError(f"normals must be of shape (H, W, 3), not {vectors.shape}")
     if mask.dtype != np.bool_ or mask.shape != vectors.shape[:2]:
@@ -137,8 +135,8 @@ def _check_shapes(vectors: npt.NDArray[np.generic], mask: npt.NDArray[np.generic
 
 @numba.njit(nogil=True, cache=True)
 def directions(
-    first: int, last: int, vectors: npt.NDArray[np.floating], inside: Mask, normals: Float,
-    known: Mask,
+    first: int, last: int, vectors: Floating, inside: Bool, normals: Float32,
+    known: Bool,
 ) -> None:  # fmt: skip
     """Write unit vectors of rows, computed in float64, and where they are known; 0 elsewhere."""
     for r in range(first, last):
@@ -158,7 +156,7 @@ def directions(
 
 
 @numba.njit(cache=True)
-def _misfits(row: Float, inside: Mask) -> int:
+def _misfits(row: Float32, inside: Bool) -> int:
     count = 0
     for c in range(inside.size):
         x, y, z = row[3 * c], row[3 * c + 1], row[3 * c + 2]
@@ -170,9 +168,7 @@ def _misfits(row: Float, inside: Mask) -> int:
 
 
 @numba.njit(nogil=True, cache=True)
-def _unsound(
-    first: int, last: int, normals: Float, mask: Mask, found: npt.NDArray[np.int64]
-) -> None:
+def _unsound(first: int, last: int, normals: Float32, mask: Bool, found: Int64) -> None:
     """Write, for each row, 1 + the column of the first vector that violates the mask."""
     for r in range(first, last):
         row = normals[r].reshape(-1)

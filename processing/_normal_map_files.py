@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import (
     BandFile,
@@ -27,9 +26,7 @@ from processing._normal_decoding import GivenMask, Green, PixelsInMemory, decode
 from processing._normal_map import NormalMap, check_normal_map
 from processing._npy_file import npy_shape, read_npy
 from rig import MAX_PIXELS, Notice, Progress, in_threads, no_progress, short_repr
-
-Mask = npt.NDArray[np.bool_]
-Pixels = npt.NDArray[Any]
+from rig.arrays import AnyArray, Bool, UInt16
 
 # In order of preference: `write_normals` writes the same normals as EXR and as PNG.
 _SUFFIXES = (".exr", ".npy", ".tif", ".tiff", ".png", ".jpg", ".jpeg")
@@ -170,7 +167,7 @@ class StoredNormals(NamedTuple):
     """
 
     normals: BandFile
-    mask: Mask
+    mask: Bool
     warnings: tuple[Notice, ...]
     files: tuple[Path, ...]
 
@@ -278,7 +275,7 @@ def write_normals(
 def write_normal_rows(
     folder: str | Path,
     normals: MapRows,
-    mask: Mask,
+    mask: Bool,
     name: str = "normals",
     *,
     green: Green = "up",
@@ -323,10 +320,10 @@ def write_normal_rows(
     return outputs
 
 
-def _encoded(normals: MapRows, mask: Mask, green: Green) -> MapRows:
+def _encoded(normals: MapRows, mask: Bool, green: Green) -> MapRows:
     turned = -1.0 if green == "down" else 1.0
 
-    def encoded(rows: slice) -> npt.NDArray[np.uint16]:
+    def encoded(rows: slice) -> UInt16:
         part = np.ascontiguousarray(normals[rows])
         samples = np.zeros(part.shape, np.uint16)
         in_threads(encode, len(samples), part, mask[rows], turned, samples)
@@ -361,7 +358,7 @@ def _files(path: Path, mask_path: str | Path | None) -> tuple[Path, Path | None]
 def _read_pixels(file: Path, max_pixels: int) -> PixelsInMemory:
     if file.suffix.lower() != ".npy":
         return PixelsInMemory(*read_image_with_alpha(file, max_pixels=max_pixels))
-    array: Pixels = read_npy(file, 4 * max_pixels)
+    array: AnyArray = read_npy(file, 4 * max_pixels)
     if array.dtype not in (np.uint8, np.uint16) and not np.issubdtype(array.dtype, np.floating):
         raise DataError(f"{file}: numbers of type {array.dtype}, expected float, uint8 or uint16")
     if array.ndim == 3 and array.shape[2] == 4:

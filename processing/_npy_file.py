@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, MissingPathError
 from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head
+from rig.arrays import AnyArray
 
 _MAGIC: Final = b"\x93NUMPY"
 _MOST_HEADER: Final = 10_000  # NumPy also rejects longer ones
@@ -26,7 +26,7 @@ _KEYS: Final = {
 }
 
 
-def read_npy(path: Path, max_numbers: int) -> npt.NDArray[Any]:
+def read_npy(path: Path, max_numbers: int) -> AnyArray:
     """Read an array of numbers.
 
     Parameters
@@ -90,7 +90,7 @@ def _header(data: bytes) -> _Header:
     return _Header(np.dtype(kind), "F" if order[1] == "True" else "C", sides, end)
 
 
-def _array(data: bytes, max_numbers: int) -> npt.NDArray[Any]:
+def _array(data: bytes, max_numbers: int) -> AnyArray:
     dtype, order, sides, end = _header(data)
     count = math.prod(sides)
     if count > max_numbers:

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from rig import in_threads
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64
 
 _WINDOW, _SIGMA = 11, 1.5
 _REACH = _WINDOW // 2
@@ -20,8 +16,8 @@ _ROWS, _COLUMNS = 64, 192
 
 
 def similarity_rows(
-    a: Float, b: Float, mask: Mask, c1: float, c2: float, drawn: tuple[Mask, Mask] | None = None
-) -> Double:
+    a: Float32, b: Float32, mask: Bool, c1: float, c2: float, drawn: tuple[Bool, Bool] | None = None
+) -> Float64:
     """Return the sum of the similarity over each row of a mask, averaged over the channels.
 
     Statistics are those of ``n / 2 + 0.5`` over the pixels of the mask, in float64, weighted by a
@@ -63,7 +59,7 @@ def _mirrored(index: int, count: int) -> int:
 
 @numba.njit(cache=True)
 def _fill(
-    a: Float, b: Float, drawn_a: Mask, drawn_b: Mask, inside: Mask, left: int, out: Double
+    a: Float32, b: Float32, drawn_a: Bool, drawn_b: Bool, inside: Bool, left: int, out: Float64
 ) -> None:
     """Write the quantities of a row from column `left` on, 0 outside the mask, and its mask."""
     columns = inside.size
@@ -89,19 +85,19 @@ def _fill(
 
 @numba.njit(cache=True)
 def _weighted(
-    a: Double,
-    b: Double,
-    c: Double,
-    d: Double,
-    e: Double,
-    f: Double,
-    g: Double,
-    h: Double,
-    i: Double,
-    j: Double,
-    k: Double,
-    w: Double,
-    out: Double,
+    a: Float64,
+    b: Float64,
+    c: Float64,
+    d: Float64,
+    e: Float64,
+    f: Float64,
+    g: Float64,
+    h: Float64,
+    i: Float64,
+    j: Float64,
+    k: Float64,
+    w: Float64,
+    out: Float64,
 ) -> None:
     """Write the weighted sum of eleven rows, added one after the other."""
     w0, w1, w2, w3, w4, w5 = w[0], w[1], w[2], w[3], w[4], w[5]
@@ -112,7 +108,7 @@ def _weighted(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _similarities(means: Double, c1: float, c2: float, out: Double) -> None:
+def _similarities(means: Float64, c1: float, c2: float, out: Float64) -> None:
     for i in range(out.size):
         share = means[5, i]
         mean_x, mean_y = means[0, i] / share, means[1, i] / share
@@ -130,15 +126,15 @@ def _similarities(means: Double, c1: float, c2: float, out: Double) -> None:
 def _similarity_rows(
     first: int,
     last: int,
-    a: Float,
-    b: Float,
-    drawn_a: Mask,
-    drawn_b: Mask,
-    mask: Mask,
-    weights: Double,
+    a: Float32,
+    b: Float32,
+    drawn_a: Bool,
+    drawn_b: Bool,
+    mask: Bool,
+    weights: Float64,
     c1: float,
     c2: float,
-    result: Double,
+    result: Float64,
 ) -> None:
     rows, columns = mask.shape
     for band in range(first, last):

@@ -6,10 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-import numpy as np
-import numpy.typing as npt
-
 from rig._short_repr import short_repr
+from rig.arrays import UInt16
 
 Trigger = Literal["software", "line"]
 
@@ -92,7 +90,7 @@ class CameraFrame:
         Temperature of the sensor, None if the camera does not report it.
     """
 
-    pixels: npt.NDArray[np.uint16]
+    pixels: UInt16
     frame_id: int
     timestamp_ns: int
     exposure_us: float

@@ -14,6 +14,7 @@ from rig._errors import RigConfigError, RigNotFoundError
 from rig._guard import MAX_TOML_BYTES, UnreadableError, parse_toml, read_bounded
 from rig._notice import pluralize
 from rig._validation_message import validation_message
+from rig.arrays import Str
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 # A limit of 100 m is larger than any dome.
@@ -75,7 +76,7 @@ class Mounting(BaseModel):
         return _pattern(self.stored(_mosaic(cfa, size)), cfa)
 
 
-def _mosaic(cfa: str, size: tuple[int, int]) -> npt.NDArray[np.str_]:
+def _mosaic(cfa: str, size: tuple[int, int]) -> Str:
     """Return the smallest mosaic whose borders cut the pattern as those of the frame do."""
     side = isqrt(len(cfa))
     if side * side != len(cfa):
@@ -85,7 +86,7 @@ def _mosaic(cfa: str, size: tuple[int, int]) -> npt.NDArray[np.str_]:
     return np.pad(block, more, mode="wrap")
 
 
-def _pattern(mosaic: npt.NDArray[np.str_], cfa: str) -> str:
+def _pattern(mosaic: Str, cfa: str) -> str:
     side = isqrt(len(cfa))
     return "".join(mosaic[:side, :side].ravel())
 

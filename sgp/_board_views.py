@@ -7,15 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import calibration
 import rig
+from rig.arrays import Float32
 from sgp._console import shown
 from sgp._stages import open_source
-
-FloatImage = npt.NDArray[np.float32]
 
 
 @dataclass
@@ -82,7 +80,7 @@ def find_views(
     return found
 
 
-def mean_image(source: acquisition.Source, frames: Sequence[acquisition.Frame]) -> FloatImage:
+def mean_image(source: acquisition.Source, frames: Sequence[acquisition.Frame]) -> Float32:
     """Return the mean of frames as gray values that are proportional to light."""
     linear = acquisition.Linearizer(source)
     total = None
@@ -97,7 +95,7 @@ def _grays(
     source: acquisition.Source,
     linear: acquisition.Linearizer,
     frames: Sequence[acquisition.Frame],
-) -> Iterator[FloatImage]:
+) -> Iterator[Float32]:
     for frame in frames:
         signal = linear.signal(frame)
         if source.cfa is not None:

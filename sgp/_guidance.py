@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from cyclopts import Parameter
 
 import acquisition
+from rig.arrays import Float32
 from sgp._exit import UsageError
 from sgp._options import OptionalInput, Positive
-
-Float = npt.NDArray[np.float32]
 
 _CURVATURE = "curvature"
 _LARGEST = {"uint8": 255, "uint16": 65535}
@@ -103,7 +101,7 @@ class GuidanceOptions:
         return maps
 
 
-def _read(path: Path, max_pixels: int) -> tuple[Float, bool]:
+def _read(path: Path, max_pixels: int) -> tuple[Float32, bool]:
     """Return a map, and whether it was stored as whole numbers; these become 0 to 1."""
     image = acquisition.read_image(path, max_pixels=max_pixels)
     if image.ndim != 2:

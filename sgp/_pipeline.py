@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
+from rig.arrays import Float32, UInt8
 from sgp._console import Stages
 from sgp._metrics import StagesMetrics
 from sgp._options import SourceOptions
@@ -86,10 +86,10 @@ class Integrable:
     """What the surface is computed from: normals, colours, depths and deviations."""
 
     normal_map: processing.NormalMap
-    colours: npt.NDArray[np.uint8]
-    depth_mm: npt.NDArray[np.float32] | None
-    sigma_deg: npt.NDArray[np.float32] | None
-    common_sigma_deg: npt.NDArray[np.float32] | None
+    colours: UInt8
+    depth_mm: Float32 | None
+    sigma_deg: Float32 | None
+    common_sigma_deg: Float32 | None
 
 
 @dataclass(frozen=True, eq=False)

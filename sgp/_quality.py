@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
+from rig.arrays import Float64
 from sgp._stage_metrics import NormalsMetrics, QualityMetrics, SampleShares
 
 
@@ -47,7 +47,7 @@ def quality_lines(quality: processing.ImageQuality) -> list[str]:
     return lines
 
 
-def _listed(values: npt.NDArray[np.float64]) -> list[float]:
+def _listed(values: Float64) -> list[float]:
     return [round(float(value), 6) for value in values]
 
 

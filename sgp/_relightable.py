@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
 import rig
+from rig.arrays import Bool, Float32, Float64
 from sgp._metrics import RtiMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
@@ -20,8 +20,6 @@ from sgp._panels.maps import image_panel, map_panel
 from sgp._result import Result
 from sgp._result_source import NormalsResult, open_source_of
 from sgp._stage_options import RelightOptions
-
-Mask = npt.NDArray[np.bool_]
 
 # Rows and lights from which the deviations of the files are measured, at most.
 _ROWS = 200
@@ -51,7 +49,7 @@ class Relightable:
     fit: processing.RelightFit
     fitted_to: Literal["images", "normals"]
     directions: Literal["distant", "surface", "plane"]
-    lights: npt.NDArray[np.float64]
+    lights: Float64
     files: list[Path]
     notices: list[rig.Notice]
 
@@ -125,7 +123,7 @@ def _of_normals(
 def write_relightable(
     folder: Path,
     made: Relightable,
-    mask: Mask,
+    mask: Bool,
     options: RelightOptions,
     quality: int,
     about: Sequence[acquisition.Identity],
@@ -177,7 +175,7 @@ def write_relightable(
 def _difference(
     image: processing.RelightableImage,
     stored: processing.RelightableImage,
-    lights: npt.NDArray[np.float64],
+    lights: Float64,
 ) -> tuple[float, float]:
     """Return rms and largest deviation of shown values, 0 to 255, in some rows under some lights.
 
@@ -205,8 +203,8 @@ def _difference(
 def _draw(
     path: Path,
     image: processing.RelightableImage,
-    residual: npt.NDArray[np.float32],
-    mask: Mask,
+    residual: Float32,
+    mask: Bool,
     options: RelightOptions,
 ) -> None:
     """Draw the image, as it is in the files, under four lights, and the deviation of the fit.

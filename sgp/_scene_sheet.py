@@ -6,12 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import simulator
+from rig.arrays import Float32
 from sgp._overview import choose_plot_folder, write_figure
-
-Picture = npt.NDArray[np.float32]
 
 # The conventional light of drawings: from the upper left, low enough to show relief.
 _FROM = np.array([-0.6, 0.6, 0.5])
@@ -74,7 +72,7 @@ def upper_left_light(rendering: simulator.Rendering) -> int:
     return int(np.argmax(rendering.truth.lights.unit_directions @ _FROM))
 
 
-def _lit(rendering: simulator.Rendering, light: int) -> Picture:
+def _lit(rendering: simulator.Rendering, light: int) -> Float32:
     plane, truth = rendering.planes[light], rendering.truth
     matte = truth.mask if truth.mask.any() else ~np.any(truth.sphere_masks, axis=0)
     white = float(np.quantile(plane[matte], 0.995)) or 1.0
@@ -82,13 +80,13 @@ def _lit(rendering: simulator.Rendering, light: int) -> Picture:
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def _normals(rendering: simulator.Rendering) -> Picture:
+def _normals(rendering: simulator.Rendering) -> Float32:
     truth = rendering.truth
     colours = np.where(truth.mask[..., None], truth.normals / 2 + 0.5, _BOARD_LIT)
     return colours.astype(np.float32)
 
 
-def _shadows(rendering: simulator.Rendering, light: int) -> Picture:
+def _shadows(rendering: simulator.Rendering, light: int) -> Float32:
     truth = rendering.truth
     shadows = np.zeros_like(truth.mask) if truth.shadows is None else truth.shadows[light]
     board = np.where(shadows, _BOARD_DARK, _BOARD_LIT)

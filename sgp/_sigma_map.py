@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
 import rig
+from rig.arrays import AnyArray, Bool, Float32
 from sgp._record import records_of
 
 _NAME = "normal_sigma_deg"
@@ -42,7 +41,7 @@ class SigmaMap:
 
 def read_sigma(
     path: Path,
-    mask: npt.NDArray[np.bool_],
+    mask: Bool,
     max_pixels: int,
     store: acquisition.BandStore | None = None,
 ) -> SigmaMap:
@@ -63,13 +62,11 @@ def read_sigma(
     return SigmaMap(sigma, common_deg, notices)
 
 
-def _limited(sigma_deg: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+def _limited(sigma_deg: AnyArray) -> Float32:
     return np.minimum(sigma_deg.astype(np.float32), np.float32(processing.UNIFORM_DEG))
 
 
-def _checked(
-    path: Path, image: acquisition.MapRows, mask: npt.NDArray[np.bool_]
-) -> list[rig.Notice]:
+def _checked(path: Path, image: acquisition.MapRows, mask: Bool) -> list[rig.Notice]:
     """Return notices about gaps; refuse a map that is not one of standard deviations."""
     height, width = mask.shape
     if image.shape != (height, width) or not np.issubdtype(image.dtype, np.floating):

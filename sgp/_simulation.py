@@ -8,11 +8,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import rig as rigs
 import simulator
+from rig.arrays import Bool, Float32, Int64
 from sgp._console import Stages
 
 Rendered = simulator.Rendering | simulator.StoredRendering
@@ -91,7 +91,7 @@ def metered_exposures(rendering: Rendered) -> tuple[float, ...]:
     return tuple(sorted(set(exposures), reverse=True))
 
 
-def _brightest(rendering: Rendered, where: npt.NDArray[np.bool_], quantile: float) -> float:
+def _brightest(rendering: Rendered, where: Bool, quantile: float) -> float:
     """Return the largest quantile over all lights of the signal, in photons per microsecond."""
     places = np.flatnonzero(where)
     if quantile < 1:
@@ -100,7 +100,7 @@ def _brightest(rendering: Rendered, where: npt.NDArray[np.bool_], quantile: floa
     return max(float(np.quantile(_at(rendering.plane(led), places), quantile)) for led in lights)
 
 
-def _at(plane: acquisition.MapRows, places: npt.NDArray[np.int64]) -> npt.NDArray[np.float32]:
+def _at(plane: acquisition.MapRows, places: Int64) -> Float32:
     """Return the values at indices, in order, of all pixels."""
     height, width = plane.shape
     found = []

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import calibration
 import rig
+from rig.arrays import Float32
 from sgp._console import Stages
 from sgp._metrics import SpheresMetrics
 from sgp._output import complete_provenance
@@ -41,7 +41,7 @@ class SphereLights:
     source: acquisition.Source
     estimate: calibration.SphereCalibration
     lights: acquisition.Lights
-    brightest: npt.NDArray[np.float32]
+    brightest: Float32
     warnings: tuple[rig.Notice, ...]
 
 
@@ -192,7 +192,7 @@ def _say_errors(lights: acquisition.Lights) -> list[str]:
 
 def draw_spheres(
     path: Path,
-    shown: Sequence[tuple[acquisition.Source, npt.NDArray[np.float32]]],
+    shown: Sequence[tuple[acquisition.Source, Float32]],
     estimate: calibration.SphereCalibration,
 ) -> None:
     """Write a picture of the spheres and lights; ``shown`` has the brightest value of each pixel.
@@ -220,7 +220,7 @@ def draw_spheres(
 def draw_candidates(
     path: Path,
     source: acquisition.Source,
-    brightest: npt.NDArray[np.float32],
+    brightest: Float32,
     candidates: Sequence[calibration.SphereCandidate],
 ) -> None:
     """Write a picture of numbered circles that may be spheres, and why each was not used."""

@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import numpy.typing as npt
 from cyclopts import Parameter
 
 import acquisition
 import processing
+from rig.arrays import Bool
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._options import Count, Green, Order, Positive, Triangles
-
-Mask = npt.NDArray[np.bool_]
 
 
 @Parameter(name="*")
@@ -33,7 +30,7 @@ class MapOptions:
     green_out: Green = "up"
 
     def write(
-        self, folder: Path, normals: acquisition.MapRows, mask: Mask, name: str = "normals"
+        self, folder: Path, normals: acquisition.MapRows, mask: Bool, name: str = "normals"
     ) -> dict[str, Path]:
         """Write a map with its mask, and show the progress; return the files."""
         with Stages() as progress:

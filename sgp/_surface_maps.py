@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Literal, cast
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import calibration
 import processing
 import rig
+from rig.arrays import Bool, Float32
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._hashes import input_hashes, sha256
@@ -25,8 +25,6 @@ from sgp._result import Result
 from sgp._sigma_map import read_sigma
 from sgp._stage_options import SurfaceOptions
 from sgp._write_surface import write_surface
-
-Mask = npt.NDArray[np.bool_]
 
 # Bytes per pixel of temporary and final files in blocks.
 _TEMPORARY, _FILES = 64, 75
@@ -193,7 +191,7 @@ def integrated(
             normals = _only(normals, inside)
         notices += inputs.doubts
         sigma: acquisition.MapRows | None = None
-        common: npt.NDArray[np.float32] | float | None = None
+        common: Float32 | float | None = None
         if inputs.common_sigma_deg is not None:
             common = inputs.common_sigma_deg[:]
         if inputs.sigma is not None and inputs.weighted:
@@ -327,7 +325,7 @@ def _read(
     return stored, stored
 
 
-def _masked(path: Path, known: Mask, normals: Path) -> tuple[Mask, list[rig.Notice]]:
+def _masked(path: Path, known: Bool, normals: Path) -> tuple[Bool, list[rig.Notice]]:
     """Return the pixels of a mask that have a normal, and a notice about the others."""
     height, width = known.shape
     wanted = acquisition.read_mask(path, (height, width))
@@ -341,7 +339,7 @@ def _masked(path: Path, known: Mask, normals: Path) -> tuple[Mask, list[rig.Noti
 
 
 def _only(
-    given: processing.NormalMap | processing.StoredNormals, inside: Mask
+    given: processing.NormalMap | processing.StoredNormals, inside: Bool
 ) -> processing.NormalMap | processing.StoredNormals:
     """Return the normals inside a mask; a file is changed."""
     if isinstance(given, processing.NormalMap):
@@ -352,7 +350,7 @@ def _only(
     return given._replace(mask=inside)
 
 
-def _colours(path: Path, image: acquisition.MapRows, mask: Mask) -> acquisition.MapRows:
+def _colours(path: Path, image: acquisition.MapRows, mask: Bool) -> acquisition.MapRows:
     """Return sRGB samples, in memory as the image: floats are linear albedo, others are sRGB."""
     kind, (height, width) = np.dtype(np.uint8), mask.shape
     if image.shape[:2] != mask.shape:

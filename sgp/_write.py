@@ -6,10 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
+from rig.arrays import Bool
 from sgp._console import shown
 from sgp._output import provenance
 from sgp._quality import add_quality, add_uncertainty, quality_lines, sigma_lines
@@ -88,7 +88,7 @@ def _as_float(values: acquisition.MapRows) -> acquisition.MapRows:
 def _write_albedo(
     path: Path,
     albedo: acquisition.MapRows,
-    mask: npt.NDArray[np.bool_],
+    mask: Bool,
     picture: processing.AlbedoPicture | None,
 ) -> float:
     """Write the albedo as a picture, and return the albedo at white."""
@@ -169,7 +169,7 @@ def normals_metrics(stage: processing.Reconstruction) -> NormalsMetrics:
 def write_separation(
     folder: Path,
     parts: acquisition.Maps,
-    mask: npt.NDArray[np.bool_],
+    mask: Bool,
     maps: MapOptions = MAPS,
 ) -> Result:
     """Write shape and detail as EXR and 16-bit PNG, with their mask; return files and figures."""

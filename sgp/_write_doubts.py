@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
+from rig.arrays import Float32, UInt8
 from sgp._stage_metrics import SurfaceMetrics
 
 # The picture of the curl is saturated at this many robust standard deviations.
@@ -21,7 +21,7 @@ def write_curl(folder: Path, curl: processing.NormalCurl) -> Path:
     """Write curl.png: white without curl, red positive, blue negative, black outside."""
     limit = max(_SATURATED * np.nan_to_num(curl.spread_deg), 0.1)
 
-    def colours(rows: slice) -> npt.NDArray[np.uint8]:
+    def colours(rows: slice) -> UInt8:
         values = curl.curl_deg[rows]
         share = np.clip(np.nan_to_num(values) / limit, -1, 1)
         faded = 255 * (1 - np.abs(share))
@@ -29,7 +29,7 @@ def write_curl(folder: Path, curl: processing.NormalCurl) -> Path:
             [np.where(share > 0, 255, faded), faded, np.where(share < 0, 255, faded)], axis=2
         )
         colour[np.isnan(values)] = 0
-        samples: npt.NDArray[np.uint8] = np.rint(colour).astype(np.uint8)
+        samples: UInt8 = np.rint(colour).astype(np.uint8)
         return samples
 
     path = folder / "curl.png"
@@ -67,5 +67,5 @@ def height_sigma_lines(height_map: processing.HeightMap) -> list[str]:
     return [text]
 
 
-def _median(values: npt.NDArray[np.float32]) -> float:
+def _median(values: Float32) -> float:
     return float(np.nanmedian(values))

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
+from rig.arrays import AnyArray, Bool
 from sgp._metrics import SuperresMetrics
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import Masked, lit_panel, map_panel
 from sgp._result import Result
-
-Mask = npt.NDArray[np.bool_]
 
 # Side of the part that is shown at its own resolution, and of the blocks in which it is found.
 _PART_PX, _BLOCK_PX = 240, 16
@@ -30,8 +27,8 @@ def write_superres_maps(out: Path, made: processing.SuperResolution) -> dict[str
     """Write the standard deviations, if there are any, and what was invented."""
     outputs = {"invented": out / "invented.png"}
 
-    def shares(rows: slice) -> npt.NDArray[Any]:
-        samples: npt.NDArray[Any] = np.rint(made.maps["invented"][rows] * 255).astype(np.uint8)
+    def shares(rows: slice) -> AnyArray:
+        samples: AnyArray = np.rint(made.maps["invented"][rows] * 255).astype(np.uint8)
         return samples
 
     pixels = acquisition.ComputedRows(made.mask.shape, np.dtype(np.uint8), shares)
@@ -114,7 +111,7 @@ def _interpolated(
     return plain.normal_map, Crop(inner_rows, inner_columns)
 
 
-def _part(added_deg: acquisition.MapRows, mask: Mask, scale: int) -> tuple[slice, slice]:
+def _part(added_deg: acquisition.MapRows, mask: Bool, scale: int) -> tuple[slice, slice]:
     """Return the window to which the network added most, in steps of the blocks."""
     height, width = mask.shape
     edges = np.arange(0, width, _BLOCK_PX)

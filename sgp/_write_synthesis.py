@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
+from rig.arrays import Bool
 from sgp._console import Stages, shown
 from sgp._metrics import SynthesisMetrics, figures_of
 from sgp._overview import write_overview
@@ -38,7 +38,7 @@ class Synthesised:
     """
 
     normals: acquisition.MapRows
-    mask: npt.NDArray[np.bool_]
+    mask: Bool
     measured: processing.NormalMap
     patch: int
     steps: processing.CutSteps

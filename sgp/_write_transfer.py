@@ -6,19 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
 import rig
+from rig.arrays import Bool
 from sgp._metrics import TransferMetrics, figures_of
 from sgp._overview import write_overview
 from sgp._panels.crop import Crop
 from sgp._panels.maps import map_panel, normals_panel
 from sgp._result import Result
 from sgp._stage_maps import StageMaps
-
-Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,7 @@ class Transferred:
     """
 
     normals: acquisition.MapRows
-    mask: Mask
+    mask: Bool
     shape_error_deg: acquisition.MapRows
     detail_error_deg: acquisition.MapRows
     figures: processing.TransferFigures

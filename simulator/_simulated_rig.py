@@ -6,10 +6,8 @@ import contextlib
 from dataclasses import replace
 from typing import Literal
 
-import numpy as np
-import numpy.typing as npt
-
 from rig import Board, Camera, Rig, RigConfig, RigConfigError, open_genicam
+from rig.arrays import Float32
 from simulator._bench_state import BenchState
 from simulator._board.virtual_board import VirtualBoard
 from simulator._camera.gentl_camera import GentlCamera, GentlDevice
@@ -149,7 +147,7 @@ def _mounted(planes: Planes, config: RigConfig) -> Planes:
     if mounting == type(mounting)():
         return planes
 
-    def stored(led: int | None) -> npt.NDArray[np.float32]:
+    def stored(led: int | None) -> Float32:
         return mounting.stored(planes(led)[:])
 
     return stored

@@ -13,8 +13,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._storage import disk, open_binary, write_whole_at
-
-Rows = npt.NDArray[Any]
+from rig.arrays import AnyArray
 
 
 class BandFile:
@@ -79,7 +78,7 @@ class BandFile:
         """Number of bytes."""
         return self.shape[0] * self._row
 
-    def __getitem__(self, rows: slice) -> Rows:
+    def __getitem__(self, rows: slice) -> AnyArray:
         first, count = self._range(rows)
         values = np.zeros((count, *self.shape[1:]), self.dtype)
         data = values.reshape(-1).view(np.uint8).data
@@ -100,7 +99,7 @@ class BandFile:
         with disk(self.path, "write"):
             write_whole_at(self._file, data, first * self._row)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Rows:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> AnyArray:
         return self[:].astype(dtype or self.dtype, copy=False)
 
     def _range(self, rows: slice) -> tuple[int, int]:

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol, TypeGuard
 
 import numpy as np
-import numpy.typing as npt
 
-Rows = npt.NDArray[Any]
+from rig.arrays import AnyArray
 
 
 class MapRows(Protocol):
@@ -23,7 +22,7 @@ class MapRows(Protocol):
     def dtype(self) -> np.dtype[Any]:
         """Type of the values."""
 
-    def __getitem__(self, rows: slice, /) -> Rows:
+    def __getitem__(self, rows: slice, /) -> AnyArray:
         """Return the rows from ``rows.start`` to before ``rows.stop``."""
 
 
@@ -53,9 +52,9 @@ class ComputedRows:
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    compute: Callable[[slice], Rows]
+    compute: Callable[[slice], AnyArray]
 
-    def __getitem__(self, rows: slice) -> Rows:
+    def __getitem__(self, rows: slice) -> AnyArray:
         first, last, _ = rows.indices(self.shape[0])
         return self.compute(slice(first, last))
 

@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._bands.map_rows import MapRows
+from rig.arrays import AnyArray
 
-Rows = npt.NDArray[Any]
 Form = tuple[tuple[int, ...], type[np.generic]]
 
 
@@ -55,13 +55,13 @@ class MemoryMap:
 
     def __init__(self, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         self.shape, self.dtype = shape, dtype
-        self._values: Rows | None = None
+        self._values: AnyArray | None = None
         self._is_shared = False  # with the caller, or with another map
 
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, rows: slice) -> Rows:
+    def __getitem__(self, rows: slice) -> AnyArray:
         if self._values is None:
             self._values = np.zeros(self.shape, self.dtype)
         found = self._values[rows]
@@ -77,7 +77,7 @@ class MemoryMap:
             self._values, self._is_shared = self._values.copy(), False
         self[rows][:] = given
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Rows:
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> AnyArray:
         return np.array(self[:], dtype or self.dtype, copy=copy)
 
 

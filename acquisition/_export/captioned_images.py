@@ -10,13 +10,13 @@ from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
-import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._pixels.encoded_image import encoded_image, store_image
 from acquisition._pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
 from acquisition._session.manifest import Manifest
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
+from rig.arrays import Float32, UInt16
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def _xml(text: str) -> str:
 
 
 def write_captioned_png(
-    path: Path, pixels: npt.NDArray[np.uint16], caption: Caption, transfer: TransferCurve = LINEAR
+    path: Path, pixels: UInt16, caption: Caption, transfer: TransferCurve = LINEAR
 ) -> None:
     """Write a 16-bit PNG with its gamma in its header and the caption as iTXt fields and XMP.
 
@@ -138,7 +138,7 @@ def write_captioned_png(
 
 def write_captioned_exr(
     path: Path,
-    pixels: npt.NDArray[np.float32],
+    pixels: Float32,
     caption: Caption,
     attributes: dict[str, Any],
     transfer: TransferCurve = LINEAR,

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._export.values import Samples
 from acquisition._session.manifest import CameraRecord
@@ -19,6 +18,7 @@ from acquisition._source.source import Frame, Source
 from acquisition._values.lights import Lights, led_id
 from acquisition._values.transfer_curve import LINEAR
 from rig import Notice
+from rig.arrays import Float64
 
 Layout = Literal["diligent", "lp", "exr", "alicevision"]
 Pair = tuple[SessionFrame, Frame]
@@ -127,7 +127,7 @@ def exr_attributes(
     return attributes
 
 
-def _triple(vector: npt.NDArray[np.float64]) -> tuple[float, float, float]:
+def _triple(vector: Float64) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in vector)
     return x, y, z
 

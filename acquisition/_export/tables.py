@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._storage import write_durably
 from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
 from acquisition._value_files.mat5 import write_normals_mat
-from acquisition._values.lights import Array, Lights
+from acquisition._values.lights import Lights
+from rig.arrays import Float32, Float64
 
 
 def write_diligent_tables(
-    folder: Path, names: Sequence[str], lights: Lights, normals: npt.NDArray[np.float32] | None
+    folder: Path, names: Sequence[str], lights: Lights, normals: Float32 | None
 ) -> list[Path]:
     """Write filenames.txt, light_directions.txt, light_intensities.txt, and Normal_gt.mat.
 
@@ -53,7 +53,7 @@ def write_alicevision_lights(folder: Path, views: Sequence[int], lights: Lights)
     return path
 
 
-def _numbers(table: Array) -> list[list[str]]:
+def _numbers(table: Float64) -> list[list[str]]:
     """Format numbers without exponents, with enough digits to read back exactly."""
     return [[np.format_float_positional(value, trim="0") for value in row] for row in table]
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._source.linear import Linearizer
 from acquisition._source.recording_json import Values
 from acquisition._source.source import Frame, Source
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice
+from rig.arrays import Float32, UInt16
 
 _FULL = 65535
 
@@ -33,7 +33,7 @@ class Samples:
         self._source = source
         self._linear = Linearizer(source)
 
-    def whole_numbers(self, frame: Frame) -> npt.NDArray[np.uint16]:
+    def whole_numbers(self, frame: Frame) -> UInt16:
         """Return the samples of a 16-bit image; if linear, white and saturated ones are 65535."""
         if self.values == "raw":
             return frame.read().astype(np.uint16)
@@ -41,7 +41,7 @@ class Samples:
         signal[saturated] = 1.0
         return np.rint(np.clip(signal, 0, 1) * _FULL).astype(np.uint16)
 
-    def floats(self, frame: Frame) -> npt.NDArray[np.float32]:
+    def floats(self, frame: Frame) -> Float32:
         """Return the samples of a float image; if linear, white is 1 and nothing is clipped."""
         if self.values == "raw":
             return frame.read().astype(np.float32)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._pixels.image_facts import ImageFacts, image_facts
@@ -14,6 +13,7 @@ from acquisition._pixels.images import Image, read_image
 from acquisition._pixels.raw import read_raw
 from acquisition._values.image_names import is_raw
 from rig import MAX_PIXELS
+from rig.arrays import UInt16
 
 # Some cameras measure the black level for each frame: allowed difference, relative to white.
 _BLACK_SLACK = 0.001
@@ -38,7 +38,7 @@ class ImportedImage:
     """
 
     facts: ImageFacts
-    pixels: npt.NDArray[np.uint16]
+    pixels: UInt16
     bit_depth: int
     cfa: str | None
     black_level_dn: float

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._mesh_files.glb_accessors import Accessors, as_count, refuse_coded
 from acquisition._mesh_files.mesh_file import MeshFile
 from rig import Notice, UnreadableError, convert_parser_errors, parse_json, pluralize
-
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int64]
+from rig.arrays import Float64, Int64
 
 _MAGIC, _VERSION = b"glTF", 2
 _JSON, _BIN = 0x4E4F534A, 0x004E4942
@@ -42,9 +39,9 @@ _MOST_COPIED: Final = 20_000_000
 class _Part:
     """One primitive: vertices, triangles and normals, in the axes of its mesh."""
 
-    vertices: Double
-    faces: Whole
-    normals: Double | None
+    vertices: Float64
+    faces: Int64
+    normals: Float64 | None
 
 
 def read_glb(data: bytes) -> MeshFile:
@@ -170,14 +167,14 @@ def _check_nodes(content: dict[str, Any]) -> None:
         raise UnreadableError("its nodes form a cycle: the file is damaged")
 
 
-def _shown(content: dict[str, Any]) -> dict[int, Double]:
+def _shown(content: dict[str, Any]) -> dict[int, Float64]:
     """Return the nodes of the scene that the file shows first, and their transformations."""
     nodes, scenes = content.get("nodes", []), content.get("scenes", [])
     if scenes:
         roots = scenes[as_count(content.get("scene", 0))].get("nodes", [])
     else:
         roots = sorted(set(range(len(nodes))) - {c for n in nodes for c in n.get("children", ())})
-    shown: dict[int, Double] = {}
+    shown: dict[int, Float64] = {}
     waiting = [(as_count(root), np.eye(4)) for root in reversed(roots)]
     while waiting:
         node, above = waiting.pop()
@@ -192,14 +189,14 @@ def _shown(content: dict[str, Any]) -> dict[int, Double]:
     return shown
 
 
-def _own_matrix(node: dict[str, Any]) -> Double:
+def _own_matrix(node: dict[str, Any]) -> Float64:
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     parts = (node.get("translation", (0, 0, 0)), node.get("rotation", (0, 0, 0, 1)))
     return _matrix(*(np.array(one, np.float64) for one in (*parts, node.get("scale", (1, 1, 1)))))
 
 
-def _matrix(translation: Double, rotation: Double, scale: Double) -> Double:
+def _matrix(translation: Float64, rotation: Float64, scale: Float64) -> Float64:
     length = float(np.linalg.norm(rotation))
     if not length > 0:
         raise UnreadableError("a rotation of length 0: the file is damaged")
@@ -219,7 +216,7 @@ def _instances(node: dict[str, Any]) -> dict[str, Any]:
     return {key: found[key] for key in ("TRANSLATION", "ROTATION", "SCALE") if key in found}
 
 
-def _copies(node: dict[str, Any], accessors: Accessors) -> Iterator[Double]:
+def _copies(node: dict[str, Any], accessors: Accessors) -> Iterator[Float64]:
     """Yield the transformation of each copy that a node draws of its mesh."""
     places = _instances(node)
     if not places:
@@ -236,7 +233,7 @@ def _copies(node: dict[str, Any], accessors: Accessors) -> Iterator[Double]:
     yield from map(_matrix, moves, turns, scales)
 
 
-def _check_sizes(content: dict[str, Any], accessors: Accessors, shown: dict[int, Double]) -> None:
+def _check_sizes(content: dict[str, Any], accessors: Accessors, shown: dict[int, Float64]) -> None:
     """Refuse files whose primitives or copies would take too much time or memory."""
     meshes, nodes = content.get("meshes", []), content.get("nodes", [])
     sizes, parts = [], []
@@ -295,7 +292,7 @@ def _part(primitive: dict[str, Any], accessors: Accessors, weights: Any) -> _Par
     return _Part(vertices, _triangles(corners, primitive.get("mode", 4)), normals)
 
 
-def _triangles(corners: Whole, mode: Any) -> Whole:
+def _triangles(corners: Int64, mode: Any) -> Int64:
     match mode:
         case 4:
             if len(corners) % 3:
@@ -312,7 +309,7 @@ def _triangles(corners: Whole, mode: Any) -> Whole:
             raise UnreadableError("a primitive of an unknown kind: the file is damaged")
 
 
-def _turned(part: _Part, matrix: Double) -> Double | None:
+def _turned(part: _Part, matrix: Float64) -> Float64 | None:
     """Return normals in the axes of the file: those of planes, which turn by the inverse."""
     if part.normals is None:
         return None
@@ -321,5 +318,5 @@ def _turned(part: _Part, matrix: Double) -> Double | None:
     except np.linalg.LinAlgError:
         return None
     with np.errstate(invalid="ignore"):
-        unit: Double = turned / np.linalg.norm(turned, axis=1, keepdims=True)
+        unit: Float64 = turned / np.linalg.norm(turned, axis=1, keepdims=True)
     return unit

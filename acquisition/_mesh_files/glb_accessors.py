@@ -9,9 +9,9 @@ from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from rig import UnreadableError
+from rig.arrays import AnyArray
 
 _KINDS: Final = {
     5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"
@@ -52,14 +52,14 @@ class Accessors:
         """Return the number of elements of an accessor."""
         return as_count(self._all[as_count(place)]["count"])
 
-    def table(self, place: Any, form: str) -> npt.NDArray[Any]:
+    def table(self, place: Any, form: str) -> AnyArray:
         """Return an accessor as ``(count, numbers)``; normalised integers become float64."""
         found = self._table(as_count(place))
         if self._all[place]["type"] != form:
             raise UnreadableError(f"an accessor of type {self._all[place]['type']}, not {form}")
         return found
 
-    def _read(self, place: int) -> npt.NDArray[Any]:
+    def _read(self, place: int) -> AnyArray:
         one = self._all[place]
         count, numbers = as_count(one["count"]), _NUMBERS[one["type"]]
         kind = np.dtype(_KINDS[one["componentType"]])
@@ -84,9 +84,7 @@ class Accessors:
             return np.maximum(values.astype(np.float64) / most, -1.0)
         return values
 
-    def _rows(
-        self, one: dict[str, Any], kind: np.dtype[Any], count: int, numbers: int
-    ) -> npt.NDArray[Any]:
+    def _rows(self, one: dict[str, Any], kind: np.dtype[Any], count: int, numbers: int) -> AnyArray:
         view = self._views[as_count(one["bufferView"])]
         size = kind.itemsize * numbers
         step = as_count(view.get("byteStride", size)) or size

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from rig import Notice, UnreadableError, short_repr
+from rig.arrays import AnyArray, Float64, Int64
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,15 +30,15 @@ class MeshFile:
         expect.
     """
 
-    vertices: npt.NDArray[np.float64]
-    faces: npt.NDArray[np.int64] | None = None
-    normals: npt.NDArray[np.float64] | None = None
+    vertices: Float64
+    faces: Int64 | None = None
+    normals: Float64 | None = None
     warnings: tuple[Notice, ...] = ()
 
     __repr__ = short_repr
 
 
-def numbers_of(text: bytes) -> npt.NDArray[np.float64]:
+def numbers_of(text: bytes) -> Float64:
     """Return the whitespace-separated numbers of a text.
 
     Raises
@@ -60,7 +59,7 @@ def numbers_of(text: bytes) -> npt.NDArray[np.float64]:
         raise UnreadableError(f"text that is not a number ({_first(text)!r})") from error
 
 
-def whole(values: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+def whole(values: AnyArray) -> Int64:
     """Return values as integers; raise an UnreadableError if they are not integers."""
     if values.dtype.kind in "iu":
         return np.asarray(values, np.int64)

@@ -6,14 +6,11 @@ Format: Wavefront, Advanced Visualizer manual, appendix B1 (1995).
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import MeshFile, numbers_of, whole
 from acquisition._mesh_files.polygons import triangles_of
 from rig import UnreadableError
-
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int64]
+from rig.arrays import Float64, Int64
 
 # x y z, with a weight, a colour, or both, as several programs write.
 _VERTEX_WIDTHS = (3, 4, 6, 7)
@@ -72,7 +69,7 @@ def read_obj(data: bytes) -> MeshFile:
     return MeshFile(vertices, faces, directions, notices)
 
 
-def _table(key: str, texts: list[bytes], widths: tuple[int, ...]) -> Double:
+def _table(key: str, texts: list[bytes], widths: tuple[int, ...]) -> Float64:
     """Return the first three numbers of each line."""
     counts = set(map(len, map(bytes.split, texts)))
     if not counts <= set(widths):
@@ -87,7 +84,7 @@ def _table(key: str, texts: list[bytes], widths: tuple[int, ...]) -> Double:
     return numbers.reshape(len(texts), -1)[:, :3] if texts else np.zeros((0, 3))
 
 
-def _fields(text: bytes) -> Whole:
+def _fields(text: bytes) -> Int64:
     """Return the ``(C, 3)`` numbers of vertex, texture and normal; 0 for those that are absent."""
     if b"/" not in text:
         fields = whole(numbers_of(text)).reshape(-1, 1)
@@ -107,7 +104,7 @@ def _fields(text: bytes) -> Whole:
     return np.pad(fields, ((0, 0), (0, 3 - fields.shape[1])))
 
 
-def _places(index: Whole, above: Whole, count: int, number: Whole, what: str) -> Whole:
+def _places(index: Int64, above: Int64, count: int, number: Int64, what: str) -> Int64:
     """Return places from 0; a negative index counts back from the line of its face."""
     places = np.where(index < 0, above + index, index - 1)
     wrong = (places < 0) | (places >= count) | (index == 0)

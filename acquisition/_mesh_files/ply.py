@@ -7,12 +7,12 @@ repository: an element ``tristrips`` has a list of vertices in which -1 ends a s
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import MeshFile, whole
-from acquisition._mesh_files.ply_body import Element, Lists, Table, Whole, read_body, read_header
+from acquisition._mesh_files.ply_body import Element, Lists, Table, read_body, read_header
 from acquisition._mesh_files.polygons import triangles_of
 from rig import Notice, UnreadableError
+from rig.arrays import Bool, Float64, Int64
 
 _CORNERS = ("vertex_indices", "vertex_index")
 _STRIPS = "tristrips"
@@ -43,10 +43,10 @@ def read_ply(data: bytes) -> MeshFile:
 
 
 def _surface(
-    elements: dict[str, Element], tables: dict[str, Table], vertices: npt.NDArray[np.float64]
-) -> tuple[Whole | None, tuple[Notice, ...]]:
+    elements: dict[str, Element], tables: dict[str, Table], vertices: Float64
+) -> tuple[Int64 | None, tuple[Notice, ...]]:
     """Return the triangles of faces and strips, and warnings; None if the file has neither."""
-    triangles: list[Whole] = []
+    triangles: list[Int64] = []
     warnings: tuple[Notice, ...] = ()
     if "face" in elements and elements["face"].count:
         polygons = _corners(elements["face"], tables["face"])
@@ -78,7 +78,7 @@ def _corners(element: Element, table: Table) -> Lists:
     return Lists(corners.lengths, whole(corners.values))
 
 
-def _of_strips(strips: Lists, kind: str) -> Whole:
+def _of_strips(strips: Lists, kind: str) -> Int64:
     """Return the triangles of strips, wound like the first triangle of each strip.
 
     Degenerate triangles with a repeated vertex, which connect strips, are left out.
@@ -96,5 +96,5 @@ def _of_strips(strips: Lists, kind: str) -> Whole:
     odd = (place - begin)[:-2] % 2 == 1
     corners[odd] = corners[odd][:, [1, 0, 2]]
     a, b, c = corners.T
-    drawn: npt.NDArray[np.bool_] = (corners != -1).all(axis=1) & (a != b) & (b != c) & (c != a)
+    drawn: Bool = (corners != -1).all(axis=1) & (a != b) & (b != c) & (c != a)
     return corners[drawn]

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import numbers_of
 from rig import UnreadableError, pluralize
+from rig.arrays import AnyArray, Float64, Int64
 
 # Enough for the comments and the few dozen properties that scanners write.
 _MOST_BYTES: Final = 1 << 16
@@ -22,8 +22,6 @@ _TYPES: Final = {
     "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -93,15 +91,15 @@ def read_header(data: bytes) -> tuple[str, tuple[Element, ...], int]:
 class Lists:
     """One list property of all rows: the lengths of the lists, and their concatenated values."""
 
-    lengths: Whole
-    values: npt.NDArray[Any]
+    lengths: Int64
+    values: AnyArray
 
 
 @dataclass(frozen=True)
 class Table:
     """The rows of an element: one column per scalar property, and one per list property."""
 
-    columns: dict[str, Double]
+    columns: dict[str, Float64]
     lists: dict[str, Lists]
 
 
@@ -133,7 +131,7 @@ def read_body(data: memoryview, order: str, elements: tuple[Element, ...]) -> di
     return tables
 
 
-def _widths(element: Element, tables: dict[str, Table]) -> Whole:
+def _widths(element: Element, tables: dict[str, Table]) -> Int64:
     """Return how many numbers each row of an element has."""
     if not element.properties:
         return np.zeros(0, np.int64)
@@ -169,7 +167,7 @@ def _check_rows(text: bytes, elements: tuple[Element, ...]) -> None:
         )
 
 
-def _text(numbers: Double, elements: tuple[Element, ...]) -> Iterator[tuple[str, Table]]:
+def _text(numbers: Float64, elements: tuple[Element, ...]) -> Iterator[tuple[str, Table]]:
     at = 0
     for element in elements:
         _check_room(element, element.count * len(element.properties), len(numbers) - at)
@@ -186,7 +184,7 @@ def _text(numbers: Double, elements: tuple[Element, ...]) -> Iterator[tuple[str,
             yield element.name, table
 
 
-def _row_sizes_alike(element: Element, numbers: Double) -> list[int] | None:
+def _row_sizes_alike(element: Element, numbers: Float64) -> list[int] | None:
     """Return the count of numbers per property if it is the same in all rows, else None."""
     sizes = []
     at = 0
@@ -205,8 +203,8 @@ def _row_sizes_alike(element: Element, numbers: Double) -> list[int] | None:
     return sizes
 
 
-def _of_rows(element: Element, rows: Double, sizes: list[int]) -> Table:
-    columns: dict[str, Double] = {}
+def _of_rows(element: Element, rows: Float64, sizes: list[int]) -> Table:
+    columns: dict[str, Float64] = {}
     lists: dict[str, Lists] = {}
     begin = 0
     for one, size in zip(element.properties, sizes, strict=True):
@@ -219,7 +217,7 @@ def _of_rows(element: Element, rows: Double, sizes: list[int]) -> Table:
     return Table(columns, lists)
 
 
-def _chased(element: Element, numbers: Double, at: int) -> tuple[Table, int]:
+def _chased(element: Element, numbers: Float64, at: int) -> tuple[Table, int]:
     """Read rows of different lengths, one after another."""
     places: dict[str, list[int]] = {one.name: [] for one in element.properties}
     lengths: dict[str, list[int]] = {one.name: [] for one in element.lists}
@@ -241,7 +239,7 @@ def _chased(element: Element, numbers: Double, at: int) -> tuple[Table, int]:
     return Table({name: numbers[where] for name, where in places.items()}, lists), at
 
 
-def _length(numbers: Double, at: int) -> int:
+def _length(numbers: Float64, at: int) -> int:
     """Return the length of the list that begins at ``at``."""
     if at >= len(numbers):
         raise UnreadableError("truncated: it ends within a list: get the complete file")
@@ -274,7 +272,7 @@ def _binary(
 
 def _rows_alike(
     data: memoryview, order: str, element: Element
-) -> tuple[npt.NDArray[Any] | None, memoryview]:
+) -> tuple[AnyArray | None, memoryview]:
     """Read rows if all their lists have the lengths of the first row, else return None."""
     fields: list[Any] = []
     at = 0
@@ -300,8 +298,8 @@ def _rows_alike(
     return rows, data[row.itemsize * element.count :]
 
 
-def _of_records(element: Element, rows: npt.NDArray[Any]) -> Table:
-    columns: dict[str, Double] = {}
+def _of_records(element: Element, rows: AnyArray) -> Table:
+    columns: dict[str, Float64] = {}
     lists: dict[str, Lists] = {}
     for one in element.properties:
         if one.count:
@@ -313,7 +311,7 @@ def _of_records(element: Element, rows: npt.NDArray[Any]) -> Table:
     return Table(columns, lists)
 
 
-def _as_double(values: npt.NDArray[Any]) -> Double:
+def _as_double(values: AnyArray) -> Float64:
     with np.errstate(invalid="ignore"):  # a signalling NaN becomes a quiet one
         return values.astype(np.float64)
 
@@ -347,7 +345,7 @@ def _chased_bytes(data: memoryview, order: str, element: Element) -> tuple[Table
         raise _truncated(element)
     content = np.frombuffer(data, np.uint8)
 
-    def values(name: str, counts: Whole) -> npt.NDArray[Any]:
+    def values(name: str, counts: Int64) -> AnyArray:
         size = kinds[name].itemsize
         picked = content[_ranges(np.array(places[name], np.int64), counts * size)]
         return picked.view(kinds[name])
@@ -378,7 +376,7 @@ def _length_at(data: memoryview, at: int, reader: struct.Struct) -> int:
     return int(length)
 
 
-def _ranges(begins: Whole, lengths: Whole) -> Whole:
+def _ranges(begins: Int64, lengths: Int64) -> Int64:
     """Return the concatenated index ranges ``begin, begin + 1, ...`` of the given lengths."""
     ends = np.cumsum(lengths)
     total = int(ends[-1]) if len(ends) else 0

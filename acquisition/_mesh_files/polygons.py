@@ -6,12 +6,9 @@ from typing import Final
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from rig import Notice, UnreadableError, pluralize
-
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int64]
+from rig.arrays import Bool, Float64, Int64
 
 # Comparisons of corners that all polygons that are not convex may take together: about 2 s.
 _MOST_STEPS: Final = 1_000_000_000
@@ -20,8 +17,8 @@ _ROUNDING: Final = 1e-9
 
 
 def triangles_of(
-    lengths: Whole, corners: Whole, vertices: Double
-) -> tuple[Whole, tuple[Notice, ...]]:
+    lengths: Int64, corners: Int64, vertices: Float64
+) -> tuple[Int64, tuple[Notice, ...]]:
     """Split polygons into triangles: into fans if they are convex, else by cutting off ears.
 
     Parameters
@@ -73,7 +70,7 @@ def triangles_of(
     return corners[places], tuple(notices)
 
 
-def _cut_ears(places: Whole, polygon: Whole, lengths: Whole, begins: Whole, points: Double) -> int:
+def _cut_ears(places: Int64, polygon: Int64, lengths: Int64, begins: Int64, points: Float64) -> int:
     """Replace fans of polygons that are not convex; return how many could not be split."""
     a, b, c = (points[places[:, corner]] for corner in range(3))
     with np.errstate(all="ignore"):  # coordinates are checked later
@@ -113,15 +110,15 @@ def _cut_ears(places: Whole, polygon: Whole, lengths: Whole, begins: Whole, poin
 
 
 @numba.njit(cache=True)
-def _turn(x: Double, y: Double, a: int, b: int, c: int) -> float:
+def _turn(x: Float64, y: Float64, a: int, b: int, c: int) -> float:
     turn: float = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a])
     return turn
 
 
 @numba.njit(cache=True)
 def _ears(
-    x: Double, y: Double, begins: Whole, lengths: Whole, ears: Whole, steps: int
-) -> tuple[npt.NDArray[np.bool_], int]:
+    x: Float64, y: Float64, begins: Int64, lengths: Int64, ears: Int64, steps: int
+) -> tuple[Bool, int]:
     """Cut off ears; return which polygons have none left, and the remaining steps."""
     crossed = np.zeros(len(lengths), np.bool_)
     row = 0

@@ -6,10 +6,10 @@ import re
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import MeshFile, numbers_of
 from rig import Notice, UnreadableError
+from rig.arrays import Float32
 
 _HEAD: Final = 84
 _FACET: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
@@ -31,7 +31,7 @@ def read_stl(data: bytes) -> MeshFile:
         return _text(data)
     if len(data) < _HEAD:
         raise UnreadableError("truncated: shorter than its header says: get the complete file")
-    solids: list[npt.NDArray[np.float32]] = []
+    solids: list[Float32] = []
     rest = memoryview(data)
     while not solids or bytes(rest).strip(_FILL):
         count = int.from_bytes(rest[80:84], "little")

@@ -5,12 +5,10 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._mesh_files.mesh_file import MeshFile, numbers_of
 from rig import Notice, UnreadableError, pluralize
-
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 # Vectors in a file deviate from unit length only by rounding; colours are not unit vectors.
 _UNIT_TOLERANCE = 0.02
@@ -75,7 +73,7 @@ def _separated(lines: list[bytes]) -> tuple[list[bytes], list[Notice]]:
     return text.replace(b",", b" ").replace(b";", b" ").split(b"\n"), []
 
 
-def _begin_of_normals(table: Double) -> int | None:
+def _begin_of_normals(table: Float64) -> int | None:
     """Return the first of the three columns that are unit vectors, or None.
 
     Colours, intensities and other values may come before or after them.

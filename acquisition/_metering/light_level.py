@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
+from rig.arrays import UInt16
 
 # Relative deviation from the target level that is accepted.
 _TOLERANCE = 0.02
@@ -96,7 +96,7 @@ class LightLevel:
 
 
 def light_level(
-    pixels: npt.NDArray[np.uint16],
+    pixels: UInt16,
     exposure_us: float,
     goal: MeteringGoal,
     *,

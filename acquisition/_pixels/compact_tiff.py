@@ -8,7 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
+
+from rig.arrays import UInt16
 
 _ROWS: Final = 64  # about 300 kB per strip of a 5 Mpx frame; strips are compressed in parallel
 # Level 1 is ten times as fast as level 6; on sensor noise the sizes differ by 2 %.
@@ -19,7 +20,7 @@ _SHORT, _LONG, _RATIONAL = 3, 4, 5
 _FORMATS: Final = {_SHORT: "H", _LONG: "I", _RATIONAL: "II"}
 
 
-def deflate_tiff(pixels: npt.NDArray[np.uint16]) -> bytes:
+def deflate_tiff(pixels: UInt16) -> bytes:
     """Encode an image as TIFF 6.0: deflate (8), horizontal differences (predictor 2), strips.
 
     Parameters
@@ -61,7 +62,7 @@ def deflate_tiff(pixels: npt.NDArray[np.uint16]) -> bytes:
     return b"".join([_HEADER, _directory(tags), *strips])
 
 
-def _strip(rows: npt.NDArray[np.uint16]) -> bytes:
+def _strip(rows: UInt16) -> bytes:
     differences = rows.astype("<u2")
     differences[:, 1:] -= rows[:, :-1]
     return zlib.compress(differences.tobytes(), _LEVEL)

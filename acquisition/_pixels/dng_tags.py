@@ -14,12 +14,11 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from rig import UnreadableError
+from rig.arrays import Float64, Int64, Str
 
 Tags = Mapping[int, tuple[float, ...]]
-Levels = npt.NDArray[np.float64]
 _Entry = tuple[int, int, int, bytes]
 
 _SUBFILE, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _SUBIFDS, _FORMAT = 254, 259, 262, 277, 330, 339
@@ -112,7 +111,7 @@ def check_dng(tags: Tags) -> None:
         )
 
 
-def filter_block(tags: Tags, top: int, left: int) -> npt.NDArray[np.str_] | None:
+def filter_block(tags: Tags, top: int, left: int) -> Str | None:
     """Return the letters of the colour filter at a row and column of the file.
 
     Returns
@@ -143,7 +142,7 @@ def filter_block(tags: Tags, top: int, left: int) -> npt.NDArray[np.str_] | None
 
 def black_levels(
     tags: Tags, top: int, left: int, shape: tuple[int, ...], side: int
-) -> Levels | None:
+) -> Float64 | None:
     """Return the black levels of samples from a row and column of the file on.
 
     Returns
@@ -185,7 +184,7 @@ def black_levels(
     return block if repeats else levels
 
 
-def white_levels(tags: Tags, top: int, left: int, letters: npt.NDArray[np.str_]) -> Levels | None:
+def white_levels(tags: Tags, top: int, left: int, letters: Str) -> Float64 | None:
     """Return the white levels of the block of a colour filter; None if the file states only one.
 
     Parameters
@@ -214,9 +213,7 @@ def white_levels(tags: Tags, top: int, left: int, letters: npt.NDArray[np.str_])
     return np.full(letters.shape, stated.min())
 
 
-def _places(
-    tags: Tags, top: int, left: int, shape: tuple[int, ...]
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _places(tags: Tags, top: int, left: int, shape: tuple[int, ...]) -> tuple[Int64, Int64]:
     """Return rows and columns in the active area, from which blocks and ramps count."""
     area = [int(value) for value in tags.get(_AREA, (0, 0, 0, 0))]
     if len(area) != 4:

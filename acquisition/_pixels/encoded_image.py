@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._bands.map_rows import MapRows
@@ -27,8 +26,7 @@ from acquisition._errors import DataError, StorageError
 from acquisition._pixels.opened_image import first_line, opened_image
 from acquisition._storage import disk, library_path, published, write_whole
 from rig import UnreadableError, convert_parser_errors
-
-Pixels = npt.NDArray[np.generic]
+from rig.arrays import Generic
 
 # About the second-level cache. TIFFs have strips of 32 rows, which must not be divided.
 _BAND_BYTES = 1 << 20
@@ -152,7 +150,7 @@ def _shape(pixels: MapRows) -> tuple[int, int, int]:
     return pixels.shape[0], pixels.shape[1], math.prod(pixels.shape[2:])
 
 
-def _native(band: Pixels) -> Pixels:
+def _native(band: Generic) -> Generic:
     # OpenImageIO writes wrong pixels, without an error, from strided or byte-swapped arrays.
     return np.ascontiguousarray(band, band.dtype.newbyteorder("="))
 
@@ -163,7 +161,7 @@ def _check_space(path: Path, pixels: MapRows) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
 
-def _same_bits(stored: Pixels, pixels: Pixels) -> bool:
+def _same_bits(stored: Generic, pixels: Generic) -> bool:
     # Bits, because NaN is not equal to itself.
     bits = f"u{pixels.itemsize}"
     one, other = (np.ascontiguousarray(part).view(bits).ravel() for part in (stored, pixels))

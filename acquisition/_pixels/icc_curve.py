@@ -6,13 +6,11 @@ import struct
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._values.transfer_curve import LINEAR, SRGB, TransferCurve
 from rig import UnreadableError, convert_parser_errors
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 _HEADER: Final = 128
 _MOST_TAGS: Final = 200
@@ -70,7 +68,7 @@ def _tags(profile: memoryview) -> dict[bytes, memoryview]:
     return tags
 
 
-def _light(tag: memoryview) -> Array:
+def _light(tag: memoryview) -> Float64:
     """Return the light of a `curv` or `para` tag at `_GRID`, finite."""
     (kind,) = struct.unpack_from(">4s", tag)
     if kind not in (b"curv", b"para"):
@@ -81,7 +79,7 @@ def _light(tag: memoryview) -> Array:
     return light
 
 
-def _sampled(tag: memoryview) -> Array:
+def _sampled(tag: memoryview) -> Float64:
     (count,) = struct.unpack_from(">I", tag, 8)
     if count == 0:
         return _GRID
@@ -93,7 +91,7 @@ def _sampled(tag: memoryview) -> Array:
     return np.interp(_GRID, np.linspace(0, 1, count), table)
 
 
-def _parametric(tag: memoryview) -> Array:
+def _parametric(tag: memoryview) -> Float64:
     (function,) = struct.unpack_from(">H", tag, 8)
     if function >= len(_PARAMETERS):
         raise ValueError("a curve of an unknown function")
@@ -112,7 +110,7 @@ def _parametric(tag: memoryview) -> Array:
     return np.asarray(np.where(d <= _GRID, bent, c * _GRID + f))
 
 
-def _named(light: Array) -> TransferCurve:
+def _named(light: Float64) -> TransferCurve:
     for known in (SRGB, LINEAR):
         if _close(light, known):
             return known
@@ -136,6 +134,6 @@ def _named(light: Array) -> TransferCurve:
     raise UnreadableError("has a curve that does not increase from 0 to 1")
 
 
-def _close(light: Array, known: TransferCurve) -> bool:
+def _close(light: Float64, known: TransferCurve) -> bool:
     # NaN counts as different.
     return bool(np.abs(light - known.light(_GRID)).max() <= _SAME)

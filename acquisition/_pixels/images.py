@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
@@ -21,8 +20,9 @@ from acquisition._pixels.encoded_image import encoded_image, store_image
 from acquisition._pixels.opened_image import check_png_file, opened_image
 from acquisition._pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
 from rig import MAX_PIXELS
+from rig.arrays import AnyArray, Bool, Float32, UInt8, UInt16
 
-Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
+Image = UInt8 | UInt16 | Float32
 
 # Floats are compressed if they contain more zeros than this; every so many rows are looked at.
 _LEAST_ZEROS = 0.02
@@ -98,7 +98,7 @@ def read_image_with_alpha(
     return image.colours(pixels), image.alpha(pixels)
 
 
-def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> None:
+def write_tiff(path: str | Path, pixels: UInt8 | UInt16) -> None:
     """Write an uncompressed TIFF; equal pixels give equal bytes.
 
     Parameters
@@ -128,9 +128,9 @@ def write_tiff(path: str | Path, pixels: npt.NDArray[np.uint8] | npt.NDArray[np.
 
 def write_png(
     path: str | Path,
-    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | MapRows,
+    pixels: UInt8 | UInt16 | MapRows,
     *,
-    alpha: npt.NDArray[np.bool_] | MapRows | None = None,
+    alpha: Bool | MapRows | None = None,
     srgb: bool = False,
     description: str = "",
 ) -> None:
@@ -166,7 +166,7 @@ def write_png(
     store_png(path, png_pieces(array, opacity, chunks))
 
 
-def write_exr(path: str | Path, array: npt.NDArray[np.float32] | MapRows) -> None:
+def write_exr(path: str | Path, array: Float32 | MapRows) -> None:
     """Write a lossless float32 EXR ``(H, W)`` or ``(H, W, 3)``; NaN and infinity are kept.
 
     Errors are those of `write_tiff`. The rows of a map on disk are read band by band.
@@ -265,20 +265,20 @@ class ImageRows:
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, rows: slice) -> npt.NDArray[Any]:
+    def __getitem__(self, rows: slice) -> AnyArray:
         return self._image.colours(self._read(rows))
 
-    def with_alpha(self, rows: slice) -> tuple[npt.NDArray[Any], npt.NDArray[Any] | None]:
+    def with_alpha(self, rows: slice) -> tuple[AnyArray, AnyArray | None]:
         """Return rows as `read_image_with_alpha` does: the colours, and alpha or None."""
         band = self._read(rows)
         return self._image.colours(band), self._image.alpha(band)
 
-    def _read(self, rows: slice) -> npt.NDArray[Any]:
+    def _read(self, rows: slice) -> AnyArray:
         """Return rows ``(h, W, channels)`` of all channels of the file."""
         first, last, _ = rows.indices(self.shape[0])
         image, top = self._image, self._image.spec.y
         band = image.decoded(self.path, image.file.read_scanlines, top + first, top + last, 0, 0)
-        pixels: npt.NDArray[Any] = band.reshape(last - first, self.shape[1], image.spec.nchannels)
+        pixels: AnyArray = band.reshape(last - first, self.shape[1], image.spec.nchannels)
         return pixels
 
     @property

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
 from acquisition._errors import DataError
 from acquisition._pixels.image_facts import ImageFacts, image_facts
 from acquisition._pixels.images import read_image_with_alpha, write_png
 from rig import MAX_PIXELS
+from rig.arrays import AnyArray, Bool, Float64
 
 
 def read_mask(
     path: str | Path, size: tuple[int, int] | None = None, *, max_pixels: int = MAX_PIXELS
-) -> npt.NDArray[np.bool_]:
+) -> Bool:
     """Read a mask; pixels brighter than half of the file's range are inside.
 
     Parameters and errors are those of `read_mask_shares`.
@@ -40,7 +39,7 @@ def read_mask(
     return above_half(_read_samples(path, size, max_pixels))
 
 
-def read_mask_of(path: Path, images: ImageFacts, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
+def read_mask_of(path: Path, images: ImageFacts, size: tuple[int, int]) -> Bool:
     """Read the mask of images of ``size`` as `read_mask` does.
 
     Raises
@@ -61,7 +60,7 @@ def read_mask_of(path: Path, images: ImageFacts, size: tuple[int, int]) -> npt.N
     return read_mask(path, size)
 
 
-def write_mask(path: str | Path, mask: npt.NDArray[np.bool_] | MapRows) -> None:
+def write_mask(path: str | Path, mask: Bool | MapRows) -> None:
     """Write a mask as an 8-bit PNG, white inside.
 
     Parameters
@@ -91,7 +90,7 @@ def write_mask(path: str | Path, mask: npt.NDArray[np.bool_] | MapRows) -> None:
 
 def read_mask_shares(
     path: str | Path, size: tuple[int, int] | None = None, *, max_pixels: int = MAX_PIXELS
-) -> npt.NDArray[np.float64]:
+) -> Float64:
     """Read a mask with anti-aliased edges as the share of each pixel that is inside.
 
     Parameters
@@ -129,14 +128,12 @@ def read_mask_shares(
     array([[0. , 0.2, 1. ]])
     """
     values = _read_samples(path, size, max_pixels)
-    shares: npt.NDArray[np.float64] = np.divide(values, _full(values), dtype=np.float64)
+    shares: Float64 = np.divide(values, _full(values), dtype=np.float64)
     shares[np.isnan(shares)] = 0
     return np.clip(shares, 0.0, 1.0, out=shares)
 
 
-def _read_samples(
-    path: str | Path, size: tuple[int, int] | None, max_pixels: int
-) -> npt.NDArray[Any]:
+def _read_samples(path: str | Path, size: tuple[int, int] | None, max_pixels: int) -> AnyArray:
     """Return the ``(H, W)`` samples that are the mask, as stored."""
     path = Path(path)
     if size is not None:
@@ -148,7 +145,7 @@ def _read_samples(
                 f"{size[0]}: give a mask of the same size"
             )
     pixels, alpha = read_image_with_alpha(path, max_pixels=max_pixels)
-    samples: npt.NDArray[Any] = pixels if pixels.ndim == 2 else pixels.max(axis=2)
+    samples: AnyArray = pixels if pixels.ndim == 2 else pixels.max(axis=2)
     # NaN counts as transparent.
     if alpha is not None and not (alpha >= _full(alpha)).all():
         seen = pixels[alpha > 0]
@@ -166,11 +163,11 @@ def _read_samples(
     return samples
 
 
-def _full(values: npt.NDArray[Any]) -> float:
+def _full(values: AnyArray) -> float:
     return 1.0 if values.dtype.kind == "f" else float(np.iinfo(values.dtype).max)
 
 
-def above_half(values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+def above_half(values: AnyArray) -> Bool:
     """Return where values are above half of the range of their type, or above .5 in floats."""
-    inside: npt.NDArray[np.bool_] = values > values.dtype.type(_full(values) / 2)
+    inside: Bool = values > values.dtype.type(_full(values) / 2)
     return inside

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError, convert_read_errors
@@ -19,6 +18,7 @@ from acquisition._pixels.png_file import SIGNATURE, check_png
 from acquisition._storage import library_path
 from acquisition._values.image_names import is_raw
 from rig import UnreadableError, check_pixels, convert_parser_errors, read_head
+from rig.arrays import AnyArray
 
 _NATIVE: dict[str, type[np.generic]] = {
     "uint8": np.uint8,
@@ -79,7 +79,7 @@ class OpenedImage(NamedTuple):
     parts: int = 1
     inverted: bool = False
 
-    def colours(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def colours(self, pixels: AnyArray) -> AnyArray:
         """Return the colours ``(h, w)`` or ``(h, w, 3)`` of pixels ``(h, w, channels)``."""
         if len(self.channels) == 1:
             pixels = pixels[..., self.channels[0]]
@@ -88,12 +88,12 @@ class OpenedImage(NamedTuple):
         pixels = np.ascontiguousarray(pixels)
         return ~pixels if self.inverted else pixels
 
-    def alpha(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any] | None:
+    def alpha(self, pixels: AnyArray) -> AnyArray | None:
         """Return the alpha ``(h, w)`` of pixels ``(h, w, channels)``; None without alpha."""
         place = self.spec.alpha_channel
         return None if place < 0 else np.ascontiguousarray(pixels[..., place])
 
-    def decoded(self, path: Path, read: Callable[..., Any], *place: int) -> npt.NDArray[Any]:
+    def decoded(self, path: Path, read: Callable[..., Any], *place: int) -> AnyArray:
         """Return all channels that a method of the reader decodes at a place, in `dtype`."""
         with (
             convert_read_errors(path),
@@ -106,7 +106,7 @@ class OpenedImage(NamedTuple):
             raise self.undecodable(path, message)
         # Doubles beyond the range of float32 become infinite; callers handle infinity.
         with np.errstate(over="ignore"):
-            values: npt.NDArray[Any] = pixels.astype(self.dtype, copy=False)
+            values: AnyArray = pixels.astype(self.dtype, copy=False)
         return values
 
     def undecodable(self, path: Path, message: str) -> DataError:

@@ -12,15 +12,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._pixels.images import Image
+from rig.arrays import AnyArray, Int64
 
-Plane = npt.NDArray[Any]
 Reader = Callable[[], Image | None]
 
 # The values just below are those within a 64th, at least four. The most frequent one counts: the
@@ -66,7 +65,7 @@ class PileUp(NamedTuple):
     brightest: float
 
 
-def planes_of(pixels: Plane, side: int) -> list[Plane]:
+def planes_of(pixels: AnyArray, side: int) -> list[AnyArray]:
     """Return views of the samples of each colour, or of each position of a filter's block."""
     if pixels.ndim == 3:
         return [pixels[..., colour] for colour in range(pixels.shape[2])]
@@ -119,8 +118,8 @@ class _Histogram:
         By value, the image in which most samples pile up at it, and how many they are.
     """
 
-    values: Plane
-    counts: npt.NDArray[np.int64]
+    values: AnyArray
+    counts: Int64
     images: dict[float, tuple[int, int]]
 
     def joined(self, other: _Histogram) -> _Histogram:

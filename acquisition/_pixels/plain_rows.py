@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._part_files import BINARY, NO_WAIT
 from rig import note_read
+from rig.arrays import UInt16
 
 _SHORT, _LONG, _RATIONAL = 3, 4, 5
 _HEADER: Final = struct.Struct("<2sHI")
@@ -92,7 +92,7 @@ class PlainRows:
     begin: int
     stamp: tuple[int, int, int, int]
 
-    def read(self, first: int, last: int) -> npt.NDArray[np.uint16]:
+    def read(self, first: int, last: int) -> UInt16:
         """Return the rows from ``first`` to before ``last``.
 
         Raises

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._bands.map_rows import MapRows, rows_in_bands
 from acquisition._errors import DataError, StorageError
 from acquisition._storage import disk, library_path, open_binary, published, write_whole
+from rig.arrays import Generic, UInt8
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PART: Final = 1 << 18
@@ -137,7 +137,7 @@ def store_png(path: Path, pieces: Iterable[bytes]) -> None:
             raise StorageError(f"{path}: does not read back as written: check the disk")
 
 
-def _filtered(band: npt.NDArray[np.generic]) -> npt.NDArray[np.uint8]:
+def _filtered(band: Generic) -> UInt8:
     """Return rows of big-endian samples as bytes, each row after its filter."""
     rows, width, channels = band.shape
     samples = np.ascontiguousarray(band, band.dtype.newbyteorder(">")).view(np.uint8)

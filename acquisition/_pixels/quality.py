@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._pixels.frame_quality import FrameQuality
+from rig.arrays import Int64, UInt16
 
 # In per mille, so that ranks are computed with integers.
 _PERCENTILES = {"1": 10, "50": 500, "99": 990, "99.9": 999}
 
 
 def measure_quality(
-    pixels: npt.NDArray[np.uint16], *, white_level_dn: float, black_level_dn: float = 0.0
+    pixels: UInt16, *, white_level_dn: float, black_level_dn: float = 0.0
 ) -> FrameQuality:
     """Measure a raw frame.
 
@@ -55,7 +55,7 @@ def measure_quality(
 # Without the GIL, because the thread that controls the light must not wait for this; on one core,
 # because parallel loops of several threads would slow each other down.
 @numba.njit(cache=True, nogil=True)
-def _scan(rows: npt.NDArray[np.uint16], step: int) -> tuple[npt.NDArray[np.int64], np.uint64]:
+def _scan(rows: UInt16, step: int) -> tuple[Int64, np.uint64]:
     """Return how often each value occurs, and the squared differences of pairs, summed up.
 
     Pairs are ``step`` apart along the rows and two apart down the columns.

@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import rawpy
 
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._pixels.dng_tags import (
-    Levels,
     Tags,
     black_levels,
     check_dng,
@@ -34,6 +32,7 @@ from rig import (
     read_head,
     short_repr,
 )
+from rig.arrays import Float64, UInt8, UInt16
 
 _UNREADABLE = "not a readable camera RAW file"
 _ROWS = 256
@@ -69,7 +68,7 @@ class RawFrame:
         the file does not state it.
     """
 
-    pixels: npt.NDArray[np.uint16]
+    pixels: UInt16
     cfa: str | None
     black_level_dn: float
     white_level_dn: float
@@ -80,7 +79,7 @@ class RawFrame:
 
     __repr__ = short_repr
 
-    def levelled(self) -> npt.NDArray[np.uint16]:
+    def levelled(self) -> UInt16:
         """Return the pixels with the same black level, ``black_level_dn``, at all positions."""
         side = isqrt(len(self.black_levels_dn))
         levels = np.reshape(self.black_levels_dn, (side, side))
@@ -184,7 +183,7 @@ def _opened(path: Path) -> Iterator[tuple[rawpy.RawPy, int, Tags]]:
         raw.close()
 
 
-def _colours(raw: rawpy.RawPy, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
+def _colours(raw: rawpy.RawPy, shape: tuple[int, int]) -> UInt8:
     """Return the numbers of the colours of the block at the top left; 0 without a filter."""
     if raw.num_colors == 1:
         return np.zeros((1, 1), np.uint8)
@@ -194,7 +193,7 @@ def _colours(raw: rawpy.RawPy, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
     return colours
 
 
-def _white_levels(raw: rawpy.RawPy, colours: npt.NDArray[np.uint8]) -> Levels:
+def _white_levels(raw: rawpy.RawPy, colours: UInt8) -> Float64:
     """Return the white levels of a block by the numbers of its colours, DN."""
     white = float(raw.white_level)
     stated = np.array(raw.camera_white_level_per_channel or [0] * 4, np.float64)
@@ -219,9 +218,7 @@ def _taken(time: datetime) -> datetime | None:
     return None if time.year <= 1970 else time.replace(tzinfo=UTC)
 
 
-def level_white(
-    pixels: npt.NDArray[np.uint16], whites: npt.NDArray[np.float64]
-) -> npt.NDArray[np.uint16]:
+def level_white(pixels: UInt16, whites: Float64) -> UInt16:
     """Raise saturated samples to the highest white level of a block ``(K, K)`` that repeats."""
     white = whites.max()
     if (whites == white).all():
@@ -233,9 +230,7 @@ def level_white(
     return level
 
 
-def level_black(
-    pixels: npt.NDArray[np.uint16], levels: npt.NDArray[np.float64], black: float, white: float
-) -> npt.NDArray[np.uint16]:
+def level_black(pixels: UInt16, levels: Float64, black: float, white: float) -> UInt16:
     """Shift samples from their black levels to one; saturated samples stay as they are.
 
     Parameters

@@ -18,7 +18,6 @@ from acquisition._preflight.rig import (
     check_leds,
 )
 from acquisition._preflight.trial_frames import (
-    Pixels,
     Trials,
     check_exposure,
     check_focus,
@@ -27,6 +26,7 @@ from acquisition._preflight.trial_frames import (
     check_steadiness,
 )
 from rig import CameraFrame, Progress, Rig, RigError, no_progress, pluralize
+from rig.arrays import UInt16
 
 _STEADY_SHOTS = 5
 
@@ -262,5 +262,5 @@ class _TrialFrames:
     def _frame(self, led: int | None, exposure_us: float) -> CameraFrame:
         return self._rig.shoot(led, exposure_us, self._plan.gain_db).frame
 
-    def _pixels(self, led: int | None, exposure_us: float) -> Pixels:
+    def _pixels(self, led: int | None, exposure_us: float) -> UInt16:
         return self._frame(led, exposure_us).pixels

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._preflight.check import Check
-
-Pixels = npt.NDArray[np.uint16]
+from rig.arrays import Bool, Float32, UInt16
 
 _NEAR, _FAR = 2, 8  # even, so that compared samples have the same colour under a Bayer filter
 # An image without structure finer than the far distance has a detail of 0.0625.
@@ -51,10 +49,10 @@ class Trials:
     led: int
     black: float
     white_dn: float
-    lit: tuple[Pixels, Pixels]
-    unlit: Pixels
-    half: Pixels
-    half_unlit: Pixels
+    lit: tuple[UInt16, UInt16]
+    unlit: UInt16
+    half: UInt16
+    half_unlit: UInt16
     lit_us: float
     half_us: float
 
@@ -89,7 +87,7 @@ def check_response(trials: Trials) -> Check:
 
 
 def check_exposure(
-    frames: list[tuple[float, Pixels]], black: float, white_dn: float, limit: float
+    frames: list[tuple[float, UInt16]], black: float, white_dn: float, limit: float
 ) -> Check:
     """Check the frames of all brackets: the longest is not too dark, the shortest not saturated.
 
@@ -131,7 +129,7 @@ def check_exposure(
     return Check(name, "ok", finding, values)
 
 
-def detail(one: Pixels, other: Pixels) -> tuple[float, float]:
+def detail(one: UInt16, other: UInt16) -> tuple[float, float]:
     """Return the detail and the contrast of an image.
 
     Detail is the mean squared difference of samples 2 apart divided by that of samples 8 apart: 1
@@ -183,7 +181,7 @@ def check_room(trials: Trials) -> Check:
     return Check(name, "ok", finding, values)
 
 
-def check_steadiness(led: int, frames: list[Pixels], unlit: Pixels, exposure_us: float) -> Check:
+def check_steadiness(led: int, frames: list[UInt16], unlit: UInt16, exposure_us: float) -> Check:
     """Check that equal shots at the shortest exposure of the plan give equal light."""
     name = "steadiness"
     off_dn = float(unlit.mean())
@@ -208,13 +206,11 @@ def check_steadiness(led: int, frames: list[Pixels], unlit: Pixels, exposure_us:
     return Check(name, "warning", text, values)
 
 
-def _mean(pixels: Pixels, where: npt.NDArray[np.bool_]) -> float:
+def _mean(pixels: UInt16, where: Bool) -> float:
     return float(pixels[where].mean(dtype=np.float64))
 
 
-def _energy(
-    first: npt.NDArray[np.float32], second: npt.NDArray[np.float32], distance: int
-) -> float:
+def _energy(first: Float32, second: Float32, distance: int) -> float:
     total, count = 0.0, 0
     for one, other in ((first, second), (first.T, second.T)):
         steps = one[distance:] - one[:-distance], other[distance:] - other[:-distance]

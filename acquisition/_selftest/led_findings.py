@@ -6,11 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._selftest.finding import Finding
 from acquisition._selftest.led_places import both_on, judge_places
-from acquisition._selftest.near_light import Array, Images, fit, known_mean, misfits
+from acquisition._selftest.near_light import Images, fit, known_mean, misfits
+from rig.arrays import Bool, Float64
 
 # Relative to the median LED.
 _DEAD = 0.02
@@ -44,10 +44,10 @@ class Evidence:
     """
 
     leds: tuple[int, ...]
-    light: Array
-    dark: Array
-    places: Array
-    positions_mm: Array | None = None
+    light: Float64
+    dark: Float64
+    places: Float64
+    positions_mm: Float64 | None = None
 
 
 def findings(evidence: Evidence) -> list[Finding]:
@@ -98,7 +98,7 @@ class _Judge:
     def _named(self, rows: Iterable[int]) -> tuple[int, ...]:
         return tuple(sorted(self._seen.leds[row] for row in rows))
 
-    def _names(self, where: npt.NDArray[np.bool_]) -> tuple[int, ...]:
+    def _names(self, where: Bool) -> tuple[int, ...]:
         return tuple(led for led, true in zip(self._seen.leds, where, strict=True) if true)
 
     def brightness(self) -> list[Finding]:
@@ -192,7 +192,7 @@ class _Judge:
             return [Finding("ambiguous", self._named(alike), text, fault=False)]
         return [both_on(leds[one], leds[other], sure=True) for one, other in pairs]
 
-    def places(self, positions: Array) -> list[Finding]:
+    def places(self, positions: Float64) -> list[Finding]:
         """Find LEDs whose light is from another place, or from two places."""
         rows = np.flatnonzero(self.alive)
         fitted = fit(Images(self._mean[rows], self._seen.places), positions, rows)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._selftest.finding import Finding
-from acquisition._selftest.near_light import Array, Fit, mixtures
+from acquisition._selftest.near_light import Fit, mixtures
+from rig.arrays import Bool, Float64, Intp
 
 # Least ratio of light to the prediction for one LED, from which on two LEDs are assumed.
 _DOUBLE = 1.45
@@ -80,7 +80,7 @@ def _doubles(
     return found
 
 
-def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array) -> list[Finding]:
+def _elsewhere(leds: tuple[int, ...], rows: Intp, misfit: Float64) -> list[Finding]:
     """Match images to positions one to one, and report those that do not belong together."""
     if len(rows) == 0:
         return []
@@ -122,10 +122,10 @@ def _elsewhere(leds: tuple[int, ...], rows: npt.NDArray[np.intp], misfit: Array)
     return found
 
 
-def _named(leds: tuple[int, ...], rows: npt.NDArray[np.intp]) -> tuple[int, ...]:
+def _named(leds: tuple[int, ...], rows: Intp) -> tuple[int, ...]:
     return tuple(sorted(leds[row] for row in rows))
 
 
-def _better(one: Array, other: Array) -> npt.NDArray[np.bool_]:
+def _better(one: Float64, other: Float64) -> Bool:
     """Return where a misfit is clearly smaller than another."""
     return (other > _BETTER * one) & (other > one + _BETTER_BY)

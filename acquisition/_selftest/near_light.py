@@ -12,19 +12,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64, Intp
 
 _WIDTHS = 14  # number of widths tried for the field of view
 _ROUNDS = 8
 _TINY = 1e-6
 
 
-def known_mean(values: Array, axis: int) -> Array:
+def known_mean(values: Float64, axis: int) -> Float64:
     """Return the mean of the known values, 0 without known values."""
     known = np.isfinite(values)
-    total: Array = np.where(known, values, 0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
+    total: Float64 = np.where(known, values, 0).sum(axis=axis) / np.maximum(known.sum(axis=axis), 1)
     return total
 
 
@@ -40,17 +39,17 @@ class Images:
         ``(B, 2)`` x to the right and y up in widths of the image, from its centre.
     """
 
-    light: Array
-    places: Array
+    light: Float64
+    places: Float64
 
     @property
-    def ratios(self) -> Array:
+    def ratios(self) -> Float64:
         """The images divided by their mean, so that the albedo cancels; NaN where not known."""
-        ratios: Array = self.light / self.mean
+        ratios: Float64 = self.light / self.mean
         return ratios
 
     @property
-    def mean(self) -> Array:
+    def mean(self) -> Float64:
         """``(B,)`` mean of the known values over the LEDs; NaN without known values or if 0."""
         mean = known_mean(self.light, axis=0)
         return np.where(mean > 0, mean, np.nan)
@@ -75,14 +74,14 @@ class Fit:
         ``(N, M)`` scale factors: measured brightness relative to the prediction.
     """
 
-    rows: npt.NDArray[np.intp]
-    ratios: Array
-    predicted: Array
-    misfit: Array
-    scale: Array
+    rows: Intp
+    ratios: Float64
+    predicted: Float64
+    misfit: Float64
+    scale: Float64
 
 
-def fit(images: Images, positions: Array, rows: npt.NDArray[np.intp]) -> Fit:
+def fit(images: Images, positions: Float64, rows: Intp) -> Fit:
     """Fit scene and field of view to images of at least four LEDs at known positions.
 
     Parameters
@@ -105,7 +104,7 @@ def fit(images: Images, positions: Array, rows: npt.NDArray[np.intp]) -> Fit:
     return Fit(rows, ratios, predicted, *misfits(ratios, predicted))
 
 
-def misfits(ratios: Array, predicted: Array) -> tuple[Array, Array]:
+def misfits(ratios: Float64, predicted: Float64) -> tuple[Float64, Float64]:
     """Return misfit and scale, as in `Fit`, of ``(K, B)`` images and ``(N, B)`` predictions."""
     known = np.isfinite(ratios)
     misfit = np.zeros((len(ratios), len(predicted)))
@@ -123,7 +122,7 @@ def misfits(ratios: Array, predicted: Array) -> tuple[Array, Array]:
     return misfit, scale
 
 
-def mixtures(ratio: Array, predicted: Array, own: int) -> tuple[Array, Array]:
+def mixtures(ratio: Float64, predicted: Float64, own: int) -> tuple[Float64, Float64]:
     """Explain one image as the light of LED ``own`` together with each of the others in turn.
 
     Returns
@@ -164,15 +163,15 @@ class _Scene:
         ``(B, 3)`` positions of the places, in the unit of the LED positions.
     """
 
-    surface: Array
-    points: Array
+    surface: Float64
+    points: Float64
 
-    def under(self, positions: Array) -> Array:
+    def under(self, positions: Float64) -> Float64:
         """Return ``(N, B)`` predicted `Images.ratios` under LEDs at these positions."""
         return _shaded(self.surface, _arriving(positions, self.points))
 
 
-def _own_misfit(ratios: Array, predicted: Array) -> float:
+def _own_misfit(ratios: Float64, predicted: Float64) -> float:
     """Return the median misfit of the LEDs at their own positions."""
     known = np.isfinite(ratios)
     seen = np.where(known, ratios, 0.0)
@@ -182,23 +181,23 @@ def _own_misfit(ratios: Array, predicted: Array) -> float:
     return float(np.median(np.nanmedian(rest, axis=1)))
 
 
-def _shaded(surface: Array, arriving: Array) -> Array:
-    shaded: Array = np.clip(np.einsum("kbi,bi->kb", arriving, surface), 0, None)
+def _shaded(surface: Float64, arriving: Float64) -> Float64:
+    shaded: Float64 = np.clip(np.einsum("kbi,bi->kb", arriving, surface), 0, None)
     return shaded
 
 
-def _arriving(positions: Array, points: Array) -> Array:
+def _arriving(positions: Float64, points: Float64) -> Float64:
     """Return ``(N, B, 3)`` light vectors on the plane z = 0 of LEDs that point to the origin."""
     toward = positions[:, None] - points
     distance = np.linalg.norm(toward, axis=2, keepdims=True)
     aim = positions / np.linalg.norm(positions, axis=1, keepdims=True)
     lobe = np.clip((toward * aim[:, None]).sum(axis=2, keepdims=True) / distance, 0, None)
-    arriving: Array = toward * lobe / distance**3
+    arriving: Float64 = toward * lobe / distance**3
     scale = float(np.mean(np.linalg.norm(positions, axis=1)))
     return arriving * scale**2
 
 
-def _scene(ratios: Array, positions: Array, points: Array) -> _Scene:
+def _scene(ratios: Float64, positions: Float64, points: Float64) -> _Scene:
     """Fit normal times albedo of every place by reweighted least squares."""
     arriving = _arriving(positions, points)
     count = len(ratios)
@@ -206,7 +205,7 @@ def _scene(ratios: Array, positions: Array, points: Array) -> _Scene:
     seen = np.where(known, ratios, 0.0)
     # Places without known values get the weight 0.
     weights, brightness, trust = known.astype(float), np.ones(count), np.ones(count)
-    surface: Array = np.zeros((ratios.shape[1], 3))
+    surface: Float64 = np.zeros((ratios.shape[1], 3))
     ridge = 1e-9 * count * np.eye(3)
     for _ in range(_ROUNDS):
         trusted = weights * trust[:, None]
@@ -226,9 +225,9 @@ def _scene(ratios: Array, positions: Array, points: Array) -> _Scene:
     return _Scene(surface, points)
 
 
-def _weights(rest: Array) -> Array:
+def _weights(rest: Float64) -> Float64:
     """Return the Huber weights of each row of residuals."""
     size = np.abs(rest)
     spread = np.median(size, axis=1, keepdims=True) + _TINY
-    weights: Array = 1 / np.maximum(1, size / (2 * spread))
+    weights: Float64 = 1 / np.maximum(1, size / (2 * spread))
     return weights

@@ -9,8 +9,8 @@ import numpy as np
 from acquisition._pixels.quality import measure_quality
 from acquisition._selftest.finding import Finding
 from acquisition._selftest.led_findings import Evidence, findings
-from acquisition._selftest.near_light import Array
 from rig import Progress, Rig, RigConfig, RigError, Wires, no_progress
+from rig.arrays import Float64
 
 _COARSE = 20  # places along the longer side
 _FIRST_US = 20_000.0
@@ -156,7 +156,7 @@ class _Camera:
         self.brightest = 0.0
         self._shape = (1, 1)
 
-    def metered(self, leds: tuple[int, ...]) -> tuple[float, Array]:
+    def metered(self, leds: tuple[int, ...]) -> tuple[float, Float64]:
         """Return an exposure time that suits the brightest LED, and images of all LEDs with it."""
         info = self._rig.camera.info
         low_us, high_us = info.exposure_min_us, min(info.exposure_max_us, _LONGEST_US)
@@ -177,11 +177,11 @@ class _Camera:
             exposure_us = wanted_us
         return taken_us, taken
 
-    def all(self, leds: tuple[int, ...], exposure_us: float) -> Array:
+    def all(self, leds: tuple[int, ...], exposure_us: float) -> Float64:
         """Return ``(K, B)`` coarse images of the LEDs."""
         return np.stack([self.coarse(led, exposure_us) for led in leds])
 
-    def coarse(self, led: int | None, exposure_us: float) -> Array:
+    def coarse(self, led: int | None, exposure_us: float) -> Float64:
         """Return ``(B,)`` means over the places of a grid, NaN where saturated."""
         # A software trigger, so that a missing wire does not prevent the test of the LEDs.
         pixels = self._rig.shoot(led, exposure_us, trigger="software").frame.pixels
@@ -196,13 +196,13 @@ class _Camera:
         top, left = (upright.shape[0] - rows * high) // 2, (upright.shape[1] - columns * wide) // 2
         cut = upright[top : top + rows * high, left : left + columns * wide]
         blocks = cut.reshape(rows, high, columns, wide)
-        means: Array = blocks.mean(axis=(1, 3), dtype=np.float64)
+        means: Float64 = blocks.mean(axis=(1, 3), dtype=np.float64)
         clipped = (blocks >= self._white).mean(axis=(1, 3))
         self._shape = (rows, columns)
         self._width = upright.shape[1] / wide
         return np.where(clipped > _CLIPPED, np.nan, means).ravel()
 
-    def places(self) -> Array:
+    def places(self) -> Float64:
         """Return ``(B, 2)`` positions of the grid's places, in widths of the image."""
         rows, columns = self._shape
         y, x = np.mgrid[0:rows, 0:columns].astype(float)

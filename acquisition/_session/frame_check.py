@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._pixels.frame_quality import FrameQuality
@@ -14,15 +13,14 @@ from acquisition._pixels.quality import measure_quality
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session_frame import Damage, SessionFrame
 from acquisition._storage import read_file, sha256_of
+from rig.arrays import UInt16
 
 # Means are stored with four decimals, clipped fractions as shares.
 _MEAN_SLACK_DN: Final = 1e-3
 _SHARE_SLACK: Final = 1e-9
 
 
-def measure_frame(
-    pixels: npt.NDArray[np.uint16], camera: CameraRecord, folder: Path, file: str
-) -> FrameQuality:
+def measure_frame(pixels: UInt16, camera: CameraRecord, folder: Path, file: str) -> FrameQuality:
     """Measure a frame; refuse it if it does not agree with the camera record.
 
     Parameters

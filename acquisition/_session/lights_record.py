@@ -9,8 +9,9 @@ from pydantic import Field, model_validator
 
 from acquisition._errors import DataError
 from acquisition._session.value_records import CalibratedRecord, Table, Vector
-from acquisition._values.light_errors import Array, LightErrors
+from acquisition._values.light_errors import LightErrors
 from acquisition._values.lights import Lights
+from rig.arrays import Float64
 
 _Deviation = Annotated[float, Field(ge=0)]
 
@@ -143,7 +144,7 @@ class LightColumns(Table):
 def _errors(records: tuple[LightRecord, ...], *, near: bool) -> LightErrors:
     """Return the errors of lights: NaN, or 0 spheres, for a light without them."""
 
-    def column(key: str, *shape: int) -> Array | None:
+    def column(key: str, *shape: int) -> Float64 | None:
         rows = [getattr(record, key) for record in records]
         if all(row is None for row in rows):
             return None

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError, MissingPathError
 from acquisition._pixels.image_facts import image_facts
@@ -18,6 +17,7 @@ from acquisition._session.journal import FrameLine
 from acquisition._storage import sha256_of
 from acquisition._values.lights import led_id
 from rig import MAX_PIXELS, Notice, short_repr
+from rig.arrays import UInt16
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class SessionFrame:
         """Exposure time that the camera reported, microseconds."""
         return self.line.exposure_us
 
-    def read(self) -> npt.NDArray[np.uint16]:
+    def read(self) -> UInt16:
         """Return the raw pixels of the sensor, ``(H, W)`` or ``(H, W, 3)`` uint16.
 
         Raises
@@ -131,7 +131,7 @@ class SessionFrame:
         )
 
 
-def pixels_sha256(pixels: npt.NDArray[np.uint16]) -> str:
+def pixels_sha256(pixels: UInt16) -> str:
     """Return the hash of samples as 16-bit little-endian, row by row, channels innermost."""
     return sha256_of(np.ascontiguousarray(pixels, dtype="<u2").data.cast("B"))
 

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._pixels.plain_rows import plain_tiff_header
 from acquisition._plan.plan import CapturePlan
 from acquisition._plan.planned_shot import PlannedShot
 from acquisition._storage import disk, published, write_whole
+from rig.arrays import UInt16
 
 # Size of the pieces, small enough to be hashed while still in the cache.
 _PIECE: Final = 1 << 20
@@ -79,7 +79,7 @@ class StoredFrame:
     pixels_sha256: str
 
 
-def store_frame(path: Path, pixels: npt.NDArray[np.uint16]) -> StoredFrame:
+def store_frame(path: Path, pixels: UInt16) -> StoredFrame:
     """Write a frame under a temporary name, flush it, and rename it.
 
     The samples are written directly from the array without copies, and the GIL is released during

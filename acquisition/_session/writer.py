@@ -10,9 +10,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import numpy as np
-import numpy.typing as npt
-
 from acquisition._errors import DataError, StorageError
 from acquisition._pixels.frame_quality import FrameQuality
 from acquisition._plan.planned_shot import PlannedShot
@@ -32,6 +29,7 @@ from acquisition._session.shared_use import SharedUse
 from acquisition._session.stored_frame import FrameNames, store_frame
 from acquisition._storage import write_durably
 from rig import Progress, no_progress, pluralize
+from rig.arrays import UInt16
 
 
 @dataclass(frozen=True)
@@ -195,7 +193,7 @@ class SessionWriter:
             more = f"; {len(damage)} frames are damaged" if len(damage) > 1 else ""
             raise DataError(f"{damage[0].text}{more}")
 
-    def measure(self, shot: PlannedShot, pixels: npt.NDArray[np.uint16]) -> FrameQuality:
+    def measure(self, shot: PlannedShot, pixels: UInt16) -> FrameQuality:
         """Measure a frame, and check that it belongs to this session.
 
         Raises
@@ -209,7 +207,7 @@ class SessionWriter:
     def write_frame(
         self,
         shot: PlannedShot,
-        pixels: npt.NDArray[np.uint16],
+        pixels: UInt16,
         *,
         report: CameraReport = CameraReport(),
         echo: Echo | None = None,

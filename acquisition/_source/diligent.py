@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._source.image_folder import images_source, with_ignored
@@ -19,6 +18,7 @@ from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE
 from acquisition._value_files.mat5 import read_mat5
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_BINARY_BYTES, MAX_PIXELS, Notice, UnreadableError, read_bounded
+from rig.arrays import Float32
 
 _TRUTH_FILE = "Normal_gt.mat"
 _TRUTH_VARIABLE = "Normal_gt"
@@ -84,7 +84,7 @@ def read_diligent(
     return with_ignored(source, folder)
 
 
-def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
+def _true_normals(path: Path, size: tuple[int, int]) -> Float32:
     with convert_read_errors(path):
         data = read_bounded(path, MAX_BINARY_BYTES)
     try:
@@ -103,5 +103,5 @@ def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
     length = np.linalg.norm(normals, axis=2, keepdims=True)
     valid = length > 0.5
     unit = np.divide(normals, length, out=np.zeros_like(normals), where=valid)
-    truth: npt.NDArray[np.float32] = unit.astype(np.float32)
+    truth: Float32 = unit.astype(np.float32)
     return truth

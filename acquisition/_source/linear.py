@@ -12,16 +12,15 @@ from typing import BinaryIO, Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._pixels.images import Image
 from acquisition._pixels.plain_rows import PlainRows
 from acquisition._source.source import Frame, Reference, Source
 from acquisition._storage import storage_error
 from acquisition._values.transfer_curve import LINEAR
+from rig.arrays import Bool, Float32, Intp, UInt8
 
-FloatImage = npt.NDArray[np.float32]
-Index = slice | npt.NDArray[np.intp]
+Index = slice | Intp
 
 # Exposure times that differ by less, relatively, count as equal: cameras read them back rounded.
 _SAME_EXPOSURE = 1e-3
@@ -160,14 +159,14 @@ class Linearizer:
             frame.exposure_us is None for frame in source.frames
         )
         self._lock = threading.Lock()
-        self._offsets: list[tuple[float | None, FloatImage | None, float]] = []
+        self._offsets: list[tuple[float | None, Float32 | None, float]] = []
 
     def reference(self, exposure_us: float | None) -> Reference | None:
         """Return the role of the reference frames for an exposure time, None without any."""
         roles: tuple[Reference, ...] = ("ambient", "dark")
         return next((role for role in roles if self._references(role, exposure_us)), None)
 
-    def signal(self, frame: Frame) -> FloatImage:
+    def signal(self, frame: Frame) -> Float32:
         """Read a frame and return its signal, of the frame's shape.
 
         Raises
@@ -178,11 +177,11 @@ class Linearizer:
         """
         return self.signal_and_saturation(frame)[0]
 
-    def signal_and_saturation(self, frame: Frame) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
+    def signal_and_saturation(self, frame: Frame) -> tuple[Float32, Bool]:
         """Return `signal` and the samples at or above the white level; raises as `signal` does."""
         return self.part(frame, self.pixels(frame), (slice(None), slice(None)))
 
-    def bands(self, frame: Frame) -> Iterator[tuple[slice, FloatImage, npt.NDArray[np.bool_]]]:
+    def bands(self, frame: Frame) -> Iterator[tuple[slice, Float32, Bool]]:
         """Yield `signal_and_saturation` in bands of rows that fit into the cache, with their rows.
 
         Everything about one band should be done before the next: the signal of a large frame in
@@ -202,7 +201,7 @@ class Linearizer:
             return 0.0, 0
         return self._subtracted(exposure_us)[1], len(self._references(role, exposure_us))
 
-    def dark_signal(self, exposure_us: float | None) -> FloatImage | None:
+    def dark_signal(self, exposure_us: float | None) -> Float32 | None:
         """Return the mean of the dark frames of an exposure time, as signal; None without any."""
         if exposure_us is None and not self._timeless:
             return None
@@ -213,7 +212,7 @@ class Linearizer:
 
     def part(
         self, frame: Frame, pixels: Image, part: tuple[Index, Index], top: int = 0
-    ) -> tuple[FloatImage, npt.NDArray[np.bool_]]:
+    ) -> tuple[Float32, Bool]:
         """Return `signal_and_saturation` of the rows and columns ``part`` of the `pixels`.
 
         ``top`` is the row of the frame at which the pixels begin.
@@ -233,10 +232,10 @@ class Linearizer:
             return frame.read_finite()[rows]
         return self._reader.rows(frame, rows.start, rows.stop)
 
-    def _linear(self, pixels: Image) -> FloatImage:
+    def _linear(self, pixels: Image) -> Float32:
         if len(self._light) and pixels.dtype == np.uint8:
             table = self._light[:256]
-            samples8: npt.NDArray[np.uint8] = np.ascontiguousarray(pixels, np.uint8)
+            samples8: UInt8 = np.ascontiguousarray(pixels, np.uint8)
             return np.asarray(cv2.LUT(samples8, table), np.float32).reshape(pixels.shape)
         if len(self._light) and np.issubdtype(pixels.dtype, np.integer):
             light = np.zeros(pixels.shape, np.float32)
@@ -244,7 +243,7 @@ class Linearizer:
             for top in range(0, len(pixels), _ROWS):
                 light[top : top + _ROWS] = self._light[pixels[top : top + _ROWS]]
             return light
-        samples: FloatImage = pixels.astype(np.float32) - np.float32(self._source.black_level)
+        samples: Float32 = pixels.astype(np.float32) - np.float32(self._source.black_level)
         samples /= self._span
         return samples if self._curve is None else self._curve.light(samples).astype(np.float32)
 
@@ -260,7 +259,7 @@ class Linearizer:
             return self._timeless
         return same_exposure(one_us, other_us)
 
-    def _subtracted(self, exposure_us: float | None) -> tuple[FloatImage | None, float]:
+    def _subtracted(self, exposure_us: float | None) -> tuple[Float32 | None, float]:
         """Return the mean of the references of an exposure time, and its median."""
         if exposure_us is None and not self._timeless:
             return None, 0.0
@@ -274,13 +273,13 @@ class Linearizer:
             self._offsets.append((exposure_us, offset, level))
             return offset, level
 
-    def _mean_reference(self, exposure_us: float | None) -> FloatImage | None:
+    def _mean_reference(self, exposure_us: float | None) -> Float32 | None:
         role = self.reference(exposure_us)
         if role is None:
             return None
         return self._mean_of(self._references(role, exposure_us))
 
-    def _mean_of(self, frames: list[Frame]) -> FloatImage:
+    def _mean_of(self, frames: list[Frame]) -> Float32:
         mean = np.zeros(frames[0].shape, np.float32)
         # In parts, because sums need three times the memory; without a reader, each reads all.
         for rows in [slice(0, len(mean))] if self._reader is None else row_bands(len(mean)):

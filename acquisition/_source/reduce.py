@@ -6,13 +6,11 @@ import operator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._source.source import Reduction, Source
 from rig import check_type
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32
 
 
 def crop(source: Source, x: int, y: int, width: int, height: int) -> Source:
@@ -150,10 +148,10 @@ def _masked(source: Source, part: Reduction, nothing: str) -> Source:
     )
 
 
-def _mean_normals(blocks: Reduction, truth: Float) -> Float:
+def _mean_normals(blocks: Reduction, truth: Float32) -> Float32:
     known = blocks.all((truth != 0).any(axis=2))
     total = blocks.mean(truth)
     length = np.linalg.norm(total, axis=2, keepdims=True)
     usable = known[..., None] & (length > 0)
-    unit: Float = np.divide(total, length, out=np.zeros_like(total), where=usable)
+    unit: Float32 = np.divide(total, length, out=np.zeros_like(total), where=usable)
     return unit

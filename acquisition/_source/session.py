@@ -7,7 +7,6 @@ from math import isqrt
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._pixels.image_facts import ImageFacts, ShotFacts
@@ -23,6 +22,7 @@ from acquisition._values.noise_model import NoiseModel
 from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Mounting, Notice, pluralize
+from rig.arrays import Bool, Float32
 
 
 def read_session(
@@ -124,7 +124,7 @@ def read_session(
     )
 
 
-def _mask(session: Session, path: Path, size: tuple[int, int]) -> npt.NDArray[np.bool_]:
+def _mask(session: Session, path: Path, size: tuple[int, int]) -> Bool:
     """Return a mask; one that is not part of the session must be turned as its images are."""
     if session.folder in path.parents:
         return read_mask(path, size)
@@ -160,7 +160,7 @@ def _upright_cfa(session: Session, folder: Path) -> str | None:
         raise DataError(f"{folder / MANIFEST}: {error}: correct cfa in [camera]") from error
 
 
-def _true_normals(path: Path, size: tuple[int, int]) -> npt.NDArray[np.float32]:
+def _true_normals(path: Path, size: tuple[int, int]) -> Float32:
     normals = read_image(path, max_pixels=size[0] * size[1])
     if normals.dtype != np.float32 or normals.shape != (*size, 3):
         raise DataError(

@@ -22,6 +22,7 @@ from acquisition._values.noise_model import NoiseModel
 from acquisition._values.setup import Setup
 from acquisition._values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize, short_repr
+from rig.arrays import Bool, Float32
 
 Sample = TypeVar("Sample", bound=np.generic)
 SourceKind = Literal["session", "diligent", "lp", "images"]
@@ -66,7 +67,7 @@ class Reduction:
         part, step = self.cut(image), self.factor
         return [part[row::step, column::step] for row in range(step) for column in range(step)]
 
-    def mean(self, image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def mean(self, image: Float32) -> Float32:
         """Return the average of each block, NaN if a sample of the block is NaN.
 
         Parameters
@@ -85,7 +86,7 @@ class Reduction:
             total += block
         return total if not others else np.divide(total, np.float32(1 + len(others)), out=total)
 
-    def all(self, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    def all(self, mask: Bool) -> Bool:
         """Return where all pixels of a block are True, ``(H, W)`` of `size`."""
         first, *others = self.blocks(mask)
         every = first.copy()
@@ -263,12 +264,12 @@ class Source:
     kind: SourceKind
     frames: tuple[Frame, ...]
     lights: Lights | None = None
-    mask: npt.NDArray[np.bool_] | None = None
+    mask: Bool | None = None
     mask_path: Path | None = None
     mask_origin: MaskOrigin | None = None
-    not_object: npt.NDArray[np.bool_] | None = None
+    not_object: Bool | None = None
     camera: CameraModel | None = None
-    normals_truth: npt.NDArray[np.float32] | None = None
+    normals_truth: Float32 | None = None
     cfa: str | None = None
     black_level: float = 0.0
     white_level: float = 1.0

@@ -16,8 +16,9 @@ from acquisition._pixels.images import read_image, write_exr
 from acquisition._session.value_records import CalibratedRecord, Table
 from acquisition._storage import make_folder, write_durably
 from acquisition._text_files import parse_versioned, read_text
-from acquisition._values.flat import Flat, FloatImage
+from acquisition._values.flat import Flat
 from rig import MAX_PIXELS, check_type
+from rig.arrays import Float32
 
 FLAT_FILE: Final = "flat.json"
 _PARTS: Final = ("smooth", "pixel")
@@ -165,7 +166,7 @@ def _file_of(path: Path) -> Path:
     return path / FLAT_FILE if path.is_dir() else path
 
 
-def _read_part(path: Path, sha256: str, max_pixels: int) -> FloatImage:
+def _read_part(path: Path, sha256: str, max_pixels: int) -> Float32:
     values = read_image(path, max_pixels=max_pixels)
     if values.dtype != np.float32:
         raise DataError(f"{path}: has {values.dtype} samples, a flat has float32: calibrate again")
@@ -178,5 +179,5 @@ def _read_part(path: Path, sha256: str, max_pixels: int) -> FloatImage:
     return image
 
 
-def _sha256(values: FloatImage) -> str:
+def _sha256(values: Float32) -> str:
     return hashlib.sha256(np.ascontiguousarray(values, "<f4").data.cast("B")).hexdigest()

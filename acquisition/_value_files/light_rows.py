@@ -13,7 +13,7 @@ import numpy as np
 
 from acquisition._errors import DataError
 from acquisition._values.image_names import SUFFIXES
-from acquisition._values.lights import Array
+from rig.arrays import Float64
 
 # The separator of a file is the first of these with which all its rows can be read. A comma is a
 # decimal comma unless it is the separator.
@@ -104,7 +104,7 @@ def light_rows(
     raise refused or tried[-1].unlike(form, later=len(tried) > 1)
 
 
-def same_length(vectors: Array) -> bool:
+def same_length(vectors: Float64) -> bool:
     """Return whether vectors have one length, apart from 1 % and the rounding of their decimals."""
     exponents = [Decimal(repr(float(v))).normalize().as_tuple().exponent for v in vectors.ravel()]
     step = 10.0 ** min(0, *(each for each in exponents if isinstance(each, int)))

@@ -12,8 +12,9 @@ import numpy as np
 from acquisition._errors import DataError
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._value_files.light_rows import LightRow, light_rows, same_length
-from acquisition._values.lights import Array, Lights
+from acquisition._values.lights import Lights
 from rig import Notice, pluralize
+from rig.arrays import Float64
 
 DIRECTIONS_FILE = "light_directions.txt"
 INTENSITIES_FILE = "light_intensities.txt"
@@ -129,8 +130,8 @@ def _lights(rows: Sequence[LightRow], path: Path) -> Lights:
 
 
 def _further(
-    rows: Sequence[LightRow], lengths: Array, path: Path
-) -> tuple[Array | None, tuple[Notice, ...]]:
+    rows: Sequence[LightRow], lengths: Float64, path: Path
+) -> tuple[Float64 | None, tuple[Notice, ...]]:
     """Return the numbers after the vectors as intensities if they are that, and the notice."""
     values = np.array([row.further for row in rows if row.further is not None])
     if not len(values):
@@ -152,12 +153,12 @@ def _further(
     return values, () if stated else (notice,)
 
 
-def _span(values: Array) -> str:
+def _span(values: Float64) -> str:
     low, high = f"{values.min():.4g}", f"{values.max():.4g}"
     return low if low == high else f"{low} to {high}"
 
 
-def _intensities(path: Path) -> Array:
+def _intensities(path: Path) -> Float64:
     rows = _table(read_text(path), path)
     for row in rows:
         if min(row.vector) <= 0:

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError, convert_read_errors
 from acquisition._storage import write_durably
-from acquisition._values.lights import Array
 from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded
+from rig.arrays import Float32, Float64
 
 _HEADER: Final = 128
 _MATRIX, _COMPRESSED = 14, 15
@@ -43,7 +42,7 @@ class _Element:
     data: memoryview
 
 
-def read_mat5(data: bytes, name: str, max_numbers: int) -> npt.NDArray[np.float64]:
+def read_mat5(data: bytes, name: str, max_numbers: int) -> Float64:
     """Return a variable of a MAT-file as doubles.
 
     Parameters
@@ -151,9 +150,7 @@ def _unpacked(element: _Element, most_bytes: int, order: str) -> _Element:
     return _next(memoryview(data), order)[0]
 
 
-def _matrix(
-    data: memoryview, order: str, name: str, max_numbers: int
-) -> npt.NDArray[np.float64] | None:
+def _matrix(data: memoryview, order: str, name: str, max_numbers: int) -> Float64 | None:
     """Return the numbers of a matrix; None if it has another name."""
     flags, data = _next(data, order)
     shape, data = _next(data, order)
@@ -180,7 +177,7 @@ def _matrix(
     return values.reshape(sides, order="F")
 
 
-def write_normals_mat(path: Path, normals: npt.NDArray[np.float32]) -> None:
+def write_normals_mat(path: Path, normals: Float32) -> None:
     """Write normals ``(H, W, 3)`` as ``Normal_gt``; equal normals give equal bytes.
 
     Raises
@@ -209,7 +206,7 @@ def variable_names(path: Path) -> list[str]:
         return mat5_names(read_bounded(path, MAX_BINARY_BYTES), 8 * _MOST_NUMBERS + 4096)
 
 
-def read_variables(path: Path, names: Iterable[str]) -> dict[str, Array]:
+def read_variables(path: Path, names: Iterable[str]) -> dict[str, Float64]:
     """Return those of the named numeric variables that a MAT-file has.
 
     Raises
@@ -219,7 +216,7 @@ def read_variables(path: Path, names: Iterable[str]) -> dict[str, Array]:
     DataError
         If the file is not a MAT-file of level 5, or is damaged.
     """
-    found: dict[str, Array] = {}
+    found: dict[str, Float64] = {}
     with convert_read_errors(path):
         data = read_bounded(path, MAX_BINARY_BYTES)
         for name in names:

@@ -17,8 +17,9 @@ from acquisition._errors import DataError
 from acquisition._text_files import numbered_lines, read_text
 from acquisition._value_files.mat5 import read_variables, variable_names
 from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Array, Lights
+from acquisition._values.lights import Lights
 from rig import Notice
+from rig.arrays import Float64
 
 LightAxes = Literal["opencv", "opengl", "house"]
 
@@ -147,8 +148,8 @@ def read_near_lights(
 
 
 def _in_house(
-    path: Path, values: dict[str, Array], camera: CameraModel | None, axes: LightAxes
-) -> tuple[Array, Array | None]:
+    path: Path, values: dict[str, Float64], camera: CameraModel | None, axes: LightAxes
+) -> tuple[Float64, Float64 | None]:
     positions, directions = values["positions"], values.get("axes")
     if axes == "house":
         return positions, directions
@@ -170,7 +171,7 @@ def _in_house(
 
 
 def _with_intensities(
-    path: Path, lights: Lights, strengths: Array | None, axes: LightAxes, *, given: bool
+    path: Path, lights: Lights, strengths: Float64 | None, axes: LightAxes, *, given: bool
 ) -> Lights:
     """Convert strengths of sources to irradiance at the origin."""
     positions, along, mu = map(np.asarray, (lights.positions_mm, lights.axes, lights.mu))
@@ -198,7 +199,7 @@ def _with_intensities(
     )
 
 
-def _variables(path: Path) -> tuple[dict[str, Array], list[str]]:
+def _variables(path: Path) -> tuple[dict[str, Float64], list[str]]:
     """Return the variables of a file by our names, and the names of its other variables."""
     if path.suffix.casefold() == ".mat":
         there = variable_names(path)
@@ -218,7 +219,7 @@ def _variables(path: Path) -> tuple[dict[str, Array], list[str]]:
     return {ours: array for ours, array in siblings.items() if array is not None}, []
 
 
-def _checked(path: Path, values: dict[str, Array]) -> dict[str, Array]:
+def _checked(path: Path, values: dict[str, Float64]) -> dict[str, Float64]:
     """Return variables with one row per light, or say what is wrong with one of them.
 
     MATLAB's vectors have one row or one column, and a single number counts for all lights.
@@ -254,7 +255,7 @@ def _is_named(path: Path, ours: str) -> bool:
     return path.stem.casefold() in {name.casefold() for name in _NAMES[ours]}
 
 
-def _sibling(path: Path, ours: str) -> Array | None:
+def _sibling(path: Path, ours: str) -> Float64 | None:
     """Return the numbers of a variable from the file itself or from a file next to it."""
     if _is_named(path, ours):
         return _numbers(path, numbered_lines(read_text(path)))
@@ -277,7 +278,7 @@ def _header(path: Path) -> list[str] | None:
     return names if {"x", "y", "z"} < known & set(names) else None
 
 
-def _columns(path: Path, header: list[str]) -> dict[str, Array]:
+def _columns(path: Path, header: list[str]) -> dict[str, Float64]:
     table = _numbers(path, numbered_lines(read_text(path))[1:], header)
     values = {
         ours: table[:, [header.index(name) for name in names]]
@@ -289,7 +290,7 @@ def _columns(path: Path, header: list[str]) -> dict[str, Array]:
     return values
 
 
-def _numbers(path: Path, lines: list[tuple[int, str]], header: list[str] | None = None) -> Array:
+def _numbers(path: Path, lines: list[tuple[int, str]], header: list[str] | None = None) -> Float64:
     """Return the numbers of a table; columns whose names we do not know may hold text."""
     known = {name for names in _COLUMNS.values() for name in names}
     rows: list[list[float]] = []

@@ -14,13 +14,11 @@ from xml.parsers import expat
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._values.camera_model import CameraModel
 from rig import UnreadableError
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 _ROOT = "opencv_storage"
 # A camera matrix has 9 numbers, the longest distortion 14.
@@ -63,7 +61,7 @@ def number_of(node: str | dict[str, str] | None) -> float | None:
         return None
 
 
-def matrix_of(node: str | dict[str, str] | None, name: str, path: Path) -> Array | None:
+def matrix_of(node: str | dict[str, str] | None, name: str, path: Path) -> Float64 | None:
     """Return a node as a matrix ``(rows, cols)``; None if the node does not exist.
 
     Raises

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 _BLOCK = 1 << 14  # vectors, whose intermediate values stay in the cache
 
 
-def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Double:
+def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Float64:
     """Return the angle between vectors in degrees, accurate for small angles too.
 
     Parameters
@@ -38,13 +38,13 @@ def angle_deg(a: npt.ArrayLike, b: npt.ArrayLike) -> Double:
     for begin in range(0, len(first), _BLOCK):
         block = slice(begin, begin + _BLOCK)
         angles[block] = _angles(first[block].astype(np.float64), second[block].astype(np.float64))
-    result: Double = angles.reshape(shape)[()]
+    result: Float64 = angles.reshape(shape)[()]
     return result
 
 
-def _angles(first: Double, second: Double) -> Double:
+def _angles(first: Float64, second: Float64) -> Float64:
     ax, ay, az = first[..., 0], first[..., 1], first[..., 2]
     bx, by, bz = second[..., 0], second[..., 1], second[..., 2]
     cross = np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)
-    angle: Double = np.degrees(np.arctan2(cross, ax * bx + ay * by + az * bz))
+    angle: Float64 = np.degrees(np.arctan2(cross, ax * bx + ay * by + az * bz))
     return angle

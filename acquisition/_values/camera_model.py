@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 # OpenCV's camera looks along +Z with Y down; in the house frame it looks along -Z with Y up.
 _FLIP = np.array([1.0, -1.0, -1.0])
@@ -43,11 +42,11 @@ class CameraModel:
         distance or the focus is not positive, or a distortion coefficient is not finite.
     """
 
-    K: Array
+    K: Float64
     width: int
     height: int
     working_distance_mm: float | None = None
-    distortion: Array = field(default_factory=lambda: np.zeros(5))
+    distortion: Float64 = field(default_factory=lambda: np.zeros(5))
     lens: str = ""
     focus_mm: float | None = None
 
@@ -97,19 +96,19 @@ class CameraModel:
         return float(np.sqrt(self.K[0, 0] * self.K[1, 1]))
 
     @property
-    def centre_mm(self) -> Array:
+    def centre_mm(self) -> Float64:
         """Centre of projection, ``(0, 0, working distance)``."""
         if self.working_distance_mm is None:
             raise DataError("this camera has no working distance: add working_distance_mm to it")
         return np.array([0.0, 0.0, self.working_distance_mm])
 
-    def from_opencv(self, points_mm: npt.ArrayLike) -> Array:
+    def from_opencv(self, points_mm: npt.ArrayLike) -> Float64:
         """Return points of OpenCV's camera frame in the house frame, ``(..., 3)`` mm.
 
         The origin of OpenCV's frame is the centre of projection; X points right, Y down and Z away
         from the camera. Directions are converted by the difference of two points.
         """
-        points: Array = self.centre_mm + np.asarray(points_mm, np.float64) * _FLIP
+        points: Float64 = self.centre_mm + np.asarray(points_mm, np.float64) * _FLIP
         return points
 
     def cropped(self, x: int, y: int, width: int, height: int) -> CameraModel:
@@ -143,7 +142,7 @@ class CameraModel:
         K[:2, 2] += (factor - 1) / 2
         return replace(self, K=K, width=self.width * factor, height=self.height * factor)
 
-    def rays(self, pixels: npt.ArrayLike) -> Array:
+    def rays(self, pixels: npt.ArrayLike) -> Float64:
         """Return the viewing directions of pixels in the house frame, scaled to z = -1.
 
         A surface point is ``centre + depth * ray``, with the depth along the optical axis.
@@ -167,26 +166,26 @@ class CameraModel:
             seen = np.stack([x, y], axis=-1).reshape(-1, 1, 2)
             straight = cv2.undistortPoints(seen, np.eye(3), self.distortion, criteria=criteria)
             x, y = np.moveaxis(straight.reshape(points.shape), -1, 0)
-        rays: Array = np.stack([x, y, np.ones_like(x)], axis=-1) * _FLIP
+        rays: Float64 = np.stack([x, y, np.ones_like(x)], axis=-1) * _FLIP
         return rays
 
-    def pixel_rays(self) -> Array:
+    def pixel_rays(self) -> Float64:
         """Return the ray of every pixel, ``(height, width, 3)``."""
         x, y = np.meshgrid(np.arange(self.width), np.arange(self.height))
         return self.rays(np.stack([x, y], axis=-1))
 
-    def points_on_plane(self, z_mm: float = 0.0) -> Array:
+    def points_on_plane(self, z_mm: float = 0.0) -> Float64:
         """Return the points ``(height, width, 3)`` at which rays meet the plane z = ``z_mm``."""
         return self.points_at(np.asarray(self.centre_mm[2] - z_mm))
 
-    def points_at(self, depth_mm: npt.ArrayLike) -> Array:
+    def points_at(self, depth_mm: npt.ArrayLike) -> Float64:
         """Return the points ``(height, width, 3)`` of all pixels at depths ``(height, width)``."""
-        points: Array = self.pixel_rays()
+        points: Float64 = self.pixel_rays()
         points *= np.asarray(depth_mm)[..., None]
         points += self.centre_mm
         return points
 
-    def project(self, points_mm: npt.ArrayLike) -> Array:
+    def project(self, points_mm: npt.ArrayLike) -> Float64:
         """Return the pixels ``(..., 2)`` that show points ``(..., 3)`` of the house frame."""
         points = (np.asarray(points_mm, np.float64) - self.centre_mm) * _FLIP
         if not points.size:  # OpenCV refuses empty arrays
@@ -200,5 +199,5 @@ class CameraModel:
             inverse = 1 / np.where(points[..., 2] == 0, 1.0, points[..., 2])
             x, y = points[..., 0] * inverse, points[..., 1] * inverse
         across = self.K[0, 0] * x + self.K[0, 1] * y + self.K[0, 2]
-        pixels: Array = np.stack([across, self.K[1, 1] * y + self.K[1, 2]], axis=-1)
+        pixels: Float64 = np.stack([across, self.K[1, 1] * y + self.K[1, 2]], axis=-1)
         return pixels

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._errors import DataError
 from acquisition._values.setup import Calibrated
-
-FloatImage = npt.NDArray[np.float32]
+from rig.arrays import Float32
 
 # A response below this share of the middle amplifies noise and stray light without limit.
 _LEAST, _MOST = 0.01, 100.0
@@ -58,8 +56,8 @@ class Flat:
     np.float32(0.808)
     """
 
-    smooth: FloatImage
-    pixel: FloatImage
+    smooth: Float32
+    pixel: Float32
     cfa: str | None = None
     pixel_std: float | None = None
     gradient_std: float | None = None
@@ -96,6 +94,6 @@ class Flat:
         return f"Flat({width} x {height} px, corners {corner:.1%}{mosaic})"
 
     @property
-    def response(self) -> FloatImage:
+    def response(self) -> Float32:
         """Product of both parts, by which linear signal is divided."""
         return self.smooth * self.pixel

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from acquisition._errors import DataError
 from rig import pluralize, short_repr
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64, Int64
 
 # Rounding errors of a computed covariance, relative to its largest element.
 _ROUNDING = 1e-9
@@ -48,12 +47,12 @@ class LightErrors:
         deviation, or a matrix that is not a covariance. The message names the light.
     """
 
-    covariances: Array | None = None
-    intensity_std: Array | None = None
-    axis_std_deg: Array | None = None
-    mu_std: Array | None = None
-    residual_px: Array | None = None
-    spheres: npt.NDArray[np.int64] | None = None
+    covariances: Float64 | None = None
+    intensity_std: Float64 | None = None
+    axis_std_deg: Float64 | None = None
+    mu_std: Float64 | None = None
+    residual_px: Float64 | None = None
+    spheres: Int64 | None = None
 
     __repr__ = short_repr
 
@@ -90,7 +89,7 @@ class LightErrors:
             **{name: None if array is None else array[pick] for name, array in values.items()}
         )
 
-    def of_directions(self, positions_mm: Array) -> LightErrors:
+    def of_directions(self, positions_mm: Float64) -> LightErrors:
         """Return the errors of the directions from the origin toward positions ``(N, 3)``."""
         covariances = None
         if self.covariances is not None:
@@ -100,7 +99,7 @@ class LightErrors:
         return replace(self, covariances=covariances, axis_std_deg=None, mu_std=None)
 
 
-def tangent_basis(directions: npt.ArrayLike) -> Array:
+def tangent_basis(directions: npt.ArrayLike) -> Float64:
     """Return two unit vectors at right angles to each direction, as rows: ``(N, 2, 3)``.
 
     They are X and Y after the smallest rotation that turns Z into the direction ``(x, y, z)``::
@@ -134,7 +133,7 @@ def tangent_basis(directions: npt.ArrayLike) -> Array:
     return np.stack([first, second], axis=1)
 
 
-def _covariances(value: Array | None, ids: Sequence[str], size: int) -> Array | None:
+def _covariances(value: Float64 | None, ids: Sequence[str], size: int) -> Float64 | None:
     if value is None:
         return None
     matrices = np.array(value, np.float64)
@@ -160,8 +159,8 @@ def _covariances(value: Array | None, ids: Sequence[str], size: int) -> Array | 
 
 
 def _deviations(
-    value: Array | None, ids: Sequence[str], shape: tuple[int, ...], name: str
-) -> Array | None:
+    value: Float64 | None, ids: Sequence[str], shape: tuple[int, ...], name: str
+) -> Float64 | None:
     if value is None:
         return None
     array = np.array(value, np.float64)
@@ -176,13 +175,11 @@ def _deviations(
     return _known(array)
 
 
-def _known(array: Array) -> Array | None:
+def _known(array: Float64) -> Float64 | None:
     return None if np.isnan(array).all() else array
 
 
-def _counts(
-    value: npt.NDArray[np.int64] | None, ids: Sequence[str]
-) -> npt.NDArray[np.int64] | None:
+def _counts(value: Int64 | None, ids: Sequence[str]) -> Int64 | None:
     if value is None:
         return None
     array = np.asarray(value)

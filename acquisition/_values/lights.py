@@ -16,8 +16,7 @@ from acquisition._values.light_errors import LightErrors
 from acquisition._values.running_numbers import pair_by_number
 from acquisition._values.setup import Calibrated
 from rig import Notice, pluralize
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 _OF_LED = re.compile(r"l([0-9]{1,9})(?:_e[0-9]+)?(?:_r[0-9]+)?(?:\.z[0-9]*)?")
 # Closer points coincide with a light, so that the direction toward it is undefined.
@@ -88,11 +87,11 @@ class Lights:
         origin, an intensity is not positive, or `errors` are invalid. The message names the light.
     """
 
-    directions: Array | None = None
-    positions_mm: Array | None = None
-    intensities: Array | None = None
-    axes: Array | None = None
-    mu: Array | None = None
+    directions: Float64 | None = None
+    positions_mm: Float64 | None = None
+    intensities: Float64 | None = None
+    axes: Float64 | None = None
+    mu: Float64 | None = None
     ids: tuple[str, ...] = ()
     errors: LightErrors | None = None
     calibrated: Calibrated | None = None
@@ -155,12 +154,12 @@ class Lights:
         return self.positions_mm is not None
 
     @property
-    def unit_directions(self) -> Array:
+    def unit_directions(self) -> Float64:
         """``(N, 3)`` unit vectors from the origin toward the lights, for near lights too."""
         if self.positions_mm is None:
             return _known(self.directions)
         length = np.linalg.norm(self.positions_mm, axis=1, keepdims=True)
-        directions: Array = self.positions_mm / length
+        directions: Float64 = self.positions_mm / length
         return directions
 
     def distant(self) -> Lights:
@@ -190,7 +189,7 @@ class Lights:
             errors=None if self.errors is None else self.errors.take(pick),
         )
 
-    def vectors_at(self, points_mm: npt.ArrayLike) -> Array:
+    def vectors_at(self, points_mm: npt.ArrayLike) -> Float64:
         """Return the light vectors at scene points: unit direction times relative irradiance.
 
         The irradiance of a Lambertian surface is ``intensity * max(n . v, 0)``, where ``v`` is the
@@ -228,7 +227,7 @@ class Lights:
             raise DataError(f"light {dark} points away from the origin: correct its axis")
         gain = (reference / distance) ** 2 * (cosine / cosine_reference) ** mu
         gain = np.where(cosine > 0, gain, 0.0)
-        vectors: Array = toward / distance[..., None] * gain[..., None]
+        vectors: Float64 = toward / distance[..., None] * gain[..., None]
         return vectors
 
     def match(self, names: Sequence[str]) -> tuple[list[int], bool]:
@@ -300,14 +299,14 @@ def _found(
     return {name: places[key] for name in names if (key := reduced(name)) in places}
 
 
-def _known(value: Array | None) -> Array:
+def _known(value: Float64 | None) -> Float64:
     """Narrow the type of a field that the constructor sets."""
     if value is None:
         raise TypeError("a field that the constructor sets is missing")
     return value
 
 
-def _finite(value: npt.ArrayLike, name: str) -> Array:
+def _finite(value: npt.ArrayLike, name: str) -> Float64:
     array = np.array(value, np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or len(array) == 0:
         plural = "axes" if name == "axis" else f"{name}s"

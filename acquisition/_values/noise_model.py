@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
+from rig.arrays import Float64
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ class NoiseModel:
             return self
         return replace(self, electrons_per_dn=self.electrons_per_dn / 10.0 ** (gain_db / 20.0))
 
-    def variance_dn(self, grey_dn: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def variance_dn(self, grey_dn: npt.ArrayLike) -> Float64:
         """Return the temporal variance (grey values squared) at mean grey values.
 
         The variance contains shot noise, read noise and the quantisation of one grey value, EMVA
@@ -121,7 +122,5 @@ class NoiseModel:
         """
         electrons = np.clip(np.asarray(grey_dn, np.float64) - self.black_level_dn, 0.0, None)
         electrons *= self.electrons_per_dn
-        noise: npt.NDArray[np.float64] = (
-            electrons + self.read_noise_e**2
-        ) / self.electrons_per_dn**2
+        noise: Float64 = (electrons + self.read_noise_e**2) / self.electrons_per_dn**2
         return noise + 1.0 / 12.0

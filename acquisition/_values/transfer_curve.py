@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
+from rig.arrays import Float64
 
 CurveKind = Literal["linear", "srgb", "power", "table"]
 
@@ -109,7 +110,7 @@ class TransferCurve:
                 return f"a table of {len(self.points)} points"
         return "linear"
 
-    def light(self, samples: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def light(self, samples: npt.ArrayLike) -> Float64:
         """Return the light of samples relative to white, of the same shape.
 
         A linear curve returns the samples. The others map samples below 0 to 0. Above 1, sRGB and
@@ -127,7 +128,7 @@ class TransferCurve:
                 return np.asarray(values**self._power)
         return _interpolated(values, *self._columns)
 
-    def samples(self, light: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def samples(self, light: npt.ArrayLike) -> Float64:
         """Return the samples of light relative to white: the inverse of `TransferCurve.light`."""
         values = np.asarray(light, np.float64)
         if self.kind == "linear":
@@ -156,7 +157,7 @@ class TransferCurve:
         return self.exponent or 1.0
 
     @property
-    def _columns(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    def _columns(self) -> tuple[Float64, Float64]:
         pairs = np.array(self.points)
         return pairs[:, 0], pairs[:, 1]
 
@@ -173,9 +174,7 @@ class TransferCurve:
                 raise DataError("a table of a transfer curve needs finite numbers")
 
 
-def _interpolated(
-    values: npt.NDArray[np.float64], x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _interpolated(values: Float64, x: Float64, y: Float64) -> Float64:
     slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
     inside = np.interp(values, x, y)
     return np.asarray(np.where(values > x[-1], y[-1] + (values - x[-1]) * slope, inside))

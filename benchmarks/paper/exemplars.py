@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import processing
 import simulator
 from benchmarks.paper.sources import Sources, relief
+from rig.arrays import UInt8
 
 SIDE_PX = 256
 _PIXEL_MM = 0.3
@@ -65,14 +65,14 @@ def captured(sources: Sources, *, complete: bool) -> Iterator[tuple[str, process
             yield f"{name}, complete", sources.given(name)
 
 
-def _drawn(raised: npt.NDArray[np.uint8]) -> processing.NormalMap:
+def _drawn(raised: UInt8) -> processing.NormalMap:
     """Return the normals of a drawing whose white parts are raised, with round edges."""
     height = cv2.GaussianBlur(raised.astype(np.float32) / 255, (0, 0), 1.5) * _RISE_PX
     down, right = np.gradient(height)
     return processing.NormalMap.from_vectors(np.dstack([-right, down, np.ones_like(height)]))
 
 
-def _bricks() -> npt.NDArray[np.uint8]:
+def _bricks() -> UInt8:
     row, column = np.indices((SIDE_PX, SIDE_PX))
     course = row // _BRICK_PX[1]
     along = (column + course % 2 * _BRICK_PX[0] // 2) % _BRICK_PX[0]
@@ -80,7 +80,7 @@ def _bricks() -> npt.NDArray[np.uint8]:
     return np.where(raised, np.uint8(255), np.uint8(0))
 
 
-def _lettering() -> npt.NDArray[np.uint8]:
+def _lettering() -> UInt8:
     drawing = np.zeros((SIDE_PX, SIDE_PX), np.uint8)
     for number, base in enumerate(range(_LINE_PX - 8, SIDE_PX + _LINE_PX, _LINE_PX)):
         line = _TEXT[5 * number % len(_TEXT) :] + _TEXT * 2

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 import processing
+from rig.arrays import Bool
 
 # The paper's granularity for faces.
 FACE_W = 10
@@ -43,7 +43,7 @@ class Face(NamedTuple):
         """Transfer the face to the target at the paper's granularity."""
         x, y, across, down = self.ellipse
         rows, columns = np.ogrid[: source.size[0], : source.size[1]]
-        part: npt.NDArray[np.bool_] = ((columns - x) / across) ** 2 + ((rows - y) / down) ** 2 <= 1
+        part: Bool = ((columns - x) / across) ** 2 + ((rows - y) / down) ** 2 <= 1
         return processing.transfer_local(
             source,
             target,

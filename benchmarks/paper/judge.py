@@ -22,8 +22,8 @@ from typing import Literal
 import numpy as np
 
 import processing
-from benchmarks.paper.peers.mesh import Mask
 from benchmarks.paper.peers.surfaces import Surfaces
+from rig.arrays import Bool
 
 FLOOR = "round trip without transfer"
 PLAIN = ("shape error, deg", "shape SSIM", "detail error, deg", "detail SSIM")
@@ -45,7 +45,7 @@ def judge(
     target: processing.NormalMap,
     in_normals: Mapping[str, InNormals],
     *,
-    region: Mask | None = None,
+    region: Bool | None = None,
     w: int = 5,
 ) -> Judged:
     """Measure the errors of results with the paper's filter.
@@ -101,7 +101,7 @@ class _Meant:
         self,
         source: processing.NormalMap,
         target: processing.NormalMap,
-        region: Mask | None,
+        region: Bool | None,
         w: int,
     ) -> None:
         self._region, self._filter = region, processing.ShapeFilter(order=1, w=w)

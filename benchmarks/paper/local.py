@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 import processing
 from benchmarks.paper import figures as paper
@@ -13,6 +12,7 @@ from benchmarks.paper.measure import measure
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
+from rig.arrays import Bool
 from sgp._overview import Panel
 from sgp._panels.maps import normals_panel
 
@@ -37,7 +37,7 @@ def local_transfers(sources: Sources, advance: Progress) -> tuple[Table, list[Pa
         def in_normals(
             one: processing.NormalMap,
             other: processing.NormalMap,
-            region: npt.NDArray[np.bool_] = region,
+            region: Bool = region,
         ) -> processing.NormalMap:
             return processing.transfer_local(
                 one,

@@ -19,21 +19,20 @@ from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 import processing
 import rig
 from benchmarks.harness import peak_begins, resident_bytes
 from benchmarks.paper.peers.dspl import Displacement
 from benchmarks.paper.peers.lapl import LaplacianEditing, superlu
-from benchmarks.paper.peers.mesh import Float, GridMesh
+from benchmarks.paper.peers.mesh import GridMesh
 from benchmarks.paper.peers.surfaces import Surfaces
+from rig.arrays import Bool, Float32
 
 Method = Literal["DSPL", "LAPL", "LAPL, direct solver", "normals", "normals, order 8"]
 # The methods that the tables compare. The direct solver gives the same result as LAPL.
 METHODS: tuple[Method, ...] = ("DSPL", "LAPL", "normals", "normals, order 8")
 _ORDERS = {"normals": 1, "normals, order 8": 8}
-Mask = npt.NDArray[np.bool_]
 
 # Largest number of memory measurements; memory hardly varies.
 _MEMORY_RUNS = 3
@@ -42,11 +41,11 @@ _MEMORY_RUNS = 3
 class Peer(Protocol):
     """A mesh method after the computations that depend on its target only."""
 
-    def put(self, source: Float) -> Float:
+    def put(self, source: Float32) -> Float32:
         """Transfer a source's detail to the target; return ``(V, 3)`` vertices."""
 
 
-MakePeer = Callable[[Float, GridMesh, Mask | None, int], Peer]
+MakePeer = Callable[[Float32, GridMesh, Bool | None, int], Peer]
 PEERS: Mapping[str, MakePeer] = {
     "DSPL": Displacement,
     "LAPL": LaplacianEditing,
@@ -97,7 +96,7 @@ def measure(
     source: processing.NormalMap,
     target: processing.NormalMap,
     *,
-    region: Mask | None = None,
+    region: Bool | None = None,
     w: int = 5,
     runs: int = 1,
     script: Path | None = None,
@@ -163,7 +162,7 @@ class _Bench:
         self,
         source: processing.NormalMap,
         target: processing.NormalMap,
-        region: Mask | None,
+        region: Bool | None,
         w: int,
         peers: Mapping[str, MakePeer],
     ) -> None:
@@ -171,7 +170,7 @@ class _Bench:
         self._surfaces = Surfaces.of(source, target)
         self._region = None if region is None else region[self._surfaces.mesh.mask]
 
-    def prepare(self, method: str) -> Callable[[], processing.NormalMap | Float]:
+    def prepare(self, method: str) -> Callable[[], processing.NormalMap | Float32]:
         """Do the computations that depend on the target only; return a function for the rest."""
         if method in self._peers:
             surfaces = self._surfaces
@@ -185,7 +184,7 @@ class _Bench:
             shape, processing.separate(self._source, shape_filter=by).detail
         )
 
-    def normals(self, result: processing.NormalMap | Float) -> Float:
+    def normals(self, result: processing.NormalMap | Float32) -> Float32:
         if isinstance(result, processing.NormalMap):
             return result.normals
         return self._surfaces.read(result, self._target).normals
@@ -252,7 +251,7 @@ def run_methods(arguments: Sequence[str], peers: Mapping[str, MakePeer] = PEERS)
     for method in arguments[4:]:
         warm.prepare(method)()
 
-        def first(method: str = method) -> processing.NormalMap | Float:
+        def first(method: str = method) -> processing.NormalMap | Float32:
             return bench.prepare(method)()
 
         prepared = bench.prepare(method)

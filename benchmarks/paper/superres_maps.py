@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 import processing
 import simulator
 from benchmarks.paper.exemplars import materials, structured
 from benchmarks.paper.sources import Sources, relief
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 _RELIEFS = ("151", "160", "188")
 _CAPTURED = ("owl", "plant")
@@ -107,7 +105,9 @@ def smooth() -> dict[str, processing.NormalMap]:
     }
 
 
-def _of_slopes(slopes: Callable[[Array, Array], tuple[Array, Array]]) -> processing.NormalMap:
+def _of_slopes(
+    slopes: Callable[[Float64, Float64], tuple[Float64, Float64]],
+) -> processing.NormalMap:
     """Return the normals of a surface with given slopes in x (right) and y (up), from -1 to 1."""
     along = (np.arange(_SIDE_PX) + 0.5) * 2 / _SIDE_PX - 1
     p, q = slopes(*np.meshgrid(along, -along))
@@ -115,7 +115,7 @@ def _of_slopes(slopes: Callable[[Array, Array], tuple[Array, Array]]) -> process
     return processing.NormalMap.from_vectors(np.dstack([-p, -q, np.ones_like(p)]), inside)
 
 
-def _ratio(p: Array, y: Array, square: Array) -> tuple[Array, Array]:
+def _ratio(p: Float64, y: Float64, square: Float64) -> tuple[Float64, Float64]:
     """Return the slopes of an ellipsoid, NaN where it is steeper than about 60 degrees."""
     height = np.sqrt(np.where(square > 0.25, square, np.nan))
     return p / height, -y / height

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import tifffile
+
+from rig.arrays import AnyArray, Floating
 
 _CODE = {"R": 0, "G": 1, "B": 2}
 _LINEAR_RAW = 34892
@@ -26,7 +27,7 @@ def black(levels: Any) -> list[tuple[Any, ...]]:
     return [(50714, "2I", table.size, parts, True), (50713, "H", 2, table.shape, True)]
 
 
-def delta(levels: npt.NDArray[np.floating], *, rows: bool) -> tuple[Any, ...]:
+def delta(levels: Floating, *, rows: bool) -> tuple[Any, ...]:
     """Return the tag BlackLevelDeltaV (one value per row) or BlackLevelDeltaH."""
     parts = tuple(int(q) for value in levels for q in (round(value * 100), 100))
     return (50716 if rows else 50715, "2i", len(levels), parts, True)
@@ -39,7 +40,7 @@ def area(top: int, left: int, bottom: int, right: int) -> tuple[Any, ...]:
 
 def write_dng(
     path: Path,
-    data: npt.NDArray[Any],
+    data: AnyArray,
     *,
     pattern: str | None = "RGGB",
     extra: Sequence[tuple[Any, ...]] = (),

@@ -13,18 +13,18 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import OpenImageIO
 from true_to_input.case import Answer, Case, Outcome, judge, sgp
 
-Array = npt.NDArray[Any]
+from rig.arrays import AnyArray
+
 PX = 0.25
 WIDE, HIGH = 40, 30
 # A message never contains this: the file is good, and to refuse it is a fault.
 GOOD_FILE = ("(a good file)",)
 
 
-def relief(x: Array, y: Array) -> tuple[Array, Array]:
+def relief(x: AnyArray, y: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Return heights and normals of the relief over 40 x 30 mm."""
     z = 3 * np.sin(x / 6 + 0.4) * np.cos(y / 7) + 0.05 * x + 0.0015 * x * y
     gx = 0.5 * np.cos(x / 6 + 0.4) * np.cos(y / 7) + 0.05 + 0.0015 * y
@@ -33,7 +33,7 @@ def relief(x: Array, y: Array) -> tuple[Array, Array]:
     return z, n / np.linalg.norm(n, axis=-1, keepdims=True)
 
 
-def grid(step: float = 1.0) -> tuple[Array, Array, Array]:
+def grid(step: float = 1.0) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Return vertices, faces and normals of a mesh of the relief."""
     y, x = np.meshgrid(np.arange(0, HIGH + step / 2, step), np.arange(0, WIDE + step / 2, step),
                        indexing="ij")  # fmt: skip
@@ -44,14 +44,14 @@ def grid(step: float = 1.0) -> tuple[Array, Array, Array]:
     return np.stack([x, y, z], -1).reshape(-1, 3), faces, normals.reshape(-1, 3)
 
 
-def cloud(count: int = 6000, seed: int = 0) -> tuple[Array, Array]:
+def cloud(count: int = 6000, seed: int = 0) -> tuple[AnyArray, AnyArray]:
     """Return random points on the relief, and their normals."""
     x, y = (np.random.default_rng(seed).random((count, 2)) * [WIDE, HIGH]).T
     z, normals = relief(x, y)
     return np.stack([x, y, z], -1), normals
 
 
-def drawn(path: Path, *options: object) -> tuple[Answer, Array | None, Array | None]:
+def drawn(path: Path, *options: object) -> tuple[Answer, AnyArray | None, AnyArray | None]:
     """Run `sgp project`; return its answer, the normals and the mask."""
     out = path.with_name("out")
     size = () if {"--pixel-mm", "--size"} & set(options) else ("--pixel-mm", PX)
@@ -63,7 +63,7 @@ def drawn(path: Path, *options: object) -> tuple[Answer, Array | None, Array | N
     return answer, normals, cv2.imread(str(out / "mask.png"), cv2.IMREAD_GRAYSCALE) > 0
 
 
-def angles(a: Array, b: Array) -> Array:
+def angles(a: AnyArray, b: AnyArray) -> AnyArray:
     crossed = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.degrees(np.arctan2(crossed, (a * b).sum(-1)))
 
@@ -84,13 +84,13 @@ def error_on_relief(path: Path, *options: object) -> tuple[Answer, float | None]
     return answer, float(off.mean())
 
 
-def obj(vertices: Array, lines: Sequence[str], normals: Array | None = None) -> str:
+def obj(vertices: AnyArray, lines: Sequence[str], normals: AnyArray | None = None) -> str:
     rows = [f"v {x:.8f} {y:.8f} {z:.8f}" for x, y, z in vertices]
     rows += [] if normals is None else [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in normals]
     return "\n".join([*rows, *lines]) + "\n"
 
 
-def corners(faces: Array, form: str = "{0}", begin: int = 1) -> list[str]:
+def corners(faces: AnyArray, form: str = "{0}", begin: int = 1) -> list[str]:
     return ["f " + " ".join(form.format(v + begin) for v in face) for face in faces]
 
 
@@ -108,18 +108,20 @@ def ply(
 FACES = "element face {}\nproperty list uchar int vertex_indices\n"
 
 
-def rows(table: Array, form: str = "%.6f", between: str = " ") -> str:
+def rows(table: AnyArray, form: str = "%.6f", between: str = " ") -> str:
     return "".join(between.join(form % v for v in row) + "\n" for row in table)
 
 
-def stl(vertices: Array, faces: Array, stated: int | None = None, head: bytes = b"cad") -> bytes:
+def stl(
+    vertices: AnyArray, faces: AnyArray, stated: int | None = None, head: bytes = b"cad"
+) -> bytes:
     facets = np.zeros(len(faces), [("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
     facets["v"] = vertices[faces]
     count = len(faces) if stated is None else stated
     return head.ljust(80) + struct.pack("<I", count) + facets.tobytes()
 
 
-def stl_text(vertices: Array, faces: Array, name: str) -> str:
+def stl_text(vertices: AnyArray, faces: AnyArray, name: str) -> str:
     lines = [f"solid {name}"]
     for face in vertices[faces]:
         lines += ["facet normal 0 0 0", "outer loop", *(f"vertex {x} {y} {z}" for x, y, z in face),
@@ -127,7 +129,7 @@ def stl_text(vertices: Array, faces: Array, name: str) -> str:
     return "\n".join([*lines, f"endsolid {name}"]) + "\n"
 
 
-def halves(faces: Array) -> tuple[Array, Array]:
+def halves(faces: AnyArray) -> tuple[AnyArray, AnyArray]:
     """Return the faces of the lower and the upper half of the relief."""
     upper = (faces // (WIDE + 1)).min(axis=1) >= HIGH // 2
     return faces[~upper], faces[upper]
@@ -141,7 +143,7 @@ class Glb:
         self.views: list[dict[str, Any]] = []
         self.accessors: list[dict[str, Any]] = []
 
-    def view(self, values: Array, stride: int = 0) -> int:
+    def view(self, values: AnyArray, stride: int = 0) -> int:
         raw = np.ascontiguousarray(values).tobytes()
         self.views.append({"buffer": 0, "byteOffset": len(self.data), "byteLength": len(raw)})
         if stride:
@@ -149,7 +151,7 @@ class Glb:
         self.data += raw + b"\0" * (-len(raw) % 4)
         return len(self.views) - 1
 
-    def add(self, values: Array, form: str, **more: Any) -> int:
+    def add(self, values: AnyArray, form: str, **more: Any) -> int:
         kind = {"f4": 5126, "i2": 5122, "u4": 5125, "u1": 5121}[values.dtype.str[1:]]
         self.accessors.append({
             "bufferView": self.view(values), "componentType": kind, "count": len(values),
@@ -230,7 +232,7 @@ def _double_sided(step: float = 1.0) -> str:
 # -- hard edges -----------------------------------------------------------------------------------
 
 
-def box(chamfer: float = 0.0) -> tuple[Array, Array]:
+def box(chamfer: float = 0.0) -> tuple[AnyArray, AnyArray]:
     """Return a box of 20 x 20 x 20 mm, the edges along Z cut at 45 degrees."""
     h, c = 10.0, 10.0 - chamfer
     ring = [(h, -h), (h, h), (-h, h), (-h, -h)]
@@ -239,7 +241,7 @@ def box(chamfer: float = 0.0) -> tuple[Array, Array]:
     return _prism(np.array(ring))
 
 
-def _prism(ring: Array, half: float = 10.0) -> tuple[Array, Array]:
+def _prism(ring: AnyArray, half: float = 10.0) -> tuple[AnyArray, AnyArray]:
     n = len(ring)
     vertices = np.concatenate([np.insert(ring, 2, side * half, axis=1) for side in (-1.0, 1.0)])
     sides = [(i, (i + 1) % n, n + (i + 1) % n) for i in range(n)]
@@ -249,7 +251,7 @@ def _prism(ring: Array, half: float = 10.0) -> tuple[Array, Array]:
     return vertices, np.array(sides + caps)
 
 
-def cylinder(count: int) -> tuple[Array, Array]:
+def cylinder(count: int) -> tuple[AnyArray, AnyArray]:
     angle = np.arange(count) / count * 2 * np.pi
     return _prism(10 * np.stack([np.cos(angle), np.sin(angle)], -1))
 
@@ -303,7 +305,7 @@ def _comb(folder: Path) -> Outcome:
 # -- clouds ---------------------------------------------------------------------------------------
 
 
-def scan_lines(step: float = 0.1, gap: float = 1.0, turn_deg: float = 0.0) -> Array:
+def scan_lines(step: float = 0.1, gap: float = 1.0, turn_deg: float = 0.0) -> AnyArray:
     """Return the points of a line scanner, with a jitter of 2 % of the step."""
     x, y = np.meshgrid(np.arange(-60, 60, step), np.arange(-60, 60, gap))
     t = np.deg2rad(turn_deg)

@@ -10,13 +10,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 from true_to_input.case import Outcome, Run, cases, judge, later, sgp
-from true_to_input.relief import MASK, Array, directions, error_of, images
+from true_to_input.relief import MASK, directions, error_of, images
+
+from rig.arrays import Floating
 
 _N = 8
 _IN_ORDER = [f"IMG_{i:04d}.png" for i in range(1, _N + 1)]
 
 
-def _write(folder: Path, names: Sequence[str], lights: Array, gains: Array | None = None) -> Path:
+def _write(
+    folder: Path, names: Sequence[str], lights: Floating, gains: Floating | None = None
+) -> Path:
     """Write an image for each light, in the order in which they were taken, and a mask."""
     source = folder / "src"
     source.mkdir()
@@ -28,7 +32,7 @@ def _write(folder: Path, names: Sequence[str], lights: Array, gains: Array | Non
     return source
 
 
-def _numbers(lights: Array, digits: int = 6) -> list[str]:
+def _numbers(lights: Floating, digits: int = 6) -> list[str]:
     return [" ".join(f"{value:.{digits}f}" for value in light) for light in lights]
 
 
@@ -36,10 +40,10 @@ def _numbers(lights: Array, digits: int = 6) -> list[str]:
 def _folder(
     folder: Path,
     files: Sequence[str] = _IN_ORDER,
-    text: Callable[[Array], str] | None = None,
+    text: Callable[[Floating], str] | None = None,
     file: str = "lights.csv",
-    lp: Callable[[Array], Sequence[str]] | None = None,
-    gains: Array | None = None,
+    lp: Callable[[Floating], Sequence[str]] | None = None,
+    gains: Floating | None = None,
     **judged: Sequence[str],
 ) -> Outcome:
     """Run `sgp normals` on images with a file of lights, or on a folder with an .lp file.
@@ -117,11 +121,11 @@ def _excluded(folder: Path) -> Outcome:
 
 def _lp(
     names: Sequence[str], order: Sequence[int] | None = None, extra: Sequence[str] | None = None
-) -> Callable[[Array], list[str]]:
+) -> Callable[[Floating], list[str]]:
     """Return a function that lists names with their lights, in another order of rows if given."""
     rows = range(len(names)) if order is None else order
 
-    def listed(lights: Array) -> list[str]:
+    def listed(lights: Floating) -> list[str]:
         texts = _numbers(lights)
         return [f"{names[i]} {texts[i]}{'' if extra is None else f' {extra[i]}'}" for i in rows]
 
@@ -129,11 +133,11 @@ def _lp(
 
 
 def _table(
-    row: Callable[[str, Array], str],
+    row: Callable[[str, Floating], str],
     *heading: str,
     order: Sequence[int] = range(_N),
     end: str = "",
-) -> Callable[[Array], str]:
+) -> Callable[[Floating], str]:
     """Return a function that writes a row for each image, from its name and its light."""
     return lambda lights: (
         "\n".join([*heading, *(row(_IN_ORDER[i], lights[i]) for i in order)]) + end
@@ -144,15 +148,15 @@ def _row(separator: str, *values: str | float) -> str:
     return separator.join(each if isinstance(each, str) else f"{each:.6f}" for each in values)
 
 
-def _named(separator: str, name: str, light: Array) -> str:
+def _named(separator: str, name: str, light: Floating) -> str:
     return _row(separator, name, *light)
 
 
-def _german(name: str, light: Array) -> str:
+def _german(name: str, light: Floating) -> str:
     return _named(";", name, light).replace(".", ",").replace(",png", ".png")
 
 
-def _angles(_: str, light: Array) -> str:
+def _angles(_: str, light: Floating) -> str:
     x, y, z = light
     return f"{np.degrees(np.arctan2(y, x)):.3f},{np.degrees(np.arcsin(z)):.3f},1"
 

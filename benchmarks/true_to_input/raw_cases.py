@@ -9,14 +9,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from true_to_input.case import Case, Outcome, Run, judge, later
 from true_to_input.dng_writer import area, black, delta, white, write_dng
 from true_to_input.relief import INSIDE, MASK, H, W, directions, error_of, images, write_lp
 
 from acquisition import Lights, import_frames, read_import, read_raw, read_source, write_lights
-
-Image = npt.NDArray[Any]
+from rig.arrays import AnyArray
 
 _LIGHT = {"R": 800.0, "G": 1600.0, "B": 400.0}
 _GAIN = {"R": 0.6, "G": 1.0, "B": 0.5}
@@ -28,7 +26,7 @@ _FOUND = ("clipped-below-white", "samples-in-low-bits")
 # --- RAW files: the light above black of each sample is known ---------------------------------
 
 
-def _at(table: Any, y: Image, x: Image) -> Image:
+def _at(table: Any, y: AnyArray, x: AnyArray) -> AnyArray:
     block = np.atleast_2d(table)
     return block[y % block.shape[0], x % block.shape[1]]
 
@@ -38,8 +36,8 @@ def _read_dng(
     *,
     pattern: str | None = "RGGB",
     levels: Any = 256.0,
-    rows: Image | None = None,
-    columns: Image | None = None,
+    rows: AnyArray | None = None,
+    columns: AnyArray | None = None,
     origin: tuple[int, int] = (0, 0),
     **options: Any,
 ) -> Outcome:
@@ -85,7 +83,7 @@ def _read_dng(
 
 @later
 def _refused_dng(
-    folder: Path, data: Image, names: Sequence[str], *, code: int | None = None, **options: Any
+    folder: Path, data: AnyArray, names: Sequence[str], *, code: int | None = None, **options: Any
 ) -> Outcome:
     """Write a file that cannot be read; ``code`` replaces the number of its compression."""
     path = folder / "a.dng"
@@ -103,7 +101,7 @@ def _refused_dng(
     return Outcome("wrong", f"read as {raw.cfa}, {raw.pixels.max()} DN at most")
 
 
-def _plain(value: float = 1500) -> Image:
+def _plain(value: float = 1500) -> AnyArray:
     y, x = np.mgrid[:H, :W]
     return np.round(value + (7 * y + 3 * x) % 50).astype(np.uint16)
 
@@ -125,7 +123,7 @@ def _series(
     return source
 
 
-def _mosaic(pattern: str | None) -> Image:
+def _mosaic(pattern: str | None) -> AnyArray:
     if pattern is None:
         return np.ones((H, W))
     block = np.vectorize(_GAIN.get)(np.array(list(pattern)).reshape(2, 2))
@@ -137,7 +135,7 @@ def _dng_series(
     *,
     pattern: str | None = "RGGB",
     levels: Any = 256.0,
-    rows: Image | None = None,
+    rows: AnyArray | None = None,
     scale: float = 0.9,
     full: int = 4095,
     clip: Any = None,
@@ -152,7 +150,7 @@ def _dng_series(
         extra.append(delta(rows, rows=True))
     most = np.minimum(full, full if clip is None else _at(clip, *np.mgrid[:H, :W]))
 
-    def write(path: Path, light: Image) -> None:
+    def write(path: Path, light: AnyArray) -> None:
         dn = light * _mosaic(pattern) * (full - dark.mean()) + dark
         data = np.clip(np.round(dn), 0, most).astype(np.uint16)
         write_dng(path, data, pattern=pattern, extra=extra, **options)
@@ -160,7 +158,7 @@ def _dng_series(
     return _series(folder, _unclipped(scale), write, ".dng")
 
 
-def _unclipped(scale: float, *, noise: float = 0.001, count: int = 12) -> Image:
+def _unclipped(scale: float, *, noise: float = 0.001, count: int = 12) -> AnyArray:
     """Return images of the relief that may exceed 1."""
     most = max(scale, 1.0)
     return images(directions(count), scale=scale / most, noise=noise / most) * most
@@ -191,7 +189,7 @@ def _dngs(judged: Callable[[Path], Outcome], **series: Any) -> Run:
 
 
 def _integers(dtype: type[np.unsignedinteger[Any]], full: int, clip: Any) -> Any:
-    def write(path: Path, light: Image) -> None:
+    def write(path: Path, light: AnyArray) -> None:
         data = np.clip(np.round(light * full), 0, clip).astype(dtype)
         cv2.imwrite(str(path), data[..., ::-1] if data.ndim == 3 else data)
 
@@ -199,7 +197,7 @@ def _integers(dtype: type[np.unsignedinteger[Any]], full: int, clip: Any) -> Any
 
 
 def _floats(clip: float, dtype: Any = np.float32) -> Callable[[Path, Any], None]:
-    def write(path: Path, light: Image) -> None:
+    def write(path: Path, light: AnyArray) -> None:
         import tifffile
 
         tifffile.imwrite(path, np.clip(light, None, clip).astype(dtype), photometric="minisblack")
@@ -219,21 +217,21 @@ def _u8(folder: Path, frames: Any, clip: Any) -> Path:
     return _series(folder, frames, _integers(np.uint8, 255, clip), ".png")
 
 
-def _srgb(light: Image) -> Image:
+def _srgb(light: AnyArray) -> AnyArray:
     light = np.clip(light, 0, None)
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-def _jpeg(path: Path, light: Image) -> None:
+def _jpeg(path: Path, light: AnyArray) -> None:
     samples = np.round(_srgb(np.clip(light, 0, 1)) * 255).astype(np.uint8)
     cv2.imwrite(str(path), samples, [cv2.IMWRITE_JPEG_QUALITY, 98])
 
 
-def _coloured(scale: float) -> Image:
+def _coloured(scale: float) -> AnyArray:
     return _unclipped(scale)[..., None] * np.array([1.0, 0.8, 0.6])
 
 
-def _one_brighter(frames: Image, index: int, factor: float) -> Image:
+def _one_brighter(frames: AnyArray, index: int, factor: float) -> AnyArray:
     """Return images of which one was taken under a stronger light."""
     frames = frames.copy()
     frames[index] *= factor
@@ -282,7 +280,7 @@ def _no_alarm(folder: Path) -> Outcome:
     return Outcome("wrong", f"{found[0]}") if found else judge(answer, error)
 
 
-def _card(*, noise: float, elevations: str) -> Image:
+def _card(*, noise: float, elevations: str) -> AnyArray:
     """Return images of a flat white card next to a darker relief."""
     relief = _unclipped(0.5, noise=noise)
     ups = np.full(12, 0.8) if elevations == "equal" else 0.6 + 0.02 * np.arange(12)
@@ -291,7 +289,7 @@ def _card(*, noise: float, elevations: str) -> Image:
     return frames + np.random.default_rng(1).normal(0, noise, frames.shape)
 
 
-def _tablet() -> Image:
+def _tablet() -> AnyArray:
     """Return noiseless images of a flat tablet with rounded edges, one light above it."""
     y, x = np.mgrid[:H, :W]
     far = np.maximum(np.hypot((x - W / 2) / 50, (y - H / 2) / 40), 0.7) - 0.7
@@ -302,7 +300,7 @@ def _tablet() -> Image:
     return np.clip(np.einsum("hwc,nc->nhw", normals, lights), 0, None) * 0.8
 
 
-def _low_relief() -> Image:
+def _low_relief() -> AnyArray:
     """Return noiseless images of a flat coin: its samples under the light above it are equal."""
     y, x = np.mgrid[:H, :W]
     far = np.maximum(np.hypot((x - W / 2) / 50, (y - H / 2) / 40), 0.7) - 0.7
@@ -318,19 +316,19 @@ def _low_relief() -> Image:
 _HOT = np.arange(5), np.arange(5)
 
 
-def _hot() -> Image:
+def _hot() -> AnyArray:
     frames = _unclipped(2.2)
     frames[:, *_HOT] = 2.0
     return frames
 
 
-def _clip_with_hot() -> Image:
+def _clip_with_hot() -> AnyArray:
     most = np.full((H, W), 28000)
     most[_HOT] = 65535
     return most
 
 
-def _frequent() -> Image:
+def _frequent() -> AnyArray:
     """Return noisy images with their largest value in 200 samples of a label."""
     frames = _unclipped(0.6)
     frames[:, :10, :20] = 0.75

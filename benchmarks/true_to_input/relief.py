@@ -7,10 +7,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from true_to_input.case import Answer, sgp
 
-Array = npt.NDArray[np.floating]
+from rig.arrays import Floating
 
 H, W = 96, 120
 _Y, _X = np.mgrid[:H, :W]
@@ -18,7 +17,7 @@ INSIDE = ((_X - W / 2) / 50) ** 2 + ((_Y - H / 2) / 40) ** 2 < 1
 MASK = INSIDE.astype(np.uint8) * 255
 
 
-def surface() -> tuple[Array, Array]:
+def surface() -> tuple[Floating, Floating]:
     """Return normals ``(H, W, 3)`` (right, up, toward the viewer) and albedo."""
     u, v = (_X - W / 2) / 40, -(_Y - H / 2) / 40
     bump = 0.5 * np.exp(-((u - 0.2) ** 2 + (v + 0.1) ** 2) / 0.5)
@@ -29,21 +28,23 @@ def surface() -> tuple[Array, Array]:
     return normals / np.linalg.norm(normals, axis=-1, keepdims=True), albedo
 
 
-def directions(count: int = 12) -> Array:
+def directions(count: int = 12) -> Floating:
     """Return unit directions ``(count, 3)`` that spread over the hemisphere."""
     k = np.arange(count)
     around, up = k * 2.399963, np.deg2rad(35 + 35 * ((k * 0.37) % 1))
     return np.stack([np.cos(around) * np.cos(up), np.sin(around) * np.cos(up), np.sin(up)], -1)
 
 
-def images(lights: Array, *, noise: float = 0.001, scale: float = 0.9, seed: int = 0) -> Array:
+def images(
+    lights: Floating, *, noise: float = 0.001, scale: float = 0.9, seed: int = 0
+) -> Floating:
     """Return linear images ``(count, H, W)`` from 0 to 1."""
     normals, albedo = surface()
     clean = np.clip(np.einsum("hwc,nc->nhw", normals, lights), 0, None) * albedo * scale
     return np.clip(clean + np.random.default_rng(seed).normal(0, noise, clean.shape), 0, 1)
 
 
-def write_lp(path: Path, names: Sequence[str], lights: Array) -> None:
+def write_lp(path: Path, names: Sequence[str], lights: Floating) -> None:
     rows = [
         f"{name} {x:.6f} {y:.6f} {z:.6f}" for name, (x, y, z) in zip(names, lights, strict=True)
     ]

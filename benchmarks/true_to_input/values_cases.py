@@ -10,11 +10,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from true_to_input.case import Answer, Case, Outcome, judge, sgp
 
-Array = npt.NDArray[np.floating]
-Code = npt.NDArray[np.unsignedinteger]
+from rig.arrays import Bool, Floating, Unsigned
 
 # --- lights in a session, and of a rig file
 
@@ -148,14 +146,14 @@ def _angle(folder: Path, answer: Answer, view) -> float | None:
     return float(np.rad2deg(np.arctan2(crossed, along)).mean())
 
 
-def _exr(path: Path) -> Array:
+def _exr(path: Path) -> Floating:
     """Return the first channel."""
     import OpenImageIO
 
     return OpenImageIO.ImageBuf(str(path)).get_pixels(OpenImageIO.FLOAT)[..., 0]
 
 
-def _png_normals(path: Path) -> tuple[Array, npt.NDArray[np.bool_]]:
+def _png_normals(path: Path) -> tuple[Floating, Bool]:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     return image[..., 2::-1] / 65535 * 2 - 1, image[..., 3] > 0
 
@@ -228,26 +226,26 @@ _Y, _X = np.mgrid[:150, :200]
 _XS, _YS = _X - 99.5, 74.5 - _Y
 
 
-def _relief(x: Array, y: Array) -> Array:
+def _relief(x: Floating, y: Floating) -> Floating:
     bump = 12 * np.exp(-((x - 20) ** 2 + (y + 10) ** 2) / 1500)
     return bump + 6 * np.sin(x / 17 + y / 29) + 4 * np.cos(y / 13 - x / 40)
 
 
-def _flat(x: Array, y: Array) -> Array:
+def _flat(x: Floating, y: Floating) -> Floating:
     return 0.0 * x
 
 
-def _shallow(x: Array, y: Array) -> Array:
+def _shallow(x: Floating, y: Floating) -> Floating:
     return 0.15 * _relief(x, y)
 
 
-def _half_flat(x: Array, y: Array) -> Array:
+def _half_flat(x: Floating, y: Floating) -> Floating:
     """A button on a flat ground."""
     r2 = ((x - 10) ** 2 + (y + 5) ** 2) / 45**2
     return 12 * np.clip(1 - r2, 0, None) ** 2
 
 
-def _normals(height: Callable[[Array, Array], Array]) -> Array:
+def _normals(height: Callable[[Floating, Floating], Floating]) -> Floating:
     e = 1e-4
     right = (height(_XS + e, _YS) - height(_XS - e, _YS)) / 2 / e
     up = (height(_XS, _YS + e) - height(_XS, _YS - e)) / 2 / e
@@ -255,43 +253,43 @@ def _normals(height: Callable[[Array, Array], Array]) -> Array:
     return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
 
 
-def _rounded(n: Array) -> Code:
+def _rounded(n: Floating) -> Unsigned:
     return np.clip(np.floor(n * 127.5 + 128), 0, 255).astype(np.uint8)
 
 
-def _around_128(n: Array) -> Code:
+def _around_128(n: Floating) -> Unsigned:
     return np.clip(np.floor(n * 127 + 128.5), 0, 255).astype(np.uint8)
 
 
-def _halved_to_128(n: Array) -> Code:
+def _halved_to_128(n: Floating) -> Unsigned:
     """Code 128 for 0, and 128 codes for 1, cut at 255."""
     return np.clip(np.floor(n * 128 + 128.5), 0, 255).astype(np.uint8)
 
 
-def _cut_off(n: Array) -> Code:
+def _cut_off(n: Floating) -> Unsigned:
     """Rounded down, as a cast to an integer does."""
     return np.clip(n * 127.5 + 127.5, 0, 255).astype(np.uint8)
 
 
-def _around_127(n: Array) -> Code:
+def _around_127(n: Floating) -> Unsigned:
     return np.clip(np.rint(n * 127 + 127), 0, 254).astype(np.uint8)
 
 
-def _promoted(n: Array) -> Code:
+def _promoted(n: Floating) -> Unsigned:
     """An 8-bit map around 128 that was saved with 16 bits."""
     return _around_128(n).astype(np.uint16) * 257
 
 
-def _shifted(n: Array) -> Code:
+def _shifted(n: Floating) -> Unsigned:
     return _around_128(n).astype(np.uint16) * 256
 
 
-def _sixteen(n: Array) -> Code:
+def _sixteen(n: Floating) -> Unsigned:
     return np.clip(np.rint(n * 32767 + 32768), 0, 65535).astype(np.uint16)
 
 
-def _two_channels(blue: int) -> Callable[[Array], Code]:
-    def coded(n: Array) -> Code:
+def _two_channels(blue: int) -> Callable[[Floating], Unsigned]:
+    def coded(n: Floating) -> Unsigned:
         codes = _rounded(n)
         codes[..., 2] = blue
         return codes
@@ -299,30 +297,30 @@ def _two_channels(blue: int) -> Callable[[Array], Code]:
     return coded
 
 
-def _power(exponent: float) -> Callable[[Array], Code]:
-    def coded(n: Array) -> Code:
+def _power(exponent: float) -> Callable[[Floating], Unsigned]:
+    def coded(n: Floating) -> Unsigned:
         return np.rint(((n + 1) / 2) ** exponent * 255).astype(np.uint8)
 
     return coded
 
 
-def _srgb(n: Array) -> Code:
+def _srgb(n: Floating) -> Unsigned:
     light = np.clip((n + 1) / 2, 0, 1)
     curved = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     return np.rint(curved * 255).astype(np.uint8)
 
 
-def _linearised(n: Array) -> Array:
+def _linearised(n: Floating) -> Floating:
     """Encoded values that a renderer took for sRGB colours."""
     values = (n + 1) / 2
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
-def _encoded_without_z(n: Array) -> Array:
+def _encoded_without_z(n: Floating) -> Floating:
     return (n + 1) / 2 * [1, 1, 0]
 
 
-def _x_in_alpha(n: Array) -> Code:
+def _x_in_alpha(n: Floating) -> Unsigned:
     """DXT5nm, which is written as blue, green, red, alpha; the caller turns the channels round."""
     codes = _rounded(n)
     white = np.full(n.shape[:2], 255, np.uint8)
@@ -331,8 +329,8 @@ def _x_in_alpha(n: Array) -> Code:
 
 def _map_case(
     folder: Path,
-    height: Callable[[Array, Array], Array],
-    coded: Callable[[Array], Code],
+    height: Callable[[Floating, Floating], Floating],
+    coded: Callable[[Floating], Unsigned],
     *,
     limit: float = 0.08,
     codes: tuple[str, ...] = (),
@@ -367,7 +365,7 @@ _ROWS = [(20, 30), (150, 40), (60, 120), (180, 130), (100, 70)]
 
 def _prior_case(
     folder: Path,
-    changed: Callable[[Array], Array],
+    changed: Callable[[Floating], Floating],
     *,
     codes: tuple[str, ...] = (),
     names: tuple[str, ...] = (),
@@ -396,8 +394,8 @@ def _prior_case(
     return outcome
 
 
-def _with(index: int, value: float) -> Callable[[Array], Array]:
-    def changed(heights: Array) -> Array:
+def _with(index: int, value: float) -> Callable[[Floating], Floating]:
+    def changed(heights: Floating) -> Floating:
         heights = heights.copy()
         heights[index] += value
         return heights
@@ -409,7 +407,7 @@ _RNG = np.random.default_rng(5)
 _MANY = [(int(x), int(y)) for x, y in _RNG.integers(5, 145, (20, 2))]
 
 
-def _three_wrong(heights: Array) -> Array:
+def _three_wrong(heights: Floating) -> Floating:
     return heights + np.isin(np.arange(len(heights)), [2, 9, 15]) * np.array([4.0])
 
 

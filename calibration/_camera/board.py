@@ -11,7 +11,6 @@ from typing import Annotated, Any, Final, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import missing_path, write_durably
@@ -25,8 +24,7 @@ from rig import (
     short_repr,
     validation_message,
 )
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float64, Int64
 
 _BITS: Final = ("4x4", "5x5", "6x6", "7x7")
 _COUNTS: Final = (50, 100, 250, 1000)
@@ -114,12 +112,12 @@ class CharucoBoard:
         return self.columns * self.rows // 2
 
     @property
-    def corners_mm(self) -> Array:
+    def corners_mm(self) -> Float64:
         """``(n, 2)`` inner corners, x right and y down from the upper left of the first square."""
         x, y = (np.arange(1.0, count) * self.square_mm for count in (self.columns, self.rows))
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
-    def black_mm(self) -> tuple[Array, Array]:
+    def black_mm(self) -> tuple[Float64, Float64]:
         """Return what to print: black rectangles, and white ones on them.
 
         Returns
@@ -163,7 +161,7 @@ def dictionary_named(name: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.upper()}"))
 
 
-def _runs(cells: npt.NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
+def _runs(cells: Bool) -> list[tuple[int, int, int, int]]:
     """Return all horizontal and vertical runs of True: row, column, width, height."""
     found = []
     for transposed in (False, True):
@@ -196,14 +194,14 @@ class BoardView:
     name: str
     board: CharucoBoard
     size: tuple[int, int]
-    ids: npt.NDArray[np.int64]
-    corners_px: Array
+    ids: Int64
+    corners_px: Float64
 
     def __repr__(self) -> str:
         return f"BoardView({self.name}, {pluralize(len(self.ids), 'corner')})"
 
     @property
-    def points_mm(self) -> Array:
+    def points_mm(self) -> Float64:
         """``(n, 3)`` the same corners on the board, with z = 0."""
         return np.pad(self.board.corners_mm[self.ids], ((0, 0), (0, 1)))
 

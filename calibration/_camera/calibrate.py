@@ -8,7 +8,6 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._camera.board import BoardView, merge_same_places
@@ -16,9 +15,7 @@ from calibration._camera.find_board import FEWEST_CORNERS
 from calibration._camera.fit import PARAMETERS, Fit, fit, pose_of, residual_pattern
 from calibration._errors import DataError, EstimateError
 from rig import Notice, Progress, no_progress, pluralize, short_repr
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float64
 
 _FEWEST_VIEWS: Final = 3
 # Coefficients of the distortion in the order in which they are left out, if they are within this
@@ -136,7 +133,7 @@ def _check_alike(views: Sequence[BoardView]) -> None:
             raise DataError(f"{view.name}: shows another calibration board than {views[0].name}")
 
 
-def _consistent(views: Sequence[BoardView], on_progress: Progress) -> list[Mask]:
+def _consistent(views: Sequence[BoardView], on_progress: Progress) -> list[Bool]:
     """Return which corners of each view agree with the others; a bad view has none."""
     kept = [np.ones(len(view.ids), np.bool_) for view in views]
     most = int(len(views) * _MOST_LEFT_OUT)
@@ -166,13 +163,13 @@ def _consistent(views: Sequence[BoardView], on_progress: Progress) -> list[Mask]
     return kept
 
 
-def _scatter(residual: Array) -> float:
+def _scatter(residual: Float64) -> float:
     """Return a robust standard deviation of the residuals of a view."""
     length = np.median(np.abs(residual)) * _GAUSSIAN_MAD
     return float(max(length, np.sqrt(np.mean(residual**2)) / 2))
 
 
-def _parts(views: Sequence[BoardView], kept: Sequence[Mask]) -> list[BoardView]:
+def _parts(views: Sequence[BoardView], kept: Sequence[Bool]) -> list[BoardView]:
     return [
         replace(view, ids=view.ids[mask], corners_px=view.corners_px[mask])
         for view, mask in zip(views, kept, strict=True)
@@ -231,7 +228,7 @@ def _check_determined(now: Fit) -> None:
 
 
 def _calibrated_views(
-    views: Sequence[BoardView], kept: Sequence[Mask], best: Fit
+    views: Sequence[BoardView], kept: Sequence[Bool], best: Fit
 ) -> tuple[CalibratedView, ...]:
     poses = iter(best.poses)
     done = []
@@ -328,8 +325,8 @@ class CalibratedView:
     """
 
     view: BoardView
-    kept: npt.NDArray[np.bool_]
-    residuals_px: Array
+    kept: Bool
+    residuals_px: Float64
     tilt_deg: float
     distance_mm: float
 
@@ -376,10 +373,10 @@ class CameraCalibration:
 
     camera: CameraModel
     sigma: Mapping[str, float]
-    covariance: Array
+    covariance: Float64
     sigma_px: float
     views: tuple[CalibratedView, ...]
-    covered: npt.NDArray[np.bool_]
+    covered: Bool
     bare_corners: tuple[str, ...]
     warnings: tuple[Notice, ...] = ()
 
@@ -391,7 +388,7 @@ class CameraCalibration:
         return float(self.covered.mean())
 
 
-def covered_field(views: Sequence[BoardView]) -> Mask:
+def covered_field(views: Sequence[BoardView]) -> Bool:
     """Return the cells of the field of view that lie within the corners of a view.
 
     Returns
@@ -411,7 +408,7 @@ def covered_field(views: Sequence[BoardView]) -> Mask:
     return covered > 0
 
 
-def bare_corners(covered: Mask) -> tuple[str, ...]:
+def bare_corners(covered: Bool) -> tuple[str, ...]:
     """Return the names of the corners of the image that are hardly covered."""
     rows, columns = (max(round(side * _CORNER), 1) for side in covered.shape)
     bare = []

@@ -6,17 +6,13 @@ from typing import Any, Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._camera.board import DICTIONARIES, BoardView, CharucoBoard, dictionary_named
 from calibration._camera.saddle import fit_saddles
 from calibration._errors import DataError, EstimateError
 from calibration._radiance.demosaic import luma
 from rig import pluralize
-
-Array = npt.NDArray[np.float64]
-FloatImage = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
+from rig.arrays import Float32, Float64, Generic, Int64, UInt8
 
 # A view with fewer corners hardly constrains its pose and the lens together.
 FEWEST_CORNERS: Final = 8
@@ -32,9 +28,7 @@ _SMALLEST_WINDOW: Final = 2
 _CRITERIA: Final = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
 
 
-def find_board(
-    image: npt.NDArray[np.generic], board: CharucoBoard, name: str = "the image"
-) -> BoardView:
+def find_board(image: Generic, board: CharucoBoard, name: str = "the image") -> BoardView:
     """Find the corners of a calibration board.
 
     Markers are found with OpenCV's ArUco detector (Garrido-Jurado et al., Automatic generation and
@@ -107,7 +101,7 @@ def find_board(
     return view
 
 
-def _gray(image: npt.NDArray[np.generic], name: str) -> FloatImage:
+def _gray(image: Generic, name: str) -> Float32:
     array = np.asarray(image)
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] != 3):
         raise DataError(f"{name}: an array of shape {array.shape} is not an image")
@@ -121,20 +115,20 @@ def _gray(image: npt.NDArray[np.generic], name: str) -> FloatImage:
     return luma(values) if values.ndim == 3 else values
 
 
-def _eight_bits(gray: FloatImage) -> Bytes:
+def _eight_bits(gray: Float32) -> UInt8:
     """Return an image for the detector of markers: stretched, with dark parts made brighter."""
     low, high = np.percentile(gray[::4, ::4], [0.5, 99.5])
     share = np.clip((gray - low) / max(float(high - low), 1e-12), 0, 1)
     return np.asarray(np.rint(255 * np.sqrt(share)), np.uint8)
 
 
-def _markers(shown: Bytes, dictionary: str) -> tuple[list[Any], npt.NDArray[np.int64]]:
+def _markers(shown: UInt8, dictionary: str) -> tuple[list[Any], Int64]:
     detector = cv2.aruco.ArucoDetector(dictionary_named(dictionary))
     corners, ids, _ = detector.detectMarkers(shown)
     return list(corners), np.zeros(0, np.int64) if ids is None else ids.ravel().astype(np.int64)
 
 
-def _why_no_board(shown: Bytes, board: CharucoBoard, count: int) -> str:
+def _why_no_board(shown: UInt8, board: CharucoBoard, count: int) -> str:
     """Return the reason why an image has few markers of a board: ``count`` of them."""
     _, ids = _markers(np.ascontiguousarray(shown[:, ::-1]), board.dictionary)
     if len(ids) > count + _FEWEST_MARKERS:
@@ -154,12 +148,12 @@ def _why_no_board(shown: Bytes, board: CharucoBoard, count: int) -> str:
 
 
 def _corners(
-    gray: FloatImage,
-    shown: Bytes,
+    gray: Float32,
+    shown: UInt8,
     board: CharucoBoard,
     markers: list[Any],
-    ids: npt.NDArray[np.int64],
-) -> tuple[npt.NDArray[np.int64], Array]:
+    ids: Int64,
+) -> tuple[Int64, Float64]:
     """Return indices and places of the corners between the given markers."""
     detector = cv2.aruco.CharucoDetector(board.in_opencv())
     found, found_ids, _, _ = detector.detectBoard(
@@ -173,9 +167,7 @@ def _corners(
     return which[good], places[good]
 
 
-def _check_fit(
-    name: str, board: CharucoBoard, corners: list[Any], ids: npt.NDArray[np.int64]
-) -> None:
+def _check_fit(name: str, board: CharucoBoard, corners: list[Any], ids: Int64) -> None:
     """Refuse markers whose numbers are elsewhere on the board: it has another number of columns."""
     places = np.asarray(board.in_opencv().getObjPoints())[ids, :, :2].reshape(-1, 2)
     seen = np.asarray(corners, np.float64).reshape(-1, 2)
@@ -202,9 +194,7 @@ def _squares(board: CharucoBoard) -> str:
     return f"{board.columns} x {board.rows} squares"
 
 
-def refined_corners(
-    gray: FloatImage, board: CharucoBoard, ids: npt.NDArray[np.int64], starts_px: Array
-) -> Array:
+def refined_corners(gray: Float32, board: CharucoBoard, ids: Int64, starts_px: Float64) -> Float64:
     """Return ``(n, 2)`` corners of a board; NaN where the image does not determine one.
 
     Parameters
@@ -232,16 +222,14 @@ def refined_corners(
     return found
 
 
-def _edges_and_gaps(
-    board: CharucoBoard, ids: npt.NDArray[np.int64], starts_px: Array
-) -> tuple[Array, Array]:
+def _edges_and_gaps(board: CharucoBoard, ids: Int64, starts_px: Float64) -> tuple[Float64, Float64]:
     """Return the directions of both edges at each corner, and the distance to a marker."""
     places = board.corners_mm[ids]
     plane, _ = cv2.findHomography(places, starts_px)
     if plane is None:
         return np.zeros_like(places), np.zeros(len(places))
 
-    def seen(offset: tuple[float, float]) -> Array:
+    def seen(offset: tuple[float, float]) -> Float64:
         moved = (places + offset)[:, None]
         return np.asarray(cv2.perspectiveTransform(moved, plane), np.float64)[:, 0]
 
@@ -254,7 +242,7 @@ def _edges_and_gaps(
     return edges, np.linalg.norm(diagonal, axis=-1).min(axis=0)
 
 
-def _by_gradients(gray: FloatImage, starts_px: Array) -> Array:
+def _by_gradients(gray: Float32, starts_px: Float64) -> Float64:
     """Refine corners of small squares: their discs would hold too few samples."""
     low, high = float(gray.min()), float(gray.max())
     scaled = (gray - np.float32(low)) / np.float32(max(high - low, 1e-12))

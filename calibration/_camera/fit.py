@@ -16,8 +16,7 @@ import numpy.typing as npt
 
 from calibration._camera.board import BoardView
 from calibration._errors import EstimateError
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 # The intrinsic parameters, in the order of covariances.
 PARAMETERS: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -55,11 +54,11 @@ class Fit:
         Standard deviation of a coordinate of a corner, from the residuals.
     """
 
-    K: Array
-    distortion: Array
-    covariance: Array
-    poses: tuple[tuple[Array, Array], ...]
-    residuals_px: tuple[Array, ...]
+    K: Float64
+    distortion: Float64
+    covariance: Float64
+    poses: tuple[tuple[Float64, Float64], ...]
+    residuals_px: tuple[Float64, ...]
     sigma_px: float
 
     def sigma(self, name: str) -> float:
@@ -108,24 +107,24 @@ def fit(views: Sequence[BoardView], free: Sequence[str]) -> Fit:
 
 
 def projected(
-    points_mm: Array, pose: tuple[Array, Array], K: Array, distortion: Array
-) -> tuple[Array, Array, Array]:
+    points_mm: Float64, pose: tuple[Float64, Float64], K: Float64, distortion: Float64
+) -> tuple[Float64, Float64, Float64]:
     """Return pixels ``(n, 2)``, their derivatives by pose ``(2n, 6)`` and camera ``(2n, 9)``."""
     seen, derivatives = cv2.projectPoints(points_mm[:, None], *pose, K, distortion)
     jacobian = np.asarray(derivatives, np.float64)
     return np.asarray(seen, np.float64).reshape(-1, 2), jacobian[:, :6], jacobian[:, 6:15]
 
 
-def _vector(values: npt.ArrayLike) -> Array:
+def _vector(values: npt.ArrayLike) -> Float64:
     return np.asarray(values, np.float64).ravel()
 
 
 def _with_covariance(
     views: Sequence[BoardView],
     free: Sequence[str],
-    K: Array,
-    distortion: Array,
-    poses: tuple[tuple[Array, Array], ...],
+    K: Float64,
+    distortion: Float64,
+    poses: tuple[tuple[Float64, Float64], ...],
 ) -> Fit:
     used = np.array([name in free or name in PARAMETERS[:4] for name in PARAMETERS])
     residuals, normal = [], np.zeros((used.sum(), used.sum()))
@@ -147,7 +146,7 @@ def _with_covariance(
     return Fit(K, distortion, covariance, poses, tuple(residuals), float(np.sqrt(sigma2)))
 
 
-def _inverse(normal: Array) -> Array:
+def _inverse(normal: Float64) -> Float64:
     """Return the inverse of normal equations, infinite if they are singular."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
@@ -156,7 +155,7 @@ def _inverse(normal: Array) -> Array:
     return np.asarray((vectors / values) @ vectors.T / np.outer(scale, scale))
 
 
-def pose_of(view: BoardView, K: Array, distortion: Array) -> tuple[Array, Array]:
+def pose_of(view: BoardView, K: Float64, distortion: Float64) -> tuple[Float64, Float64]:
     """Return rotation vector and translation of the board in OpenCV's camera frame.
 
     Raises
@@ -175,7 +174,7 @@ def pose_of(view: BoardView, K: Array, distortion: Array) -> tuple[Array, Array]
     return np.ravel(turn), np.ravel(shift)
 
 
-def residual_pattern(views: Sequence[BoardView], residuals_px: Sequence[Array]) -> float:
+def residual_pattern(views: Sequence[BoardView], residuals_px: Sequence[Float64]) -> float:
     """Return how much residuals follow a quadratic function of the place in each view.
 
     Parameters

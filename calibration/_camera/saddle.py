@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import erf
 
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 # Place (2), directions of both edges (2), blur, mean, contrast, slope of the light (2).
 _PARAMETERS: Final = 9
@@ -21,9 +20,7 @@ _ENOUGH_PX: Final = 1e-4
 _LEAST_BLUR_PX, _MOST_BLUR_RADII, _FIRST_BLUR_PX = 0.2, 0.7, 0.8
 
 
-def fit_saddles(
-    gray: npt.NDArray[np.float32], starts_px: Array, edges: Array, radii_px: Array
-) -> Array:
+def fit_saddles(gray: Float32, starts_px: Float64, edges: Float64, radii_px: Float64) -> Float64:
     """Fit two crossing edges, blurred by a Gaussian, to the disc around each corner.
 
     Parameters
@@ -69,8 +66,8 @@ def fit_saddles(
 
 
 def _settled(
-    state: Array, x: Array, y: Array, seen: Array, weight: Array, radii_px: Array
-) -> Array:
+    state: Float64, x: Float64, y: Float64, seen: Float64, weight: Float64, radii_px: Float64
+) -> Float64:
     """Return places relative to the middle of the disc after damped Gauss-Newton steps."""
     damping = np.full(len(state), 1e-3)
     shape, slopes = _model(state, x, y)
@@ -103,7 +100,7 @@ def _settled(
     return np.where(done[:, None], state[:, :2], np.nan)
 
 
-def _model(state: Array, x: Array, y: Array) -> tuple[Array, Array]:
+def _model(state: Float64, x: Float64, y: Float64) -> tuple[Float64, Float64]:
     """Return ``(n, p)`` values and their derivatives ``(n, p, 9)``."""
     cx, cy, first, second, blur, mean, contrast, gx, gy = (part[:, None] for part in state.T)
     dx, dy = x - cx, y - cy

@@ -7,7 +7,6 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._camera.board import BoardView
@@ -15,8 +14,7 @@ from calibration._camera.calibrate import CameraCalibration
 from calibration._camera.fit import pose_of, projected
 from calibration._errors import DataError
 from rig import Notice, short_repr
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 _TILTED_DEG: Final = 0.5
 _INCONSISTENT: Final = 3.0
@@ -132,19 +130,19 @@ def find_working_plane(
 
 
 def _distance(
-    view: BoardView, K: Array, distortion: Array
-) -> tuple[float, Array, tuple[Array, Array]]:
+    view: BoardView, K: Float64, distortion: Float64
+) -> tuple[float, Float64, tuple[Float64, Float64]]:
     """Return the depth at which the optical axis meets the board, its normal and its pose."""
     pose = pose_of(view, K, distortion)
     return (*_meets_axis(pose), pose)
 
 
-def _meets_axis(pose: tuple[Array, Array]) -> tuple[float, Array]:
-    normal: Array = np.asarray(cv2.Rodrigues(pose[0])[0], np.float64)[:, 2]
+def _meets_axis(pose: tuple[Float64, Float64]) -> tuple[float, Float64]:
+    normal: Float64 = np.asarray(cv2.Rodrigues(pose[0])[0], np.float64)[:, 2]
     return float(normal @ pose[1] / normal[2]), normal
 
 
-def _variance_of_corners(by_pose: Array, pose: tuple[Array, Array], sigma_px: float) -> float:
+def _variance_of_corners(by_pose: Float64, pose: tuple[Float64, Float64], sigma_px: float) -> float:
     """Return the variance of the distance from the errors of the corners."""
     covariance = sigma_px**2 * np.linalg.pinv(by_pose.T @ by_pose)
     values = np.concatenate(pose)

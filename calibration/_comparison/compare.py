@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import chdtri
 
 from acquisition import (
@@ -19,8 +18,9 @@ from acquisition import (
     tangent_basis,
 )
 from calibration._comparison.notices import explanation_notices
-from calibration._comparison.order import Array, Mirror, Motion, explain
+from calibration._comparison.order import Mirror, Motion, explain
 from rig import Notice, RigConfig, check_type, pluralize, short_repr
+from rig.arrays import Float64, Intp
 
 # Differences below a micrometre, or the angle that it spans at half a metre, do not count.
 _FLOOR_MM, _FLOOR_RAD = 1e-3, 2e-6
@@ -79,18 +79,18 @@ class LightComparison:
     """
 
     ids: tuple[str, ...]
-    angle_deg: Array
-    distance_mm: Array | None
+    angle_deg: Float64
+    distance_mm: Float64 | None
     intensity_factor: float
-    intensity_percent: Array
-    deviations: Array
-    intensity_deviations: Array
+    intensity_percent: Float64
+    deviations: Float64
+    intensity_deviations: Float64
     mirror: Mirror
     is_reversed: bool
     exchanged: tuple[tuple[str, ...], ...]
     motion: Motion | None
-    rest_deg: Array
-    rest_mm: Array | None
+    rest_deg: Float64
+    rest_mm: Float64 | None
     warnings: tuple[Notice, ...]
 
     __repr__ = short_repr
@@ -101,7 +101,7 @@ class LightComparison:
         return not (self.mirror or self.is_reversed or self.exchanged)
 
     @property
-    def worst_first(self) -> npt.NDArray[np.intp]:
+    def worst_first(self) -> Intp:
         """Indices of the lights, those with the largest effect on normals first.
 
         3 mm of a position, 0.35 degrees of a direction and 1 % of an intensity have similar
@@ -200,7 +200,7 @@ def compare_lights(a: Lights, b: Lights) -> LightComparison:
     )
 
 
-def _typical(covariances: Sequence[Array | None], freedom: int, least: float) -> float:
+def _typical(covariances: Sequence[Float64 | None], freedom: int, least: float) -> float:
     """Return the typical standard deviation of a difference's coordinate, at least ``least``."""
     variance = 0.0
     for known in covariances:
@@ -209,7 +209,7 @@ def _typical(covariances: Sequence[Array | None], freedom: int, least: float) ->
     return max(float(np.sqrt(variance)), least)
 
 
-def _intensities(a: Lights, b: Lights) -> tuple[float, Array, Array]:
+def _intensities(a: Lights, b: Lights) -> tuple[float, Float64, Float64]:
     """Return the common factor, and the differences in percent and in standard deviations."""
     strengths = [np.asarray(lights.intensities) for lights in (a, b)]
     if not all(np.ptp(strength) for strength in strengths):
@@ -230,7 +230,7 @@ def _intensities(a: Lights, b: Lights) -> tuple[float, Array, Array]:
     return float(np.exp(factor)), percent, sigmas[rows, worst]
 
 
-def _changed(ids: Sequence[str], sigmas: Array, freedom: int) -> Iterator[Notice]:
+def _changed(ids: Sequence[str], sigmas: Float64, freedom: int) -> Iterator[Notice]:
     """Yield a notice about lights that differ by more than their errors explain."""
     known = np.isfinite(sigmas) | np.isposinf(sigmas)
     if not known.any():
@@ -250,7 +250,7 @@ def _changed(ids: Sequence[str], sigmas: Array, freedom: int) -> Iterator[Notice
     )
 
 
-def covariances_3d(lights: Lights) -> Array | None:
+def covariances_3d(lights: Lights) -> Float64 | None:
     """Return covariances ``(N, 3, 3)`` in the house frame, of positions or of unit directions."""
     if lights.errors is None or lights.errors.covariances is None:
         return None
@@ -260,7 +260,7 @@ def covariances_3d(lights: Lights) -> Array | None:
     return basis.transpose(0, 2, 1) @ lights.errors.covariances @ basis
 
 
-def deviations(difference: Array, covariances: Array, across: Array | None) -> Array:
+def deviations(difference: Float64, covariances: Float64, across: Float64 | None) -> Float64:
     """Return Mahalanobis distances ``(N,)`` of differences ``(N, 3)``; NaN without a covariance.
 
     ``sqrt(d^T C^-1 d)``: with d coordinates, its square has the mean d if the covariance is right.

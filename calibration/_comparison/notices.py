@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from acquisition import led_of
-from calibration._comparison.order import Array, Explanation, Motion
+from calibration._comparison.order import Explanation, Motion
 from rig import Notice
+from rig.arrays import Float64
 
 _REMEDY = "check the order of wires, images or led_positions_mm"
 # A shift or a rotation below these is not worth a word.
@@ -18,7 +19,7 @@ _SIDES = {"x": "left and right", "y": "top and bottom"}
 
 
 def explanation_notices(
-    found: Explanation, ids: Sequence[str], rest: Array, unit: str
+    found: Explanation, ids: Sequence[str], rest: Float64, unit: str
 ) -> Iterator[Notice]:
     """Yield a notice for another order, a mirror image and a common motion.
 
@@ -101,5 +102,5 @@ def _exchange(cycle: Sequence[int], found: Explanation, ids: Sequence[str]) -> s
     return f"{among} are exchanged: {first} is at the place of {place}"
 
 
-def _vector(vector: Array) -> str:
+def _vector(vector: Float64) -> str:
     return "(" + ", ".join(f"{value:.3g}" for value in np.round(vector, 4) + 0.0) + ")"

@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import Rotation
 
 from rig import short_repr
+from rig.arrays import Float64, Intp
 
-Order = npt.NDArray[np.intp]
 Mirror = Literal["", "x", "y"]
 
 # A common motion is named if it leaves at most this share of the differences.
@@ -25,7 +24,6 @@ _FEWEST_TO_REVERSE = 3
 _SIDES = {"": (1, 1, 1), "x": (-1, 1, 1), "y": (1, -1, 1)}
 # Orders and sides that are tried besides that of the files: reversed, mirrored in x, in y.
 _OTHER_TRIALS = 3
-Array = npt.NDArray[np.float64]
 MotionKind = Literal["none", "shift", "turn", "both"]
 # Free parameters of each kind of motion.
 PARAMETERS: dict[MotionKind, int] = {"none": 0, "shift": 3, "turn": 3, "both": 6}
@@ -48,8 +46,8 @@ class Motion:
         ``(3,)`` shift in mm; zero for directions.
     """
 
-    rotation: Array
-    shift_mm: Array
+    rotation: Float64
+    shift_mm: Float64
 
     __repr__ = short_repr
 
@@ -59,13 +57,13 @@ class Motion:
         return float(np.degrees(np.linalg.norm(Rotation.from_matrix(self.rotation).as_rotvec())))
 
     @property
-    def axis(self) -> Array:
+    def axis(self) -> Float64:
         """``(3,)`` unit axis of the rotation; zero without a rotation."""
         turn = Rotation.from_matrix(self.rotation).as_rotvec()
         length = np.linalg.norm(turn)
         return np.asarray(turn / length if length > 0 else np.zeros(3))
 
-    def apply(self, points: Array) -> Array:
+    def apply(self, points: Float64) -> Float64:
         """Return points ``(N, 3)`` after the motion."""
         return points @ self.rotation.T + self.shift_mm
 
@@ -86,7 +84,9 @@ class Fit:
     cost: float
 
 
-def fit_motion(before: Array, after: Array, kind: MotionKind, *, freedom: int, floor: float) -> Fit:
+def fit_motion(
+    before: Float64, after: Float64, kind: MotionKind, *, freedom: int, floor: float
+) -> Fit:
     """Fit a motion to N pairs of points, few of which may be outliers.
 
     Differences follow a multivariate t distribution, whose likelihood is maximised by iteratively
@@ -111,17 +111,17 @@ def fit_motion(before: Array, after: Array, kind: MotionKind, *, freedom: int, f
     return min(fits, key=lambda fit: fit.cost)
 
 
-def robust_cost(square: Array, scale: float, freedom: int) -> Array:
+def robust_cost(square: Float64, scale: float, freedom: int) -> Float64:
     """Return what a squared distance adds to the cost at a known scale, 0 for 0."""
     return (_TAILS + freedom) * np.log1p(square / (_TAILS * scale**2))
 
 
 def _settled(
-    before: Array, after: Array, kind: MotionKind, motion: Motion, freedom: int, floor: float
+    before: Float64, after: Float64, kind: MotionKind, motion: Motion, freedom: int, floor: float
 ) -> Fit:
     """Alternate between weights, scale and motion until the scale settles."""
 
-    def squares() -> Array:
+    def squares() -> Float64:
         return np.asarray(np.sum((after - motion.apply(before)) ** 2, axis=1))
 
     square = squares()
@@ -142,7 +142,7 @@ def _settled(
     return Fit(motion, scale, cost)
 
 
-def _kabsch(before: Array, after: Array, weights: Array, kind: MotionKind) -> Motion:
+def _kabsch(before: Float64, after: Float64, weights: Float64, kind: MotionKind) -> Motion:
     """Return the motion of this kind with the least weighted sum of squared distances."""
     first = second = np.zeros(3)
     if kind != "turn":
@@ -163,7 +163,7 @@ class Explanation:
     cycles of ``order`` relative to the plain or reversed order are ``exchanged``, as indices.
     """
 
-    order: Order
+    order: Intp
     exchanged: tuple[tuple[int, ...], ...]
     is_reversed: bool
     mirror: Mirror
@@ -171,17 +171,17 @@ class Explanation:
     motion: Motion
     cost: float
 
-    def moved(self, before: Array) -> Array:
+    def moved(self, before: Float64) -> Float64:
         """Return where the lights of B should be, in their order, for vectors ``(N, 3)`` of A."""
         return self.motion.apply(before * np.array(_SIDES[self.mirror]))[self.order]
 
-    def carried(self, covariances: Array) -> Array:
+    def carried(self, covariances: Float64) -> Float64:
         """Return the covariances ``(N, 3, 3)`` of the vectors that `moved` returns."""
         turn = self.motion.rotation * np.array(_SIDES[self.mirror])
         return np.asarray((turn @ covariances @ turn.T)[self.order])
 
 
-def explain(before: Array, after: Array, *, freedom: int, floor: float) -> Explanation:
+def explain(before: Float64, after: Float64, *, freedom: int, floor: float) -> Explanation:
     """Return the explanation with the shortest description of the differences.
 
     The description has three parts: the differences that remain (minus twice the logarithm of
@@ -250,21 +250,21 @@ def _kinds(count: int, freedom: int) -> Iterator[MotionKind]:
             yield kind
 
 
-def _moved_cost(order: Order, plain: Order) -> float:
+def _moved_cost(order: Intp, plain: Intp) -> float:
     """Return the cost of choosing one of the orders with as many exchanged lights."""
     count, moved = len(order), int(np.count_nonzero(order != plain))
     return 2 * (math.lgamma(count + 1) - math.lgamma(count - moved + 1))
 
 
 def _assigned(
-    before: Array,
-    after: Array,
-    plain: Order,
+    before: Float64,
+    after: Float64,
+    plain: Intp,
     kind: MotionKind,
     freedom: int,
     floor: float,
-    start: Order,
-) -> tuple[Order, Fit]:
+    start: Intp,
+) -> tuple[Intp, Fit]:
     """Alternate between the motion and the order, as long as the description gets shorter."""
     order, fit = start, fit_motion(before[start], after, kind, freedom=freedom, floor=floor)
     least = fit.cost + _moved_cost(order, plain)
@@ -284,14 +284,14 @@ def _assigned(
     return order, fit
 
 
-def _costs(before: Array, after: Array, fit: Fit, freedom: int) -> Array:
+def _costs(before: Float64, after: Float64, fit: Fit, freedom: int) -> Float64:
     """Return the cost ``(N, N)`` of light n of B at the place of light m of A."""
     moved = fit.motion.apply(before)
     square = np.sum((after[:, None] - moved[None]) ** 2, axis=2)
     return robust_cost(square, fit.scale, freedom)
 
 
-def _required(cost: Array, order: Order, plain: Order) -> Order:
+def _required(cost: Float64, order: Intp, plain: Intp) -> Intp:
     """Return ``plain`` with those cycles of ``order`` that shorten the description."""
     kept = plain.copy()
     for cycle in _cycles(order, plain):
@@ -302,7 +302,7 @@ def _required(cost: Array, order: Order, plain: Order) -> Order:
     return kept
 
 
-def _cycles(order: Order, plain: Order) -> tuple[tuple[int, ...], ...]:
+def _cycles(order: Intp, plain: Intp) -> tuple[tuple[int, ...], ...]:
     """Return the cycles of exchanged lights of ``order`` relative to ``plain``."""
     place = {int(light): n for n, light in enumerate(plain)}
     following = [place[int(light)] for light in order]

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Calibrated, DataError, Flat, Lights, Source, source_setup
 from calibration._flat.card import CardField, measure_card
@@ -17,6 +16,7 @@ from calibration._flat.sites import Sites
 from calibration._flat.smooth import smooth_part
 from calibration._spheres.apply import check_recordings
 from rig import Notice, Progress, check_type, no_progress, pluralize
+from rig.arrays import Bool, Float32
 
 # A card that leaves less than this open is as large as the image.
 _WHOLE = 0.999
@@ -75,7 +75,7 @@ def calibrate_flat(
     lights: Lights,
     *,
     z_mm: float = 0.0,
-    mask: npt.NDArray[np.bool_] | None = None,
+    mask: Bool | None = None,
     on_progress: Progress = no_progress,
 ) -> FlatCalibration:
     """Estimate vignetting and the response of the pixels from a matte white card under near lights.
@@ -184,9 +184,7 @@ def _gradient_std(fields: Sequence[CardField]) -> float | None:
     return float(np.mean(known)) if known else None
 
 
-def _mean(
-    logarithms: Sequence[npt.NDArray[np.float32]], measured: Sequence[npt.NDArray[np.bool_]]
-) -> npt.NDArray[np.float32]:
+def _mean(logarithms: Sequence[Float32], measured: Sequence[Bool]) -> Float32:
     """Return the mean of smooth parts; where one recording shows no card, the others count."""
     if all(one.mean() >= _WHOLE for one in measured):
         return np.asarray(np.mean(logarithms, axis=0), np.float32)
@@ -200,7 +198,7 @@ def _mean(
     return total / weights
 
 
-def _uneven(logarithms: Sequence[npt.NDArray[np.float32]]) -> float:
+def _uneven(logarithms: Sequence[Float32]) -> float:
     """Return the rms difference between smooth parts, without their mean and gradient."""
     step = max(1, max(logarithms[0].shape) // _SAMPLES)
     parts = np.stack([log[::step, ::step] for log in logarithms]).astype(np.float64)

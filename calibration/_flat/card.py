@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, Source
 from calibration._errors import EstimateError
-from calibration._flat.sites import Array, Bools, Sites
+from calibration._flat.sites import Sites
 from calibration._flat.small_card import SmallCard, band_rows, card_area
 from calibration._intensities.calibrate import FittedSurfaces, fit_surfaces
 from calibration._intensities.fit import shift_by_lights
@@ -17,6 +16,7 @@ from calibration._intensities.surface import MatteSurface
 from calibration._radiance.image_form import Channel
 from calibration._radiance.linear_stack import BandedStack, open_stack
 from rig import Notice, Progress
+from rig.arrays import Bool, Float32, Float64
 
 # Light below this share of the brightest at a pixel grazes the card, or is beyond its pattern.
 _GRAZING = 0.03
@@ -58,9 +58,9 @@ class CardField:
         Doubts about the recording and the card.
     """
 
-    response: npt.NDArray[np.float32]
-    variance: npt.NDArray[np.float32]
-    measured: Bools
+    response: Float32
+    variance: Float32
+    measured: Bool
     gradient_std: float | None
     residual: float
     lights: Lights
@@ -68,7 +68,7 @@ class CardField:
 
 
 def measure_card(
-    source: Source, lights: Lights, z_mm: float, mask: Bools | None, on_progress: Progress
+    source: Source, lights: Lights, z_mm: float, mask: Bool | None, on_progress: Progress
 ) -> CardField:
     """Divide a card by the light of its LEDs; see `calibrate_flat`."""
     camera = source.camera
@@ -116,7 +116,7 @@ def measure_card(
 
 def _divided(
     stack: BandedStack, sites: Sites, lights: Lights, camera: CameraModel, z_mm: float
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+) -> tuple[Float32, Float32]:
     """Return the card over the light of its LEDs, and the relative variance of that.
 
     It is a ratio of sums: the mean of the ratios would be biased, because weights that depend on a
@@ -195,7 +195,7 @@ def check_card(fitted: FittedSurfaces, camera: CameraModel, place: str) -> tuple
         The message names the light and the pixel.
     """
     residuals, weights, _, _ = fitted.fit.residuals()
-    known: Bools = np.asarray((weights > 0).all(axis=0), np.bool_)
+    known: Bool = np.asarray((weights > 0).all(axis=0), np.bool_)
     gray = np.where(known, residuals.mean(axis=0), 0.0)
     far = max(_FAR, _DEVIATIONS * fitted.fit.scale)
     fewest = max(_FEWEST, int(_PART * gray.shape[1]))
@@ -228,13 +228,13 @@ def check_card(fitted: FittedSurfaces, camera: CameraModel, place: str) -> tuple
     return (Notice("flat-card-sheen", f"the card has a sheen: {text}; use a more matte card"),)
 
 
-def _pixel(fitted: FittedSurfaces, camera: CameraModel, blocks: Bools) -> str:
+def _pixel(fitted: FittedSurfaces, camera: CameraModel, blocks: Bool) -> str:
     x, y = np.median(camera.project(fitted.blocks.points_mm[blocks]), axis=0)
     return f"{x:.0f},{y:.0f}"
 
 
 def _gloss(
-    fitted: FittedSurfaces, residuals: Array, known: Bools, camera: CameraModel
+    fitted: FittedSurfaces, residuals: Float64, known: Bool, camera: CameraModel
 ) -> tuple[float, int, int]:
     """Return the largest brightening by a highlight, with its light and block; 0 without gloss.
 

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from calibration._flat.sites import Array, Bools, Sites
-
-FloatImage = npt.NDArray[np.float32]
+from calibration._flat.sites import Sites
+from rig.arrays import Bool, Float32, Float64
 
 # Values of two recordings that differ by more standard deviations show a stain of the card.
 _STAIN = 5.0
@@ -38,7 +36,7 @@ class PixelPart:
         Numbers of pixels at which recordings differ, and that do not respond.
     """
 
-    values: npt.NDArray[np.float32]
+    values: Float32
     std: float
     prnu: float
     card_std: float | None
@@ -47,9 +45,9 @@ class PixelPart:
 
 
 def combine(
-    parts: Sequence[FloatImage],
-    variances: Sequence[FloatImage],
-    measured: Sequence[Bools],
+    parts: Sequence[Float32],
+    variances: Sequence[Float32],
+    measured: Sequence[Bool],
     sites: Sites,
 ) -> PixelPart:
     """Average recordings of a card that was moved between them.
@@ -107,7 +105,7 @@ def combine(
     )
 
 
-def _levels(part: FloatImage, where: Bools, sites: Sites) -> Array:
+def _levels(part: Float32, where: Bool, sites: Sites) -> Float64:
     """Return the mean of each colour: neither exposure nor colours are part of a flat."""
     means = np.ones(sites.colours)
     for c in range(sites.colours):
@@ -118,16 +116,14 @@ def _levels(part: FloatImage, where: Bools, sites: Sites) -> Array:
 
 
 def _levelled(
-    parts: Sequence[FloatImage], levels: Sequence[Array], sites: Sites, rows: slice
-) -> Array:
+    parts: Sequence[Float32], levels: Sequence[Float64], sites: Sites, rows: slice
+) -> Float64:
     """Return some rows of the parts, ``(S, rows, ...)``, divided by their levels."""
     pairs = zip(parts, levels, strict=True)
     return np.stack([part[rows] / sites.of_pixels(level, rows) for part, level in pairs])
 
 
-def _spread(
-    parts: Sequence[FloatImage], levels: Sequence[Array], both: Bools, sites: Sites
-) -> float:
+def _spread(parts: Sequence[Float32], levels: Sequence[Float64], both: Bool, sites: Sites) -> float:
     """Return the robust standard deviation of the difference between the first two parts."""
     differences = []
     for top in range(0, sites.shape[0], _ROWS):

@@ -8,9 +8,9 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float64, Floating
+
 Sample = TypeVar("Sample", bound=np.generic)
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Sites:
         """Number of colours: 1 or 3."""
         return 1 if self.cfa is None and len(self.shape) == 2 else 3
 
-    def of_pixels(self, of_colours: npt.ArrayLike, rows: slice = slice(None)) -> Array:
+    def of_pixels(self, of_colours: npt.ArrayLike, rows: slice = slice(None)) -> Float64:
         """Return values per colour, ``(..., C)``, at each pixel of some rows.
 
         Returns
@@ -57,7 +57,7 @@ class Sites:
         """Return the plane of a colour of a frame; of a mosaic, all sites."""
         return image[..., colour] if len(self.shape) == 3 else image
 
-    def has(self, colour: int) -> Bools:
+    def has(self, colour: int) -> Bool:
         """Return the pixels ``(H, W)`` that show a colour."""
         height, width = self.shape[:2]
         if self.cfa is None:
@@ -66,7 +66,7 @@ class Sites:
         return np.tile(tile, (-(-height // 2), -(-width // 2)))[:height, :width]
 
 
-def block_means(values: npt.NDArray[np.floating], where: Bools, side: int) -> Array:
+def block_means(values: Floating, where: Bool, side: int) -> Float64:
     """Return the means of values ``(H, W)`` over blocks, NaN where less than half is True."""
     rows, columns = values.shape[0] // side, values.shape[1] // side
     cut = slice(0, rows * side), slice(0, columns * side)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
 from calibration._errors import EstimateError
-from calibration._flat.sites import Bools, Sites
+from calibration._flat.sites import Sites
 from calibration._radiance.linear_stack import BandedStack
+from rig.arrays import Bool, Float32, Generic
 
 # The shorter side of the averaged images is at least as long; smaller images are not averaged.
 _SHORTER = 256
@@ -42,8 +42,8 @@ class SmallCard:
         Pixels of a block in each direction; even for a mosaic.
     """
 
-    values: npt.NDArray[np.float32]
-    lost: npt.NDArray[np.float32]
+    values: Float32
+    lost: Float32
     camera: CameraModel
     side: int
 
@@ -68,13 +68,13 @@ class SmallCard:
                 values[k, part] = _means(_colours(cut, sites), side // site)
         return cls(values, lost, camera.downscaled(side), side)
 
-    def reduced(self, mask: Bools) -> Bools:
+    def reduced(self, mask: Bool) -> Bool:
         """Return the blocks of which all pixels of a mask ``(H, W)`` are True."""
         _, rows, columns = self.lost.shape
         cut = mask[: rows * self.side, : columns * self.side]
         return np.asarray(_means(cut, self.side) == 1, np.bool_)
 
-    def enlarged(self, blocks: Bools, shape: tuple[int, ...]) -> Bools:
+    def enlarged(self, blocks: Bool, shape: tuple[int, ...]) -> Bool:
         """Return the pixels ``(H, W)`` of blocks; those that fill no block are like the nearest."""
         whole = blocks.repeat(self.side, axis=0).repeat(self.side, axis=1)
         missing = [(0, shape[i] - whole.shape[i]) for i in range(2)]
@@ -87,7 +87,7 @@ def band_rows(stack: BandedStack, side: int) -> int:
     return side * max(1, _BAND // (of_row * side))
 
 
-def _colours(image: npt.NDArray[np.float32], sites: Sites) -> npt.NDArray[np.float32]:
+def _colours(image: Float32, sites: Sites) -> Float32:
     """Return the colours of the 2 x 2 sites of a mosaic; other images as they are."""
     if sites.cfa is None:
         return image
@@ -98,15 +98,13 @@ def _colours(image: npt.NDArray[np.float32], sites: Sites) -> npt.NDArray[np.flo
     return colours
 
 
-def _means(image: npt.NDArray[np.generic], side: int) -> npt.NDArray[np.float32]:
+def _means(image: Generic, side: int) -> Float32:
     rows, columns = image.shape[0] // side, image.shape[1] // side
     blocks = image.reshape(rows, side, columns, side, *image.shape[2:])
     return np.asarray(blocks.mean(axis=(1, 3), dtype=np.float64), np.float32)
 
 
-def card_area(
-    card: SmallCard, ids: Sequence[str], lights: Lights, z_mm: float, place: str
-) -> Bools:
+def card_area(card: SmallCard, ids: Sequence[str], lights: Lights, z_mm: float, place: str) -> Bool:
     """Return the blocks ``(h, w)`` that show the card.
 
     They are the largest region whose reflectance, judged with the given lights, is at least 0.3 of
@@ -146,7 +144,7 @@ def card_area(
     )
     # The edge of the card is not the card; the border of the image is not its edge.
     inner = cv2.erode(filled, np.ones((3, 3), np.uint8))[2:-2, 2:-2]
-    area: Bools = cv2.resize(inner, (width, height), interpolation=cv2.INTER_NEAREST) > 0
+    area: Bool = cv2.resize(inner, (width, height), interpolation=cv2.INTER_NEAREST) > 0
     covered = float(area.mean())
     if covered < _LEAST_COVERED:
         raise EstimateError(
@@ -157,7 +155,7 @@ def card_area(
     return area
 
 
-def _check_saturation(card: SmallCard, ids: Sequence[str], area: Bools, place: str) -> None:
+def _check_saturation(card: SmallCard, ids: Sequence[str], area: Bool, place: str) -> None:
     for name, lost in zip(ids, card.lost, strict=True):
         share = float(lost[area].mean())
         if share > _MOST_SATURATED:

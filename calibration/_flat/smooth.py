@@ -5,9 +5,9 @@ from __future__ import annotations
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
-from calibration._flat.sites import Array, Bools, Sites, block_means
+from calibration._flat.sites import Sites, block_means
+from rig.arrays import Bool, Float32, Float64
 
 _DEGREE = 6
 _BLOCKS = 3000
@@ -17,9 +17,7 @@ _CAUCHY = 2.385
 _WHOLE = 0.98
 
 
-def smooth_part(
-    values: npt.NDArray[np.float32], measured: Bools, sites: Sites
-) -> npt.NDArray[np.float32]:
+def smooth_part(values: Float32, measured: Bool, sites: Sites) -> Float32:
     """Fit the logarithm of the smooth part of a flat field.
 
     Parameters
@@ -64,15 +62,15 @@ def smooth_part(
     return found
 
 
-def _places(width: int, height: int) -> tuple[Array, Array]:
+def _places(width: int, height: int) -> tuple[Float64, Float64]:
     """Return columns and rows relative to the middle; a corner is at the distance 1."""
     half = np.hypot(width, height) / 2
-    u: Array = (np.arange(width) - (width - 1) / 2) / half
-    v: Array = (np.arange(height) - (height - 1) / 2) / half
+    u: Float64 = (np.arange(width) - (width - 1) / 2) / half
+    v: Float64 = (np.arange(height) - (height - 1) / 2) / half
     return u, v
 
 
-def _free() -> Array:
+def _free() -> Float64:
     """Return coefficients ``(M, 7, 7)`` of u^i v^j: one monomial each, the constant first."""
     orders = [pair for pair in product(range(_DEGREE + 1), repeat=2) if sum(pair) <= _DEGREE]
     basis = np.zeros((len(orders), _DEGREE + 1, _DEGREE + 1))
@@ -81,7 +79,7 @@ def _free() -> Array:
     return basis
 
 
-def _radial() -> Array:
+def _radial() -> Float64:
     """Return coefficients ``(5, 7, 7)`` of u^i v^j: 1, u, v, r^2 and r^4."""
     basis = np.zeros((5, _DEGREE + 1, _DEGREE + 1))
     basis[0, 0, 0] = basis[1, 1, 0] = basis[2, 0, 1] = 1.0
@@ -91,15 +89,15 @@ def _radial() -> Array:
     return basis
 
 
-def _powers(places: Array) -> Array:
+def _powers(places: Float64) -> Float64:
     return np.vander(places, _DEGREE + 1, increasing=True)
 
 
-def _design(basis: Array, u: Array, v: Array) -> Array:
+def _design(basis: Float64, u: Float64, v: Float64) -> Float64:
     return np.asarray(np.einsum("pi,mij,pj->pm", _powers(u), basis, _powers(v), optimize=True))
 
 
-def _robust(design: Array, target: Array) -> Array:
+def _robust(design: Float64, target: Float64) -> Float64:
     """Return coefficients by iteratively reweighted least squares with Cauchy's weights."""
     weights = np.ones(len(target))
     for _ in range(_ROUNDS):

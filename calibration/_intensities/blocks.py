@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from calibration._errors import EstimateError
-from calibration._intensities.surface import Array, MatteSurface
+from calibration._intensities.surface import MatteSurface
 from rig import pluralize
+from rig.arrays import Bool, Float32, Float64, Floating, Intp
 
 # Few enough for speed; small surfaces are not averaged.
 _BLOCKS = 3000
@@ -45,13 +45,13 @@ class Blocks:
         Whether all surfaces are cards, parallel to the working plane.
     """
 
-    values: Array
-    points_mm: Array
-    normals: Array
-    radius: Array
-    part: npt.NDArray[np.intp]
+    values: Float64
+    points_mm: Float64
+    normals: Float64
+    radius: Float64
+    part: Intp
     pixels: int
-    upward: Array
+    upward: Float64
     cards: bool
 
 
@@ -138,7 +138,7 @@ def _blocks_of(surface: MatteSurface, lights: Lights, index: int, count: int) ->
     )
 
 
-def _lit(values: npt.NDArray[np.float32], usable: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def _lit(values: Float32, usable: Bool) -> Bool:
     """Return the pixels that two or more lights light, and that are not far darker than others."""
     lit = np.zeros(usable.shape, np.int64)
     total = np.zeros(usable.shape)
@@ -155,16 +155,16 @@ def _lit(values: npt.NDArray[np.float32], usable: npt.NDArray[np.bool_]) -> npt.
     return shows
 
 
-def _cosines(lights: Lights, points: Array, normals: Array) -> tuple[Array, Array]:
+def _cosines(lights: Lights, points: Float64, normals: Float64) -> tuple[Float64, Float64]:
     """Return the cosines ``(K, P)`` at the surface and at the light."""
     toward = np.asarray(lights.positions_mm)[:, None] - points
     toward /= np.linalg.norm(toward, axis=2, keepdims=True)
-    facing: Array = np.sum(toward * normals, axis=2)
-    ahead: Array = -np.einsum("kpi,ki->kp", toward, np.asarray(lights.axes))
+    facing: Float64 = np.sum(toward * normals, axis=2)
+    ahead: Float64 = -np.einsum("kpi,ki->kp", toward, np.asarray(lights.axes))
     return facing, ahead
 
 
-def _check_channels(values: Array) -> None:
+def _check_channels(values: Float64) -> None:
     for name, channel in zip(_CHANNELS, values, strict=False):
         if len(values) == 3 and not np.isfinite(channel).any():
             raise EstimateError(
@@ -172,7 +172,7 @@ def _check_channels(values: Array) -> None:
             )
 
 
-def _means(image: npt.NDArray[np.floating], side: int) -> Array:
+def _means(image: Floating, side: int) -> Float64:
     """Return the means of ``side x side`` pixels; NaN if one of them is NaN."""
     rows, columns = image.shape[0] // side, image.shape[1] // side
     whole = image[: rows * side, : columns * side]

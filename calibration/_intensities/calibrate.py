@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, LightErrors, Lights, tangent_basis
 from calibration._intensities.blocks import Blocks, blocks_of
 from calibration._intensities.doubts import doubts
 from calibration._intensities.fit import Fit, Vignetting, covariance_of, fit_vignetting
 from calibration._intensities.model import Geometry, position_slopes
-from calibration._intensities.surface import Array, MatteSurface
+from calibration._intensities.surface import MatteSurface
 from rig import Notice, check_type, pluralize
+from rig.arrays import Bool, Float64
 
 
 @dataclass(frozen=True)
@@ -46,8 +46,8 @@ class IntensityCalibration:
 
     lights: Lights
     mu: float
-    own_mu: npt.NDArray[np.bool_]
-    own_axis: npt.NDArray[np.bool_]
+    own_mu: Bool
+    own_axis: Bool
     mu_spread: float
     axis_spread_deg: float
     residual: float
@@ -87,9 +87,9 @@ class FittedSurfaces:
     fit: Fit
     blocks: Blocks
     lights: Lights
-    covariance: Array
-    slopes: Array
-    by_positions: Array
+    covariance: Float64
+    slopes: Float64
+    by_positions: Float64
     warnings: tuple[Notice, ...]
 
 
@@ -221,7 +221,7 @@ def _lights(lights: Lights, fit: Fit) -> Lights:
 
 
 def _errors(
-    fit: Fit, covariance: Array, intensities: Array, given: LightErrors | None
+    fit: Fit, covariance: Float64, intensities: Float64, given: LightErrors | None
 ) -> LightErrors:
     channels, lights = fit.strength.shape
     deviations = np.zeros((lights, 3))

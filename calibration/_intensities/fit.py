@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from calibration._intensities.blocks import Blocks
 from calibration._intensities.model import Geometry, NormalEquations
-from calibration._intensities.surface import Array
 from rig import short_repr
+from rig.arrays import Bool, Float64
 
 _CAUCHY = 2.385
 _SHARED_ROUNDS, _OWN_ROUNDS, _LAST_ROUNDS = 8, 25, 6
@@ -53,15 +52,15 @@ class Fit:
         Robust standard deviation of the relative residuals.
     """
 
-    values: Array
+    values: Float64
     geometry: Geometry
-    strength: Array = field(init=False)
-    albedo: Array = field(init=False)
-    mu: Array = field(init=False)
-    tilt: Array = field(init=False)
+    strength: Float64 = field(init=False)
+    albedo: Float64 = field(init=False)
+    mu: Float64 = field(init=False)
+    tilt: Float64 = field(init=False)
     spreads: tuple[float, float] = (_SHARED, _SHARED)
-    own_mu: npt.NDArray[np.bool_] = field(init=False)
-    own_tilt: npt.NDArray[np.bool_] = field(init=False)
+    own_mu: Bool = field(init=False)
+    own_tilt: Bool = field(init=False)
     scale: float = 0.0
 
     def __post_init__(self) -> None:
@@ -90,7 +89,7 @@ class Fit:
             self.mu[~self.own_mu] = self.mu.mean()
         self._converge(_LAST_ROUNDS)
 
-    def _converge(self, rounds: int, *, spreads: bool = False) -> Array:
+    def _converge(self, rounds: int, *, spreads: bool = False) -> Float64:
         """Repeat steps until they are far below the standard deviations; return the covariance."""
         while True:
             rounds -= 1
@@ -103,13 +102,13 @@ class Fit:
             if rounds == 0 or (steady and np.all(np.abs(step) <= _STEADY * deviations)):
                 return covariance
 
-    def _pattern(self) -> tuple[Array, Array]:
+    def _pattern(self) -> tuple[Float64, Float64]:
         """Return the logarithm of the model without strength and albedo, and its columns."""
         ratio, slope = self.geometry.pattern(self.tilt)
         columns = np.concatenate([ratio[None], self.mu[:, None] * slope])
         return self.geometry.fall_off + self.mu[:, None] * ratio, columns
 
-    def residuals(self) -> tuple[Array, Array, Array, Array]:
+    def residuals(self) -> tuple[Float64, Float64, Float64, Float64]:
         """Return relative residuals, weights, z = residual / scale and the columns."""
         model, columns = self._pattern()
         log = self.strength[..., None] + self.albedo[:, None] + model
@@ -123,7 +122,7 @@ class Fit:
         weights = np.where(known, 1 / (1 + (z / _CAUCHY) ** 2), 0.0)
         return residuals, weights / scales**2, z, np.where(np.isfinite(columns), columns, 0.0)
 
-    def _scales(self, residuals: Array, known: npt.NDArray[np.bool_]) -> Array:
+    def _scales(self, residuals: Float64, known: Bool) -> Float64:
         """Return the scatter of blocks of similar brightness, but at least the median one."""
         scales = np.zeros_like(residuals)
         for c, brightness in enumerate(self.albedo):
@@ -134,7 +133,7 @@ class Fit:
                 scales[c][:, part] = max(value, least)
         return scales
 
-    def prior(self) -> tuple[Array, Array]:
+    def prior(self) -> tuple[Float64, Float64]:
         """Return the precision matrix of the distribution among the LEDs, and its right side."""
         channels, lights = self.strength.shape
         first = channels * lights
@@ -152,7 +151,7 @@ class Fit:
         away[tilt] = self.tilt.ravel()
         return precision, -precision @ away
 
-    def reduction(self) -> Array:
+    def reduction(self) -> Float64:
         """Return the matrix from the free unknowns to all of them."""
         channels, lights = self.strength.shape
         first = channels * lights
@@ -166,7 +165,7 @@ class Fit:
         columns.append(np.eye(size)[:, first + lights :][:, free])
         return np.concatenate(columns, axis=1)
 
-    def _step(self) -> tuple[Array, Array]:
+    def _step(self) -> tuple[Float64, Float64]:
         """Improve all unknowns once; return their approximate covariance and the step."""
         residuals, weights, z, columns = self.residuals()
         equations = NormalEquations.of(residuals, weights, columns)
@@ -190,7 +189,7 @@ class Fit:
         self.tilt = np.clip(self.tilt + change[1:], -1.0, 1.0)
         return np.asarray(free @ covariance @ free.T), step
 
-    def _update_spreads(self, covariance: Array) -> None:
+    def _update_spreads(self, covariance: Float64) -> None:
         """Estimate the spreads among the LEDs from their values (MacKay, 1992)."""
         lights = len(self.mu)
         variance = np.diag(covariance)[self.strength.size :].reshape(3, lights)
@@ -204,7 +203,7 @@ class Fit:
         self.spreads = (found[0], found[1])
 
 
-def efficiency(z: Array, known: npt.NDArray[np.bool_]) -> float:
+def efficiency(z: Float64, known: Bool) -> float:
     """Return the precision of an M-estimate relative to its summed weights (Huber, 1981)."""
     square = (z[known] / _CAUCHY) ** 2
     slope = float(np.sum((1 - square) / (1 + square) ** 2))
@@ -213,13 +212,13 @@ def efficiency(z: Array, known: npt.NDArray[np.bool_]) -> float:
     return slope**2 / max(score * weight, 1e-300) if slope > 0 else 1.0
 
 
-def slope_share(z: Array, known: npt.NDArray[np.bool_]) -> float:
+def slope_share(z: Float64, known: Bool) -> float:
     """Return the mean derivative of the score relative to the mean weight."""
     square = (z[known] / _CAUCHY) ** 2
     return float(np.sum((1 - square) / (1 + square) ** 2) / np.sum(1 / (1 + square)))
 
 
-def covariance_of(fit: Fit, slopes: Array, positions: Array | None) -> tuple[Array, Array]:
+def covariance_of(fit: Fit, slopes: Float64, positions: Float64 | None) -> tuple[Float64, Float64]:
     """Return the covariance of strengths, mu and tilts, `NormalEquations` explains the order.
 
     The second result is their derivatives by the positions, ``(n, 3, K)`` per mm.
@@ -268,7 +267,7 @@ def covariance_of(fit: Fit, slopes: Array, positions: Array | None) -> tuple[Arr
     return np.asarray(covariance), by_positions
 
 
-def _spread_of(residuals: Array) -> float:
+def _spread_of(residuals: Float64) -> float:
     """Return the robust standard deviation of values around 0."""
     return 1.4826 * float(np.median(np.abs(residuals))) if residuals.size else 0.0
 
@@ -294,7 +293,7 @@ class Vignetting:
     __repr__ = short_repr
 
 
-def fit_vignetting(fit: Fit, blocks: Blocks, covariance: Array) -> Vignetting:
+def fit_vignetting(fit: Fit, blocks: Blocks, covariance: Float64) -> Vignetting:
     """Fit a radial fall to the albedo of surfaces of even albedo.
 
     Linear gradients are fitted as well and left out, because the tilts of all lights together
@@ -338,7 +337,7 @@ def fit_vignetting(fit: Fit, blocks: Blocks, covariance: Array) -> Vignetting:
     return Vignetting((float(found[0]), float(found[1])), corner, corner * deviation)
 
 
-def shift_by_lights(fit: Fit, weights: Array, columns: Array, gain: Array) -> Array:
+def shift_by_lights(fit: Fit, weights: Float64, columns: Float64, gain: Float64) -> Float64:
     """Return the derivatives of linear figures of the albedo by the unknowns of the lights.
 
     An error of the lights changes the logarithm of the albedo by the weighted mean of the columns,

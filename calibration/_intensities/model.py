@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import Lights, tangent_basis
-from calibration._intensities.surface import Array
+from rig.arrays import Float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +28,12 @@ class Geometry:
         ``(3, K)`` the same for the origin.
     """
 
-    fall_off: Array
-    ahead: Array
-    origin: Array
+    fall_off: Float64
+    ahead: Float64
+    origin: Float64
 
     @classmethod
-    def of(cls, lights: Lights, points: Array, normals: Array) -> Geometry:
+    def of(cls, lights: Lights, points: Float64, normals: Float64) -> Geometry:
         """Return the geometry; samples that a light cannot reach are NaN."""
         position = np.asarray(lights.positions_mm)
         axes = np.asarray(lights.axes)
@@ -48,7 +48,7 @@ class Geometry:
         origin = -np.einsum("ki,kji->jk", position / reference[:, None], frame)
         return cls(fall_off, ahead, origin)
 
-    def pattern(self, tilt: Array) -> tuple[Array, Array]:
+    def pattern(self, tilt: Float64) -> tuple[Float64, Float64]:
         """Return ``log(cos t / cos t0)`` ``(K, P)`` and its derivatives by the tilts ``(2, K, P)``.
 
         The length of the tilted axis cancels in the ratio.
@@ -61,7 +61,7 @@ class Geometry:
         return ratio, slope
 
 
-def position_slopes(lights: Lights, points: Array, normals: Array) -> Array:
+def position_slopes(lights: Lights, points: Float64, normals: Float64) -> Float64:
     """Return the derivatives of the logarithm by the positions, ``(3, K, P)`` per mm.
 
     The axes stay parallel.
@@ -97,13 +97,13 @@ class NormalEquations:
         ``(n, P)`` contributions of the blocks to `right`; None if they were not requested.
     """
 
-    matrix: Array
-    right: Array
-    scores: Array | None
+    matrix: Float64
+    right: Float64
+    scores: Float64 | None
 
     @classmethod
     def of(
-        cls, residuals: Array, weights: Array, columns: Array, *, scores: bool = False
+        cls, residuals: Float64, weights: Float64, columns: Float64, *, scores: bool = False
     ) -> NormalEquations:
         """Build them from residuals and weights ``(C, K, P)`` and columns ``(J, K, P)``."""
         channels, lights, blocks = residuals.shape

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration._radiance.linear_stack import check_linear
 from rig import short_repr
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float32, Float64
 
 # Toward the limb of a ball, the direction of the normal is uncertain: least cosine to the view.
 _FRONT = 0.4
@@ -44,11 +42,11 @@ class MatteSurface:
         If the values are integers.
     """
 
-    values: npt.NDArray[np.float32]
-    points_mm: Array
-    mask: npt.NDArray[np.bool_]
-    normals: Array | None = None
-    camera_mm: Array | None = None
+    values: Float32
+    points_mm: Float64
+    mask: Bool
+    normals: Float64 | None = None
+    camera_mm: Float64 | None = None
 
     __repr__ = short_repr
 
@@ -78,11 +76,11 @@ class MatteSurface:
     @classmethod
     def card(
         cls,
-        values: npt.NDArray[np.float32],
+        values: Float32,
         camera: CameraModel,
         *,
         z_mm: float = 0.0,
-        mask: npt.NDArray[np.bool_] | None = None,
+        mask: Bool | None = None,
     ) -> MatteSurface:
         """Return a card in the plane z = ``z_mm``, parallel to the working plane.
 
@@ -119,7 +117,7 @@ class MatteSurface:
     @classmethod
     def ball(
         cls,
-        values: npt.NDArray[np.float32],
+        values: Float32,
         camera: CameraModel,
         circle_px: tuple[float, float, float],
         radius_mm: float,
@@ -165,7 +163,7 @@ class MatteSurface:
         return cls(values, camera.centre_mm + depth[..., None] * rays, seen, normals)
 
 
-def _check_size(values: npt.NDArray[np.float32], camera: CameraModel) -> None:
+def _check_size(values: Float32, camera: CameraModel) -> None:
     if values.ndim not in (3, 4) or values.shape[1:3] != camera.size:
         raise DataError(
             f"a stack of the shape {values.shape} is not from a camera of "

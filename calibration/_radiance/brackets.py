@@ -9,13 +9,10 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Frame
 from rig import Notice
-
-FloatImage = npt.NDArray[np.float32]
-Bools = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, UInt8
 
 # Charge may flow into pixels this far from a saturated one.
 BLOOMING_PX = 2
@@ -51,7 +48,7 @@ def clear_of_white(white: Law | None) -> float:
     return float(max(1 - _CLEAR_OF_WHITE_SD * (white.slope + white.floor) ** 0.5, 0.5))
 
 
-def grown(near_white: Bools) -> Bools:
+def grown(near_white: Bool) -> Bool:
     """Return the samples near others that are close to white: ``(H, W)`` or ``(H, W, 3)``."""
     if not near_white.any():
         return near_white
@@ -61,11 +58,11 @@ def grown(near_white: Bools) -> Bools:
 
 
 def merge(
-    radiance: Sequence[FloatImage],
-    usable: Sequence[Bools],
+    radiance: Sequence[Float32],
+    usable: Sequence[Bool],
     exposure: Sequence[float],
     laws: Sequence[Law] | None,
-) -> FloatImage:
+) -> Float32:
     """Merge B brackets of one light.
 
     Parameters
@@ -99,7 +96,7 @@ def merge(
     return _mean(radiance, weights)
 
 
-def bits(usable: Sequence[Bools]) -> npt.NDArray[np.uint8]:
+def bits(usable: Sequence[Bool]) -> UInt8:
     """Return the brackets that count at each sample: bit b is set if bracket b does."""
     used = np.zeros(usable[0].shape, np.uint8)
     for b, on in enumerate(usable):
@@ -107,9 +104,9 @@ def bits(usable: Sequence[Bools]) -> npt.NDArray[np.uint8]:
     return used
 
 
-def _mean(images: Sequence[FloatImage], weights: Sequence[FloatImage]) -> FloatImage:
+def _mean(images: Sequence[Float32], weights: Sequence[Float32]) -> Float32:
     """Return the weighted mean of finite images, NaN where all weights are 0."""
-    total: FloatImage = images[0] * weights[0]
+    total: Float32 = images[0] * weights[0]
     weight = weights[0].copy()
     for image, of_one in zip(images[1:], weights[1:], strict=True):
         total += image * of_one
@@ -126,15 +123,15 @@ class BracketRatios:
         self._lock = threading.Lock()
         # For each light and pair of exposure times, shorter and longer: per row the sums of the
         # radiance of both, and the number of pixels. Rows may be added again.
-        self._sums: dict[tuple[str, float, float], npt.NDArray[np.float64]] = {}
+        self._sums: dict[tuple[str, float, float], Float64] = {}
 
     def add(
         self,
         frames: Sequence[Frame],
         shares: Sequence[float],
-        radiance: Sequence[FloatImage],
-        usable: Sequence[Bools],
-        merged: FloatImage,
+        radiance: Sequence[Float32],
+        usable: Sequence[Bool],
+        merged: Float32,
         top: int,
     ) -> None:
         """Add some rows of the B brackets of a light.

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
+from rig.arrays import Float32, Float64
 
 _PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 _RED_BLUE = np.array([[0.25, 0.5, 0.25], [0.5, 1, 0.5], [0.25, 0.5, 0.25]], np.float32)
 _GREEN = np.array([[0, 0.25, 0], [0.25, 1, 0.25], [0, 0.25, 0]], np.float32)
-FloatImage = npt.NDArray[np.float32]
 # ITU-R BT.601 luma, as in the published results on DiLiGenT.
 LUMA = np.array([0.2989, 0.587, 0.114], np.float32)
 
 
-def demosaic(mosaic: npt.NDArray[np.float32], pattern: str) -> npt.NDArray[np.float32]:
+def demosaic(mosaic: Float32, pattern: str) -> Float32:
     """Interpolate a Bayer mosaic bilinearly.
 
     Saturated samples (NaN) are left out of the interpolation. A pixel is NaN in a colour if its
@@ -68,7 +67,7 @@ def demosaic(mosaic: npt.NDArray[np.float32], pattern: str) -> npt.NDArray[np.fl
     return colour
 
 
-def site_factors(pattern: str, first: tuple[int, int], factor: int) -> npt.NDArray[np.float64]:
+def site_factors(pattern: str, first: tuple[int, int], factor: int) -> Float64:
     """Return by how much `demosaic` and averaging change the variance of equally noisy samples.
 
     Parameters
@@ -111,7 +110,7 @@ def check_pattern(pattern: str) -> None:
         )
 
 
-def luma(colour: FloatImage) -> FloatImage:
+def luma(colour: Float32) -> Float32:
     """Return the gray values ``.2989 R + .587 G + .114 B`` of linear colours ``(..., 3)``.
 
     Examples

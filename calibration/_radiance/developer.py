@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Frame, Linearizer, RowReader, Source, row_bands
 from calibration._errors import EstimateError
@@ -24,15 +23,13 @@ from calibration._radiance.references import References
 from calibration._radiance.signal_noise import SignalNoise, signal_noise
 from calibration._radiance.stack_noise import StackNoise
 from rig import Notice
+from rig.arrays import Bool, Float32, Float64, Intp, UInt8, UInt16
 
-FloatImage = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
-Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | FloatImage
-Index = slice | npt.NDArray[np.intp]
-Bools = npt.NDArray[np.bool_]
+Pixels = UInt8 | UInt16 | Float32
+Index = slice | Intp
 
 # The frames of a light and its intensity in each colour.
-Task = tuple[list[Frame], Array]
+Task = tuple[list[Frame], Float64]
 _LEAST_GREY_VALUES = 100.0
 # A bracket of at least this share of the exposure time replaces samples close to white.
 _REPLACES = 1 / 16
@@ -92,7 +89,7 @@ class Developer:
         ]
 
     @property
-    def hot_pixels(self) -> npt.NDArray[np.intp]:
+    def hot_pixels(self) -> Intp:
         """Row and column ``(M, 2)`` of the pixels of a frame that are hot in some exposure."""
         return self._references.hot_pixels
 
@@ -106,7 +103,7 @@ class Developer:
         """Colours of the first 2 x 2 pixels of the images of a mosaic, row by row."""
         return self._form.pattern
 
-    def used(self, rows: slice) -> npt.NDArray[np.uint8] | None:
+    def used(self, rows: slice) -> UInt8 | None:
         """Return an array for the brackets in use at some rows, if the noise depends on them."""
         most = max(len(_brackets(frames)) for frames, _ in self.tasks)
         if self._noise is None or not self._form.independent or not 1 < most <= 8:
@@ -114,7 +111,7 @@ class Developer:
         width_and_colours = self.tasks[0][0][0].shape[1:]
         return np.zeros((len(self.tasks), rows.stop - rows.start, *width_and_colours), np.uint8)
 
-    def noise(self, used: npt.NDArray[np.uint8] | None) -> StackNoise | None:
+    def noise(self, used: UInt8 | None) -> StackNoise | None:
         """Return the law of the noise of the images; None if it is unknown."""
         if self._noise is None:
             return None
@@ -193,9 +190,9 @@ class Developer:
         self,
         index: int,
         rows: slice | None = None,
-        out: FloatImage | None = None,
-        used: npt.NDArray[np.uint8] | None = None,
-    ) -> FloatImage:
+        out: Float32 | None = None,
+        used: UInt8 | None = None,
+    ) -> Float32:
         """Return rows of the merged image of a light, ``(H, W)`` or ``(H, W, 3)``.
 
         The default is all rows. They are written to `out`. Bit b of `used`, whose rows are the same
@@ -216,8 +213,8 @@ class Developer:
         return out
 
     def _in_bands(
-        self, frame: Frame, intensity: Array, rows: slice, out: FloatImage | None
-    ) -> FloatImage:
+        self, frame: Frame, intensity: Float64, rows: slice, out: Float32 | None
+    ) -> Float32:
         """Return rows of the image of a light with one frame, whose pixels are independent."""
         pixels = self._linear.pixels(frame, rows)
         for band in row_bands(len(pixels)):
@@ -232,7 +229,7 @@ class Developer:
 
     def _alone(
         self, frame: Frame, pixels: Pixels, part: tuple[Index, Index], top: int = 0
-    ) -> FloatImage:
+    ) -> Float32:
         """Return the radiance of a part of the only frame of a light."""
         radiance, unusable = self._linear.part(frame, pixels, part, top)
         share = np.float32(self._share(frame))
@@ -254,14 +251,12 @@ class Developer:
             return self._linear.pixels(frames[0])
         return None
 
-    def part(self, index: int, pixels: Pixels, part: tuple[Index, Index]) -> FloatImage:
+    def part(self, index: int, pixels: Pixels, part: tuple[Index, Index]) -> Float32:
         """Return the linear values of a part of a frame that `raw` read, as in its image."""
         (frame,), intensity = self.tasks[index]
         return divided(self._alone(frame, pixels, part), intensity)
 
-    def _merged(
-        self, brackets: list[list[Frame]], rows: slice, used: npt.NDArray[np.uint8] | None
-    ) -> FloatImage:
+    def _merged(self, brackets: list[list[Frame]], rows: slice, used: UInt8 | None) -> Float32:
         """Return the radiance of a light from all its frames, NaN where none is usable."""
         if len(brackets) > 1 and brackets[0][0].exposure_us is None:
             raise DataError(
@@ -286,7 +281,7 @@ class Developer:
         exposure = [sum(map(self._share, repeats)) for repeats in brackets]
         noise = self._noise
         laws = None if noise is None else [self._law(noise, repeats) for repeats in brackets]
-        out: FloatImage = np.zeros(samples[0][0].shape, np.float32)
+        out: Float32 = np.zeros(samples[0][0].shape, np.float32)
         for band in row_bands(len(out)):
             radiance = [
                 self._mean(repeats, of_one, band, rows.start)
@@ -307,7 +302,7 @@ class Developer:
         samples: list[Pixels],
         shorter: list[list[Frame]],
         rows: slice,
-    ) -> Bools:
+    ) -> Bool:
         """Return the samples that count in some rows of the frames.
 
         If a shorter bracket replaces this one, these are neither close to white, nor near samples
@@ -320,7 +315,7 @@ class Developer:
         limit = white
         if replaced and np.isfinite(white):
             limit = min(black + (white - black) * self._clear_of_white, white)
-        near: Bools = np.zeros(samples[0].shape, np.bool_)
+        near: Bool = np.zeros(samples[0].shape, np.bool_)
         for of_one in samples:
             # Integers are compared with integers, without a copy in double precision.
             near |= of_one >= (limit if of_one.dtype.kind == "f" else math.ceil(limit))
@@ -336,9 +331,7 @@ class Developer:
         least = _REPLACES * self._share(repeats[0])
         return any(self._share(other[0]) >= least for other in shorter)
 
-    def _mean(
-        self, repeats: list[Frame], samples: list[Pixels], band: slice, top: int
-    ) -> FloatImage:
+    def _mean(self, repeats: list[Frame], samples: list[Pixels], band: slice, top: int) -> Float32:
         """Return the radiance of some rows, the mean of repeats."""
         total = self._linear.part(repeats[0], samples[0], (band, _ALL), top)[0]
         for frame, of_one in zip(repeats[1:], samples[1:], strict=True):
@@ -358,6 +351,6 @@ def _brackets(frames: list[Frame]) -> list[list[Frame]]:
     return list(brackets.values())
 
 
-def brightest_sample(image: FloatImage) -> np.float32:
+def brightest_sample(image: Float32) -> np.float32:
     """Return the largest sample that is not NaN; NaN without any."""
     return np.float32(np.fmax.reduce(image, axis=None))

@@ -6,13 +6,11 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Frame, Reduction, Source
 from calibration._radiance.demosaic import check_pattern, demosaic, luma, site_factors
+from rig.arrays import Float32, Float64
 
-FloatImage = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
 # What the images of a stack show: gray values, colours, or the colour of each site of a mosaic.
 Channel = Literal["gray", "rgb", "mosaic"]
 
@@ -71,12 +69,12 @@ class ImageForm:
 
     def image(
         self,
-        radiance: FloatImage,
-        intensity: Array,
+        radiance: Float32,
+        intensity: Float64,
         frame: Frame,
         top: int,
         cut: Reduction | None = None,
-    ) -> FloatImage:
+    ) -> Float32:
         """Return an image from radiance that begins at row ``top`` of the frames.
 
         Raises
@@ -98,8 +96,8 @@ class ImageForm:
         return radiance if self._channel == "rgb" else luma(radiance)
 
     def _sites(
-        self, image: FloatImage, intensity: Array, frame: Frame, top: int, cut: Reduction | None
-    ) -> FloatImage:
+        self, image: Float32, intensity: Float64, frame: Frame, top: int, cut: Reduction | None
+    ) -> Float32:
         """Divide every site of a mosaic by the intensity in its colour."""
         cfa = self._source.cfa
         if cfa is None or image.ndim != 2:
@@ -119,7 +117,7 @@ class ImageForm:
         """Return whether images of one channel are the luma of colours."""
         return len(frame.shape) == 3 or (self._source.cfa is not None and self.pattern is None)
 
-    def site_factor(self) -> Array:
+    def site_factor(self) -> Float64:
         """Return `StackNoise.site_factor`: how interpolation and averages change the variance."""
         reduction = self._source.reduction
         step, at = (
@@ -129,7 +127,7 @@ class ImageForm:
             return np.full((1, 1, 3), 1 / step**2)
         return site_factors(self._source.cfa, at, step)
 
-    def response(self) -> FloatImage | None:
+    def response(self) -> Float32 | None:
         """Return by what the flat divided the signal at each pixel of the images.
 
         Interpolated and averaged pixels have the mean of those from which they were made.
@@ -142,7 +140,7 @@ class ImageForm:
         return response if reduction is None else reduction.mean(response)
 
 
-def divided(image: FloatImage, intensity: Array) -> FloatImage:
+def divided(image: Float32, intensity: Float64) -> Float32:
     """Divide an image of one channel by the mean intensity of its light, in place."""
     strength = np.float32(intensity.mean())
     if strength != 1:

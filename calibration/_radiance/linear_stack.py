@@ -10,13 +10,13 @@ from threading import Lock
 from typing import Literal, Self, overload
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, Lights, RowReader, Source
-from calibration._radiance.developer import Developer, FloatImage, Index, Pixels, brightest_sample
+from calibration._radiance.developer import Developer, Index, Pixels, brightest_sample
 from calibration._radiance.image_form import Channel
 from calibration._radiance.stack_noise import StackNoise, pattern_from_row
 from rig import Notice, Progress, check_type, no_progress
+from rig.arrays import Bool, Float32, Intp, UInt8
 
 _THREADS = 4
 # Samples of the frames that are decoded at the same time, usually of 2 bytes.
@@ -29,7 +29,7 @@ _AT_ONCE = 200_000_000
 _ROWS_AT_ONCE = 512
 _ROWS_TOGETHER = 32
 _ALL = slice(None)
-Which = slice | list[int] | npt.NDArray[np.intp]
+Which = slice | list[int] | Intp
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class _RawImage:
     index: int
     pixels: Pixels
 
-    def __getitem__(self, part: tuple[Index, Index]) -> FloatImage:
+    def __getitem__(self, part: tuple[Index, Index]) -> Float32:
         return self.develop.part(self.index, self.pixels, part)
 
 
@@ -72,10 +72,10 @@ class RawStack:
         As in `Stack`.
     """
 
-    images: tuple[FloatImage | _RawImage, ...]
+    images: tuple[Float32 | _RawImage, ...]
     shape: tuple[int, int, int]
     ids: tuple[str, ...]
-    brightest: FloatImage
+    brightest: Float32
     peaks: tuple[float, ...]
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
@@ -91,8 +91,8 @@ class RawStack:
     @overload
     def __getitem__(
         self, key: int | tuple[int | Which, Index] | tuple[int | Which, Index, Index]
-    ) -> FloatImage: ...
-    def __getitem__(self, key: object) -> RawStack | FloatImage:
+    ) -> Float32: ...
+    def __getitem__(self, key: object) -> RawStack | Float32:
         lights, rows, columns = (
             (*key, _ALL, _ALL)[:3] if isinstance(key, tuple) else (key, _ALL, _ALL)
         )
@@ -102,7 +102,7 @@ class RawStack:
         if not isinstance(key, tuple):
             return self._of(chosen.tolist())
         first = self.images[chosen[0]][rows, columns]
-        values: FloatImage = np.zeros((len(chosen), *first.shape), np.float32)
+        values: Float32 = np.zeros((len(chosen), *first.shape), np.float32)
         values[0] = first
         for place, light in enumerate(chosen[1:], start=1):
             values[place] = self.images[light][rows, columns]
@@ -118,7 +118,7 @@ class RawStack:
         )
 
 
-Images = FloatImage | RawStack
+Images = Float32 | RawStack
 """Linear grey images ``(N, H, W)``."""
 
 
@@ -159,10 +159,10 @@ def raw_stack(source: Source, *, on_progress: Progress = no_progress) -> RawStac
     check_type("source", source, Source, "acquisition.read_source(path) returns one")
     develop = Developer(source, "gray")
     ids, size = source.light_ids, source.size
-    brightest: FloatImage = np.zeros(size, np.float32)
+    brightest: Float32 = np.zeros(size, np.float32)
     lock = Lock()
 
-    def read(i: int) -> tuple[FloatImage | _RawImage, np.float32]:
+    def read(i: int) -> tuple[Float32 | _RawImage, np.float32]:
         pixels = develop.raw(i)
         image = develop(i) if pixels is None else _RawImage(develop, i, pixels)
         largest = []
@@ -220,14 +220,14 @@ class Stack:
         None for other stacks.
     """
 
-    values: FloatImage
+    values: Float32
     ids: tuple[str, ...]
     lights: Lights | None
-    mask: npt.NDArray[np.bool_] | None = None
+    mask: Bool | None = None
     camera: CameraModel | None = None
     warnings: tuple[Notice, ...] = ()
     noise: StackNoise | None = None
-    hot_pixels: npt.NDArray[np.intp] = field(default_factory=lambda: np.zeros((0, 2), np.intp))
+    hot_pixels: Intp = field(default_factory=lambda: np.zeros((0, 2), np.intp))
     pattern: str | None = None
 
     def __repr__(self) -> str:
@@ -336,7 +336,7 @@ def linear_stack(
     count = len(source.light_ids)
     used = develop.used(slice(0, source.size[0]))
 
-    def used_at(i: int) -> npt.NDArray[np.uint8] | None:
+    def used_at(i: int) -> UInt8 | None:
         return None if used is None else used[i]
 
     first = develop(0, used=used_at(0))
@@ -359,9 +359,7 @@ def linear_stack(
     return _stack(source, develop, values, used)
 
 
-def _stack(
-    source: Source, develop: Developer, values: FloatImage, used: npt.NDArray[np.uint8] | None
-) -> Stack:
+def _stack(source: Source, develop: Developer, values: Float32, used: UInt8 | None) -> Stack:
     return Stack(
         values,
         source.light_ids,
@@ -385,7 +383,7 @@ def linear_images(
     ids: Sequence[str] | None = None,
     *,
     channel: Literal["gray", "rgb"] = "gray",
-) -> Iterator[FloatImage]:
+) -> Iterator[Float32]:
     """Yield the images of `linear_stack` one by one, with the next one in preparation.
 
     Parameters
@@ -543,7 +541,7 @@ class BandedStack:
         """
         return BandedStack(self._source, channel=channel, reader=self._reader)
 
-    def image(self, index: int, rows: slice | None = None) -> FloatImage:
+    def image(self, index: int, rows: slice | None = None) -> Float32:
         """Return the image of one light, ``(H, W)`` or ``(H, W, 3)``, as in `linear_stack`.
 
         ``rows``, with start and stop, limits it to these rows.

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Linearizer, Source, row_bands, same_exposure
 from rig import Notice, pluralize
+from rig.arrays import Bool, Float32, Intp
 
-Bools = npt.NDArray[np.bool_]
 # Share of the range from black to white above which a pixel is hot, and standard deviations of the
 # dark frame above its surroundings.
 _HOT_EXCESS = 0.01
@@ -39,7 +38,7 @@ class References:
         self._linear = linear
         self._notices: list[Notice] = []
         # For each exposure time in use, the hot pixels of its dark frames.
-        self._hot: list[tuple[float | None, Bools]] = []
+        self._hot: list[tuple[float | None, Bool]] = []
         self._levels = [linear.reference_level(time)[0] for time in exposures_us or (None,)]
         if any(frame.role in ("dark", "ambient") for frame in source.frames):
             self._read(exposures_us)
@@ -72,7 +71,7 @@ class References:
         if hot.any():
             self._hot.append((exposure_us, hot))
 
-    def hot_at(self, exposure_us: float | None) -> Bools | None:
+    def hot_at(self, exposure_us: float | None) -> Bool | None:
         """Return where pixels are hot in an exposure time; None if none is."""
         for other_us, hot in self._hot:
             if exposure_us is None or other_us is None or same_exposure(exposure_us, other_us):
@@ -80,7 +79,7 @@ class References:
         return None
 
     @property
-    def hot_pixels(self) -> npt.NDArray[np.intp]:
+    def hot_pixels(self) -> Intp:
         """Row and column ``(M, 2)`` of the pixels of a frame that are hot in some exposure."""
         hot = [np.argwhere(mask.any(axis=2) if mask.ndim == 3 else mask) for _, mask in self._hot]
         return np.unique(np.concatenate([np.zeros((0, 2), np.intp), *hot]), axis=0)
@@ -102,7 +101,7 @@ class References:
         return [*self._notices, Notice("hot-pixels", text, severity="info")]
 
 
-def hot_pixels(dark: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+def hot_pixels(dark: Float32) -> Bool:
     """Return the hot pixels of a dark frame.
 
     A pixel is hot if it is brighter than the median of the 5 x 5 pixels around it by more than 1 %

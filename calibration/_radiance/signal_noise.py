@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import LINEAR, Frame, Linearizer, NoiseModel, Source, row_bands
 from calibration._radiance.brackets import Law
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 _PAIRS = 6
 _BINS = 40
@@ -144,7 +142,7 @@ def _of_repeats(
     return SignalNoise(float(coefficients[0]), float(coefficients[1]), "repeats", offset)
 
 
-def _differences(one: Frame, other: Frame, linear: Linearizer) -> tuple[Array, Array]:
+def _differences(one: Frame, other: Frame, linear: Linearizer) -> tuple[Float64, Float64]:
     """Return mean signal above black and scaled difference of samples of two frames.
 
     Variances of the differences are those of a single frame. The second frame is scaled by the
@@ -163,7 +161,7 @@ def _differences(one: Frame, other: Frame, linear: Linearizer) -> tuple[Array, A
     return mean + level, (x - ratio * y) / (1 + ratio**2) ** 0.5
 
 
-def _variance(differences: Array) -> float:
+def _variance(differences: Float64) -> float:
     """Return the variance without samples far outside, for example of a moved edge."""
     limit = 6 * 1.4826 * float(np.median(np.abs(differences))) + 1e-9
     inside = differences[np.abs(differences) <= limit]

@@ -10,8 +10,7 @@ import numpy.typing as npt
 
 from calibration._radiance.demosaic import LUMA
 from rig import short_repr
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64, UInt8
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +57,16 @@ class StackNoise:
     array([[5.1e-05, 5.1e-05]])
     """
 
-    slope: Array
-    floor: Array
-    limit: Array
-    intensities: Array
-    site_factor: Array
+    slope: Float64
+    floor: Float64
+    limit: Float64
+    intensities: Float64
+    site_factor: Float64
     colour: bool
     origin: str
-    used: npt.NDArray[np.uint8] | None = None
+    used: UInt8 | None = None
     pattern: str | None = None
-    response: npt.NDArray[np.float32] | None = None
+    response: Float32 | None = None
 
     __repr__ = short_repr
 
@@ -90,7 +89,7 @@ class StackNoise:
         """Whether the variance is linear in the values, with the same law at every second pixel."""
         return self.slope.shape[1] == 1 and self.used is None and self.response is None
 
-    def variance(self, image: int, values: npt.ArrayLike, first_row: int = 0) -> Array:
+    def variance(self, image: int, values: npt.ArrayLike, first_row: int = 0) -> Float64:
         """Return the variance of the samples of an image.
 
         Parameters
@@ -127,24 +126,22 @@ class StackNoise:
         variance *= self._sites(variance.shape, first_row)
         return np.asarray(variance @ LUMA.astype(np.float64) ** 2 if gray else variance)
 
-    def _flat(self, first_row: int, rows: int) -> Array:
+    def _flat(self, first_row: int, rows: int) -> Float64:
         """Return the flat field at some rows, 1 without one."""
         if self.response is None:
             return np.ones(())
         return np.asarray(self.response[first_row : first_row + rows], np.float64)
 
-    def _strength(self, image: int, shape: tuple[int, ...], first_row: int) -> Array:
+    def _strength(self, image: int, shape: tuple[int, ...], first_row: int) -> Float64:
         """Return the intensity by which an image of one channel was divided at each pixel."""
         if self.pattern is None:
             return np.asarray(self.intensities[image].mean())
         colours = ["RGB".index(name) for name in self.pattern]
-        of_site: Array = self.intensities[image][colours].reshape(2, 2)
+        of_site: Float64 = self.intensities[image][colours].reshape(2, 2)
         rows, columns = (np.arange(shape[0]) + first_row) % 2, np.arange(shape[1]) % 2
         return np.asarray(of_site[rows][:, columns])
 
-    def _of_radiance(
-        self, image: int, radiance: Array, used: npt.NDArray[np.uint8] | None
-    ) -> Array:
+    def _of_radiance(self, image: int, radiance: Float64, used: UInt8 | None) -> Float64:
         """Return the variance of merged brackets at a radiance."""
         lit = np.maximum(radiance, 0)
         precision = np.zeros(lit.shape)
@@ -157,7 +154,7 @@ class StackNoise:
         with np.errstate(divide="ignore"):
             return np.asarray(1 / precision, np.float64)
 
-    def _sites(self, shape: tuple[int, ...], first_row: int) -> Array:
+    def _sites(self, shape: tuple[int, ...], first_row: int) -> Float64:
         """Return the factor of each colour at each pixel of ``(H, W, 3)`` rows."""
         height, width = shape[:2]
         rows = (np.arange(height) + first_row) % len(self.site_factor)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Measured, MeasuredSensor, Source
 from calibration._errors import EstimateError
@@ -27,8 +26,7 @@ from calibration._sensor.photon_transfer import (
 from calibration._sensor.recorded_series import SensorRecording, sensor_recording
 from calibration._sensor.series_points import SeriesPoints, series_points
 from rig import Notice, Progress, no_progress, short_repr
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float64
 
 _STEADY = 1e-3
 _NONLINEAR = 0.03
@@ -60,13 +58,13 @@ class SensorCalibration:
     """
 
     sensor: MeasuredSensor
-    signal_dn: Array
-    variance_dn2: Array
+    signal_dn: Float64
+    variance_dn2: Float64
     dark_variance_dn2: float
-    line_signal_dn: Array
-    line_deviation: Array
-    dark_time_s: Array
-    dark_mean_dn: Array
+    line_signal_dn: Float64
+    line_deviation: Float64
+    dark_time_s: Float64
+    dark_mean_dn: Float64
     exposures: int
     frames: int
     warnings: tuple[Notice, ...] = ()
@@ -177,9 +175,7 @@ def calibrate_sensor(
     )
 
 
-def _flicker(
-    series: Sequence[SeriesPoints], below: Sequence[npt.NDArray[np.bool_]]
-) -> tuple[float, list[Notice]]:
+def _flicker(series: Sequence[SeriesPoints], below: Sequence[Bool]) -> tuple[float, list[Notice]]:
     """Return the flicker of the mean of an exposure, and a notice if it exceeds the noise."""
     seen = np.concatenate([one.flicker[use] for one, use in zip(series, below, strict=True)])
     noise = np.concatenate([one.flicker_noise[use] for one, use in zip(series, below, strict=True)])

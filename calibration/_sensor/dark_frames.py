@@ -7,14 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Frame, row_bands
 from calibration._errors import EstimateError
 from rig import Progress, no_progress
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32, Float64
 
 # A pixel this many standard deviations from the others is a defect.
 _DEVIATIONS = 8.0
@@ -41,11 +38,11 @@ class DarkFrames:
         Mean over the good pixels of the sum of squared deviations from the lines, DN^2.
     """
 
-    time_s: Array
-    mean_dn: Array
-    level: Image
-    slope: Image
-    good: npt.NDArray[np.bool_]
+    time_s: Float64
+    mean_dn: Float64
+    level: Float32
+    slope: Float32
+    good: Bool
     residual: float
 
     @property
@@ -92,7 +89,7 @@ class DarkFrames:
         """Mean grey value of the good pixels at an exposure time of 0."""
         return self.level_dn - self.current_dn_per_s * self.middle_s
 
-    def image(self, time_s: float, rows: slice = slice(None)) -> Image:
+    def image(self, time_s: float, rows: slice = slice(None)) -> Float32:
         """Return rows of the expected dark frame of an exposure time."""
         away = np.float32(time_s - self.middle_s if self.sloped else 0.0)
         return self.level[rows] + away * self.slope[rows]
@@ -168,7 +165,7 @@ def dark_frames(frames: Sequence[Frame], on_progress: Progress = no_progress) ->
     return DarkFrames(time_s, means, level, slope, good, mean_residual)
 
 
-def _inliers(values: Image, least_sigma: float) -> npt.NDArray[np.bool_]:
+def _inliers(values: Float32, least_sigma: float) -> Bool:
     sample = _sample(values)
     middle = float(np.median(sample))
     sigma = max(1.4826 * float(np.median(np.abs(sample - middle))), least_sigma)
@@ -178,6 +175,6 @@ def _inliers(values: Image, least_sigma: float) -> npt.NDArray[np.bool_]:
     return inside
 
 
-def _sample(values: Image) -> Image:
+def _sample(values: Float32) -> Float32:
     """Return rows that are spread over an image."""
     return values[:: max(1, len(values) // 400)]

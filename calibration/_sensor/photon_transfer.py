@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Measured
 from calibration._errors import EstimateError
 from calibration._sensor.dark_frames import DarkFrames
 from calibration._sensor.series_points import SeriesPoints
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64, Intp
 
 # EMVA 1288: the gain is fitted up to 70 % of saturation, the straight line from 5 % to 95 %.
 _GAIN_TO = 0.7
@@ -42,12 +40,12 @@ class Points:
         ``(P,)`` number of the zone; zones of different series differ.
     """
 
-    time_s: Array
-    signal: Array
-    variance: Array
-    white: Array
-    freedom: Array
-    zone: npt.NDArray[np.intp]
+    time_s: Float64
+    signal: Float64
+    variance: Float64
+    white: Float64
+    freedom: Float64
+    zone: Intp
 
 
 def all_points(series: Sequence[SeriesPoints]) -> Points:
@@ -193,8 +191,8 @@ class Linearity:
         Mean of the absolute deviations.
     """
 
-    signal: Array
-    deviation: Array
+    signal: Float64
+    deviation: Float64
     error: Measured
 
 

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import RowReader, row_bands
 from calibration._errors import DataError, EstimateError
 from calibration._sensor.dark_frames import DarkFrames
 from calibration._sensor.recorded_series import Repeats, Series
-
-Array = npt.NDArray[np.float64]
-Image = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32, Float64, Int16
 
 # Side of the box whose mean is the light at its middle, in pixels of one colour.
 BOX = 11
@@ -28,7 +25,6 @@ _PATTERN_FROM, _PATTERN_TO = 0.2, 0.75
 _PATTERN_ROWS, _MARGIN = 512, 2 * (BOX // 2 + 3)
 # A lamp that varies more cannot be corrected reliably.
 _MOST_FLICKER = 0.1
-Labels = npt.NDArray[np.int16]
 _MOST_ZONES = 12
 _FEWEST_PIXELS = 400
 _NO_ZONE = -1
@@ -61,13 +57,13 @@ class SeriesPoints:
         of suitable level.
     """
 
-    time_s: Array
-    signal: Array
-    variance: Array
-    white: Array
-    freedom: Array
-    flicker: Array
-    flicker_noise: Array
+    time_s: Float64
+    signal: Float64
+    variance: Float64
+    white: Float64
+    freedom: Float64
+    flicker: Float64
+    flicker_noise: Float64
     prnu_squared: float
     prnu_weight: float
 
@@ -131,7 +127,7 @@ def _level(exposure: Repeats, dark: DarkFrames) -> tuple[float, float]:
     return float(middle), float(high)
 
 
-def _field(exposure: Repeats, dark: DarkFrames) -> Image:
+def _field(exposure: Repeats, dark: DarkFrames) -> Float32:
     """Return the mean of the repeats above dark."""
     total = np.zeros(exposure.frames[0].shape, np.float32)
     for frame in exposure.frames:
@@ -149,10 +145,10 @@ class _Seen:
         self,
         exposure: Repeats,
         dark: DarkFrames,
-        labels: Labels,
+        labels: Int16,
         count: int,
         end_dn: int,
-        total: Image | None,
+        total: Float32 | None,
     ) -> None:
         """Read the frames; their mean is added to ``total``."""
         frames = exposure.frames
@@ -168,7 +164,7 @@ class _Seen:
                 used = labels[rows] >= 0
                 where = labels[rows][used]
                 raw = [reader.rows(one, rows.start, rows.stop) for one in frames]
-                part: Image = np.stack(raw).astype(np.float32)
+                part: Float32 = np.stack(raw).astype(np.float32)
                 clipped = (part >= end_dn).mean(axis=0)
                 part -= dark.image(exposure.time_s, rows)
                 part *= shares[:, None, None]
@@ -187,8 +183,8 @@ class _Seen:
 
 
 def _means(
-    exposure: Repeats, dark: DarkFrames, labels: Labels, reader: RowReader
-) -> tuple[Array, float]:
+    exposure: Repeats, dark: DarkFrames, labels: Int16, reader: RowReader
+) -> tuple[Float64, float]:
     """Return the mean of each repeat and of the dark frame in all zones."""
     sums, unlit, pixels = np.zeros(len(exposure.frames)), 0.0, 0
     for rows in row_bands(len(labels)):
@@ -203,7 +199,7 @@ def _means(
 class _Pattern:
     """Sum of exposures, which shows the response of the pixels."""
 
-    def __init__(self, dark: DarkFrames, labels: Labels, count: int, cfa: str | None) -> None:
+    def __init__(self, dark: DarkFrames, labels: Int16, count: int, cfa: str | None) -> None:
         self._dark, self._labels, self._count, self._cfa = dark, labels, count, cfa
         self.signal = np.zeros(labels.shape, np.float32)
         self._noise = np.zeros(count)
@@ -235,7 +231,7 @@ class _Pattern:
         weight = pixels / (2 * total**2)
         return float(weight @ squared / weight.sum()), float(weight.sum())
 
-    def _patterns(self) -> Iterator[tuple[slice, Image]]:
+    def _patterns(self) -> Iterator[tuple[slice, Float32]]:
         """Yield bands of rows and their pattern, which needs the rows around them."""
         height = len(self.signal)
         for first in range(0, height, _PATTERN_ROWS):
@@ -252,7 +248,7 @@ def site_slices(cfa: str | None) -> list[tuple[slice, slice]]:
     return [(slice(row, None, 2), slice(column, None, 2)) for row in (0, 1) for column in (0, 1)]
 
 
-def zone_labels(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None) -> tuple[Labels, int]:
+def zone_labels(signal: Float32, good: Bool, cfa: str | None) -> tuple[Int16, int]:
     """Divide the pixels into zones by the light that they get.
 
     Parameters
@@ -291,14 +287,14 @@ def zone_labels(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None) -> 
     return labels, count
 
 
-def smooth(image: Image) -> Image:
+def smooth(image: Float32) -> Float32:
     """Return the mean of a box around each pixel."""
     compact = np.ascontiguousarray(image)
     smoothed = cv2.blur(compact, (BOX, BOX), borderType=cv2.BORDER_REFLECT)
     return np.asarray(smoothed, np.float32)
 
 
-def relative_pattern(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None) -> Image:
+def relative_pattern(signal: Float32, good: Bool, cfa: str | None) -> Float32:
     """Return the relative deviation of each pixel from the mean of the box around it.
 
     The box removes the field of the light. White noise of variance s^2 in the pixels has the
@@ -308,7 +304,7 @@ def relative_pattern(signal: Image, good: npt.NDArray[np.bool_], cfa: str | None
     pattern = np.zeros_like(signal)
     for site in site_slices(cfa):
         raw = np.ascontiguousarray(signal[site])
-        values: Image = np.where(good[site], raw, cv2.medianBlur(raw, 5)).astype(np.float32)
+        values: Float32 = np.where(good[site], raw, cv2.medianBlur(raw, 5)).astype(np.float32)
         light = smooth(values)
         pattern[site] = values / np.maximum(light, np.float32(1e-6)) - 1
     return pattern

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import (
     Calibrated,
@@ -26,6 +25,7 @@ from acquisition import (
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.sphere_calibration import SphereCalibration
 from rig import check_type, pluralize
+from rig.arrays import UInt8
 
 # The bright rim of an outline, blurred by the lens, and the contact shadow extend beyond it.
 _MARGIN, _MARGIN_PX = 0.05, 3.0
@@ -112,7 +112,7 @@ def _with_strengths(lights: Lights, before: Lights) -> Lights:
     return replace(lights, axes=before.axes, mu=before.mu, errors=errors)
 
 
-def _fill(covered: npt.NDArray[np.uint8], outline: Ellipse) -> None:
+def _fill(covered: UInt8, outline: Ellipse) -> None:
     """Mark the pixels of a sphere and its margin."""
     margin = max(_MARGIN * outline.radius_px, _MARGIN_PX)
     angles = np.linspace(0, 2 * np.pi, 360, endpoint=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, LightErrors, Lights, angle_deg, tangent_basis
 from calibration._errors import EstimateError
@@ -15,7 +14,6 @@ from calibration._spheres.lost_images import imprecise, left_out, undecided
 from calibration._spheres.outline_noise import outline_covariance
 from calibration._spheres.placed import COMMON_SHARE, common_error, systematic
 from calibration._spheres.reflection import orthographic_directions, reflected_rays
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_calibration import (
     SeenTogether,
     Sphere,
@@ -26,6 +24,7 @@ from calibration._spheres.sphere_calibration import (
 )
 from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice
+from rig.arrays import Float64, Intp
 
 _DISAGREEMENT_DEG = 3.0
 _STEP_PX = 1e-3
@@ -37,7 +36,7 @@ def orthographic_lights(shown: SeenTogether, warnings: list[Notice]) -> SphereCa
     """Return directions without a camera: every viewing ray is parallel to the axis."""
     outlines = [image.outline for image in shown.images]
 
-    def rays_of(pixels: Array, change: Array) -> Array:
+    def rays_of(pixels: Float64, change: Float64) -> Float64:
         pairs = zip(outlines, np.moveaxis(pixels, 1, 0), change, strict=True)
         rays = [orthographic_directions(o.moved(by), of_one) for o, of_one, by in pairs]
         return np.stack(rays, axis=1)
@@ -60,7 +59,7 @@ def perspective_lights(
     """Return directions seen from the centre of a sphere; ``placed`` is one of known radius."""
     centres = np.array([cone.axis / cone.sine for cone in cones])
 
-    def rays_of(pixels: Array, change: Array) -> Array:
+    def rays_of(pixels: Float64, change: Float64) -> Float64:
         return reflected_rays(camera.rays(pixels), centres + change, 1.0)[1]
 
     if placed is None:
@@ -77,9 +76,9 @@ def perspective_lights(
 def _directions(
     shown: SeenTogether,
     spheres: tuple[Sphere, ...],
-    rays_of: Callable[[Array, Array], Array],
-    outline_covariances: list[Array],
-    outlines_common: Array,
+    rays_of: Callable[[Float64, Float64], Float64],
+    outline_covariances: list[Float64],
+    outlines_common: Float64,
     warnings: list[Notice],
 ) -> SphereCalibration:
     """Average the directions that `rays_of` returns for highlights and changes of the outlines."""
@@ -124,9 +123,7 @@ def _directions(
     return SphereCalibration(found, spheres, highlights, seen, residuals, tuple(warnings))
 
 
-def _unlike(
-    names: tuple[str, ...], images: Sequence[SphereImage], lights: npt.NDArray[np.intp]
-) -> list[Notice]:
+def _unlike(names: tuple[str, ...], images: Sequence[SphereImage], lights: Intp) -> list[Notice]:
     """Return a notice for each sphere on which some lights have no highlight of the usual size."""
     notices = []
     for image in images:
@@ -153,12 +150,12 @@ def _check_alike(images: Sequence[SphereImage]) -> None:
 
 
 def direction_covariances(
-    rays_of: Callable[[Array, Array], Array],
-    highlights_px: Array,
-    sigma_px: Array,
-    outline_covariances: Array,
-    outlines_common: Array,
-) -> Array:
+    rays_of: Callable[[Float64, Float64], Float64],
+    highlights_px: Float64,
+    sigma_px: Float64,
+    outline_covariances: Float64,
+    outlines_common: Float64,
+) -> Float64:
     """Return the covariances of the mean directions of N lights, ``(N, 2, 2)`` in rad^2.
 
     Parameters
@@ -188,7 +185,7 @@ def direction_covariances(
     total = np.where(seen[..., None], rays, 0.0).sum(axis=1)
     covariance = np.zeros((len(rays), 3, 3))
 
-    def add(step: Array, scale: Array) -> None:
+    def add(step: Float64, scale: Float64) -> None:
         slope = np.where(seen[..., None], step * scale, 0.0)
         covariance[:] += np.einsum("nka,nkb->nab", slope, slope)
 

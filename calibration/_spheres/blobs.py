@@ -6,13 +6,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from calibration._spheres.robust import Array
 from calibration._spheres.spot import Spot, largest_disc, saturated_spot, unsaturated_spot
-
-Region = npt.NDArray[np.bool_]
-Image = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32, Float64, Intp
 
 _BLOB_LEVEL = 0.3
 _CORE_LEVEL = 0.85
@@ -46,7 +42,7 @@ class Blob:
     ``rival`` is the largest flux of another blob, compact or not.
     """
 
-    region: Region
+    region: Bool
     flux: float
     height: float
     level: float
@@ -54,7 +50,7 @@ class Blob:
     saturated: bool
     rival: float
 
-    def locate(self, image: Image, clipped: Region) -> Spot:
+    def locate(self, image: Float32, clipped: Bool) -> Spot:
         """Return its centre in the image in which it was found."""
         above = image - np.float32(self.level)
         if self.saturated:
@@ -64,10 +60,10 @@ class Blob:
 
 
 def bright_blobs(
-    image: Image,
-    saturated: Region,
-    within: Region,
-    sample: npt.NDArray[np.intp],
+    image: Float32,
+    saturated: Bool,
+    within: Bool,
+    sample: Intp,
     radius_px: float,
 ) -> list[Blob]:
     """Return the compact bright blobs of an image, the one with the largest flux first.
@@ -126,7 +122,7 @@ def bright_blobs(
     return blobs
 
 
-def _width_px(region: Region, *, core: bool) -> float:
+def _width_px(region: Bool, *, core: bool) -> float:
     """Return the width of the largest disc in a core, or of the disc with the area of a region."""
     if core:
         return 2 * largest_disc(region)[1]
@@ -159,11 +155,11 @@ class UsualSize:
     known: bool
     reflections: bool
 
-    def matches(self, radii_px: Array) -> npt.NDArray[np.bool_]:
+    def matches(self, radii_px: Float64) -> Bool:
         """Return which spots have this size; False for NaN."""
         return np.abs(self._away(radii_px)) <= self.tolerance
 
-    def part_px(self, radii_px: Array) -> Array:
+    def part_px(self, radii_px: Float64) -> Float64:
         """Return by how much spots may be off because a part is missing or too much, in px.
 
         If that is on one side, the centre is off by about its share of the area times the radius.
@@ -173,7 +169,7 @@ class UsualSize:
         mean_px = (radii_px + np.exp(self.log_area / 2)) / 2
         return np.where(away > self.tolerance, (1 - np.exp(-away)) * mean_px / np.sqrt(2), 0.0)
 
-    def elsewhere_px(self, radii_px: Array, sigma_px: Array, sphere_px: float) -> Array:
+    def elsewhere_px(self, radii_px: Float64, sigma_px: Float64, sphere_px: float) -> Float64:
         """Return by how much highlights may be off because spots are reflections, in px.
 
         It is 0 for a spot of nearly the usual size; a highlight that is not saturated (NaN) has
@@ -190,11 +186,11 @@ class UsualSize:
             doubtful &= self.reflections
         return np.where(doubtful, _ELSEWHERE_RADII * sphere_px, 0.0)
 
-    def _away(self, radii_px: Array) -> Array:
+    def _away(self, radii_px: Float64) -> Float64:
         return 2 * np.log(radii_px) - self.log_area
 
 
-def usual_size(radii_px: Array, sigma_px: Array) -> UsualSize | None:
+def usual_size(radii_px: Float64, sigma_px: Float64) -> UsualSize | None:
     """Return the usual size of highlights, or None if fewer than five are known.
 
     Parameters
@@ -227,5 +223,5 @@ def usual_size(radii_px: Array, sigma_px: Array) -> UsualSize | None:
     return UsualSize(middle, _UNUSUAL * (_SCATTER + scatter), known, reflections)
 
 
-def _not_round(radii_px: Array, sigma_px: Array) -> npt.NDArray[np.bool_]:
+def _not_round(radii_px: Float64, sigma_px: Float64) -> Bool:
     return ~(sigma_px <= _NOT_ROUND * radii_px)

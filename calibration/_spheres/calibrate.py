@@ -19,10 +19,10 @@ from calibration._spheres.outline_noise import cone_of
 from calibration._spheres.placed import off_the_plane, one_off_the_plane, place
 from calibration._spheres.positioned_lights import positioned_lights
 from calibration._spheres.recording import Circle, SeenSpheres, seen_in
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_calibration import SeenTogether, SphereCalibration
 from calibration._spheres.sphere_image import SphereImage, circles_of
 from rig import Notice, pluralize
+from rig.arrays import Float64
 
 
 def calibrate_spheres(
@@ -279,7 +279,7 @@ def _lights(
     return perspective_lights(shown, cones, camera, warnings, placed)
 
 
-def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Array:
+def _radii(radius_mm: float | Sequence[float], camera: CameraModel | None) -> Float64:
     """Return the radii as an array, or raise `DataError` if they are invalid."""
     radii = np.atleast_1d(np.asarray(radius_mm, np.float64))
     if not (len(radii) and np.all(np.isfinite(radii) & (radii > 0))):

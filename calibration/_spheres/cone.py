@@ -10,11 +10,11 @@ from calibration._errors import EstimateError
 from calibration._spheres.robust import (
     FINEST_PX,
     ROUNDS,
-    Array,
     check_enough,
     tukey_weights,
     weighted_solve,
 )
+from rig.arrays import Float64
 
 # Systematic error of the position and of the radius of an outline, which no scatter shows: where
 # the edge is within a blurred step.
@@ -37,13 +37,13 @@ class Cone:
         Systematic error of place and radius of the outline, which the covariance does not contain.
     """
 
-    axis: Array
+    axis: Float64
     sine: float
-    covariance: Array
+    covariance: Float64
     systematic_px: float = OUTLINE_SIGMA_PX
 
 
-def fit_cone(rays: Array, pixel_angle: float) -> tuple[Cone, Array]:
+def fit_cone(rays: Float64, pixel_angle: float) -> tuple[Cone, Float64]:
     """Fit the cone of rays tangent to a sphere.
 
     A tangent ray r (unit) has ``r . c = cos(alpha)`` for the unit axis c, so ``v = c / cos(alpha)``

@@ -22,9 +22,9 @@ from calibration._spheres.joint_search import (
 )
 from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import mirror_near
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.surroundings import MirroredPlane
+from rig.arrays import Float64
 
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
 # One picture may show an edge as far from the outline that less of all images supports.
@@ -154,7 +154,7 @@ def _factors(found: Sequence[JointNear], least: int = 1) -> list[int]:
     return [factor for factor in FACTORS if least <= factor <= most]
 
 
-def _contradicts(joint: JointNear, sphere: SphereImage, change: Array) -> bool:
+def _contradicts(joint: JointNear, sphere: SphereImage, change: Float64) -> bool:
     """Return whether the edges of all images differ from an outline by more than both errors."""
     covariance = joint.covariance_px2
     limit_px = _WELL_KNOWN * sphere.outline.radius_px
@@ -165,7 +165,7 @@ def _contradicts(joint: JointNear, sphere: SphereImage, change: Array) -> bool:
     return bool(change @ np.linalg.solve(both, change) > _DIFFERENT)
 
 
-def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Array) -> SphereImage:
+def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Float64) -> SphereImage:
     """Return a sphere that may have its own outline or that of the edges.
 
     Of spheres on print, edges support .39 to .78 of the length of their outlines.
@@ -182,7 +182,7 @@ def _either(values: Images, sphere: SphereImage, joint: JointNear, change: Array
 
 
 def _with_outline(
-    values: Images, sphere: SphereImage, joint: JointNear, doubt_px2: Array
+    values: Images, sphere: SphereImage, joint: JointNear, doubt_px2: Float64
 ) -> SphereImage | None:
     """Return a sphere with another outline, None if it shows fewer highlights in it."""
     highlights = find_highlights(values, joint.outline)

@@ -7,12 +7,11 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._radiance.linear_stack import Images
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.limb import Profiles, stack_profiles
-from calibration._spheres.robust import Array
+from rig.arrays import Float32, Float64, Intp
 
 # Profiles around an outline, their reach to both sides, and the distance of their samples in radii.
 _ANGLES, _REACH, _STEP = 120, 0.4, 1 / 200
@@ -97,8 +96,8 @@ def _slopes(values: Images, outline: Ellipse) -> tuple[Profiles, float]:
     small = Ellipse(centre, (axes[0] / factor, axes[1] / factor), outline.angle_deg)
     step = max(_STEP * small.radius_px, _LEAST_STEP_PX)
     blur, count = max(step, _LEAST_BLUR_PX), round(reach_px / factor / step)
-    offsets: Array = np.arange(-count, count + 1, dtype=np.float64) * step
-    images: list[npt.NDArray[np.float32]] = []
+    offsets: Float64 = np.arange(-count, count + 1, dtype=np.float64) * step
+    images: list[Float32] = []
     for k in range(len(values)):
         part = values[k, low[1] : high[1], low[0] : high[0]]
         image = np.where(np.isnan(part), np.float32(1), part)
@@ -154,7 +153,7 @@ class _Shifts:
         large = gain > _LARGE_GAIN and gain > _OF_LARGE_GAIN * sigma
         return (gain, float(np.hypot(*shift))) if clear or large else (0.0, 0.0)
 
-    def _climb(self, agreement: Profiles, start: Array) -> tuple[float, Array]:
+    def _climb(self, agreement: Profiles, start: Float64) -> tuple[float, Float64]:
         """Return the largest mean agreement near a shift, and its shift."""
         shift, best = start, float(self._at(agreement, start).mean())
         for step in _STEPS:
@@ -167,7 +166,7 @@ class _Shifts:
                 shift = trials[int(np.argmax(means))]
         return best, shift
 
-    def _at(self, agreement: Profiles, shift: Array) -> Array:
+    def _at(self, agreement: Profiles, shift: Float64) -> Float64:
         """Return the agreement ``(angles,)`` after a shift, by cubic interpolation."""
         cosine, sine = self._directions
         place = np.clip(shift[0] * cosine + shift[1] * sine, 1 - self.farthest, self.farthest - 2)
@@ -178,18 +177,18 @@ class _Shifts:
         return np.asarray(b + 0.5 * part * (c - a + part * curve), np.float64)
 
     @cached_property
-    def _directions(self) -> tuple[Array, Array]:
+    def _directions(self) -> tuple[Float64, Float64]:
         return np.cos(_angles()), np.sin(_angles())
 
     @cached_property
-    def _grid(self) -> tuple[Array, Array]:
+    def _grid(self) -> tuple[Float64, Float64]:
         reach = np.arange(-self.farthest, self.farthest + 1, _GRID, dtype=np.float64)
         x, y = (of.ravel() for of in np.meshgrid(reach, reach))
         near = np.hypot(x, y) <= self.farthest
         return x[near], y[near]
 
     @cached_property
-    def _places(self) -> npt.NDArray[np.intp]:
+    def _places(self) -> Intp:
         """Where the agreement of each shift of the grid is at each angle, rounded."""
         (x, y), (cosine, sine) = self._grid, self._directions
         shifts = np.rint(np.multiply.outer(x, cosine) + np.multiply.outer(y, sine)).astype(np.intp)
@@ -197,5 +196,5 @@ class _Shifts:
         return np.asarray(shifts + self.farthest + rows, np.intp)
 
 
-def _angles() -> Array:
+def _angles() -> Float64:
     return np.arange(_ANGLES, dtype=np.float64) * (2 * np.pi / _ANGLES)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._errors import or_none
 from calibration._radiance.linear_stack import Images
@@ -20,9 +19,9 @@ from calibration._spheres.outline import (
     scatter_px,
 )
 from calibration._spheres.reflection import orthographic_directions
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.spots import SpotCluster
+from rig.arrays import Float32, Float64
 
 _CANDIDATES = 120
 _REACH_PX, _REACH_SHARE = 3.0, 0.03
@@ -106,7 +105,7 @@ def _has_highlights(values: Images, circle: Ellipse) -> bool:
 
 def _refined(
     pictures: OutlineImages, circle: Ellipse, rivals: Sequence[Ellipse] = ()
-) -> tuple[Ellipse, Array, float] | None:
+) -> tuple[Ellipse, Float64, float] | None:
     """Refine a circle; return outline, its points and coverage, None if too little is visible.
 
     The refinement moves the outline by up to 3 px or 3 % of the radius. If it is not sharp, so that
@@ -120,7 +119,7 @@ def _refined(
 
 
 def mirroring(
-    values: Images, outline: Ellipse, points: Array, coverage: float
+    values: Images, outline: Ellipse, points: Float64, coverage: float
 ) -> SphereImage | None:
     """Return the sphere with an outline if its highlights are those of a mirror."""
     highlights = find_highlights(values, outline)
@@ -177,7 +176,7 @@ def is_painted(values: Images, outline: Ellipse, highlights: Highlights) -> bool
         return False
     normals = np.column_stack([unit[:, 0], -unit[:, 1], np.sqrt(1 - np.sum(unit**2, axis=1))])
     directions = orthographic_directions(outline, highlights.pixels[lit])
-    shading: Array = np.clip(normals @ directions.T, 0, None).T
+    shading: Float64 = np.clip(normals @ directions.T, 0, None).T
     brightness = values[lit][:, pixels[:, 1], pixels[:, 0]].astype(np.float64)
     spots = outline.unit(highlights.pixels[lit])
     apart = np.linalg.norm(spots[:, None] - unit, axis=2) > _APART
@@ -188,7 +187,7 @@ def is_painted(values: Images, outline: Ellipse, highlights: Highlights) -> bool
     return correlation > _SHADED
 
 
-def circular_edges(image: npt.NDArray[np.float32]) -> list[Ellipse]:
+def circular_edges(image: Float32) -> list[Ellipse]:
     """Return the circular edges of an image, sorted by coverage, then by size, descending."""
     factor = max(1.0, max(image.shape) / _SEARCH_SIZE_PX)
     size = (max(round(image.shape[1] / factor), 1), max(round(image.shape[0] / factor), 1))
@@ -213,7 +212,7 @@ def circular_edges(image: npt.NDArray[np.float32]) -> list[Ellipse]:
     ]
 
 
-def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
+def _edges(image: Float32) -> tuple[Float64, Float64]:
     """Return edge pixels ``(M, 2)``, maxima along the gradient, and unit gradients ``(M, 2)``."""
     smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
     gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
@@ -231,7 +230,7 @@ def _edges(image: npt.NDArray[np.float32]) -> tuple[Array, Array]:
     return np.column_stack([x, y])[keep].astype(np.float64), facing[keep].astype(np.float64)
 
 
-def _between(image: npt.NDArray[np.float32], x: Array, y: Array) -> Array:
+def _between(image: Float32, x: Float64, y: Float64) -> Float64:
     """Return an image between its pixels, linearly; `cv2.remap` rounds places to 1/32 px."""
     height, width = image.shape
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
@@ -246,7 +245,7 @@ def _between(image: npt.NDArray[np.float32], x: Array, y: Array) -> Array:
 
 
 def _centres(
-    edges: Array, facing: Array, shape: tuple[int, int], largest: float
+    edges: Float64, facing: Float64, shape: tuple[int, int], largest: float
 ) -> list[tuple[float, float]]:
     """Vote along the gradients in both directions, and return the peaks."""
     height, width = shape
@@ -275,7 +274,7 @@ def _centres(
 
 
 def _radii(
-    edges: Array, facing: Array, centre: tuple[float, float], largest: float
+    edges: Float64, facing: Float64, centre: tuple[float, float], largest: float
 ) -> list[tuple[float, float]]:
     """Return (radius, coverage) of the circles around a centre.
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import Array, middle_of
+from calibration._spheres.robust import middle_of
+from rig.arrays import Bool, Float32, Float64
 
 _STEPS = 12
 _LEADERS = 8
@@ -39,9 +39,7 @@ class EdgesAround:
         Largest difference of the centre and of the radius of circles that are compared.
     """
 
-    def __init__(
-        self, images: Sequence[npt.NDArray[np.float32]], circle: Ellipse, reach_px: float
-    ) -> None:
+    def __init__(self, images: Sequence[Float32], circle: Ellipse, reach_px: float) -> None:
         self._circle, self._reach = circle, min(reach_px, 0.3 * circle.radius_px)
         wide = 2.2 * self._reach + 3
         count = int(np.clip(np.pi * circle.radius_px, *_RAYS))
@@ -51,10 +49,10 @@ class EdgesAround:
         seen = self._seen(images, offsets)
         self._edges = np.minimum(seen / (_OF_IMAGES * len(images)), 1.0)
 
-    def _seen(self, images: Sequence[npt.NDArray[np.float32]], offsets: Array) -> Array:
+    def _seen(self, images: Sequence[Float32], offsets: Float64) -> Float64:
         """Return how many images have an edge, ``(angles, offsets)``."""
         circle, shape = self._circle, np.array(images[0].shape[::-1])
-        seen: Array = np.zeros((len(self._angles), len(offsets)))
+        seen: Float64 = np.zeros((len(self._angles), len(offsets)))
         centre = np.array(circle.centre_px)
         far = circle.radius_px + offsets[-1] + 4
         low = np.maximum((centre - far).astype(int), 0)
@@ -72,11 +70,11 @@ class EdgesAround:
 
     @staticmethod
     def _ridges(
-        crop: npt.NDArray[np.float32],
-        x: npt.NDArray[np.float32],
-        y: npt.NDArray[np.float32],
-        toward: npt.NDArray[np.float32],
-    ) -> npt.NDArray[np.bool_]:
+        crop: Float32,
+        x: Float32,
+        y: Float32,
+        toward: Float32,
+    ) -> Bool:
         """Return where the logarithm of an image has an edge that faces the centre."""
         smooth = cv2.GaussianBlur(crop, (0, 0), 0.8)
         gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, scale=1 / 8)
@@ -109,7 +107,7 @@ class EdgesAround:
         x, y = changes[:: len(steps), :2].T
         scores = np.stack([self._supports(near, x, y, radius) for radius in steps], axis=1)
         (cx, cy), radius = self._circle.centre_px, self._circle.radius_px
-        kept: list[Array] = []
+        kept: list[Float64] = []
         for index in np.argsort(-scores.ravel(), kind="stable"):
             trial = changes[index]
             if all(np.abs(trial - other).max() >= _APART_STEPS * step for other in kept):
@@ -118,7 +116,7 @@ class EdgesAround:
                 break
         return [Ellipse((cx + dx, cy + dy), (radius + dr, radius + dr)) for dx, dy, dr in kept]
 
-    def _near(self, tolerance_px: float) -> Array:
+    def _near(self, tolerance_px: float) -> Float64:
         """Return how close an edge is, ``(angles, offsets)``: 1 at an edge, 0 at the tolerance."""
         reach = max(int(np.ceil(tolerance_px / _OFFSET_STEP_PX)), 1)
         near = self._edges.copy()
@@ -129,7 +127,7 @@ class EdgesAround:
                 near = np.maximum(near, share * moved)
         return np.asarray(near, np.float64)
 
-    def _supports(self, near: Array, x: Array, y: Array, change: float) -> Array:
+    def _supports(self, near: Float64, x: Float64, y: Float64, change: float) -> Float64:
         """Return the support of circles of one radius whose centres are moved by x, y ``(H,)``."""
         cosine, sine = (f(self._angles).astype(np.float32) for f in (np.cos, np.sin))
         moves = np.stack([x, y], axis=1).astype(np.float32)

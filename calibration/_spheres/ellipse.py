@@ -10,14 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._errors import EstimateError, or_none
-from calibration._spheres.robust import (
-    FINEST_PX,
-    ROUNDS,
-    Array,
-    check_enough,
-    tukey_weights,
-)
+from calibration._spheres.robust import FINEST_PX, ROUNDS, check_enough, tukey_weights
 from rig import short_repr
+from rig.arrays import Float64, Intp
 
 # A smaller part of the circumference does not determine an ellipse, only a circle.
 ELLIPSE_COVERAGE = 0.75
@@ -60,7 +55,7 @@ class Ellipse:
         return self.semi_axes_px[0] == self.semi_axes_px[1]
 
     @property
-    def matrix(self) -> Array:
+    def matrix(self) -> Float64:
         """``(2, 2)`` symmetric matrix from the unit circle to the ellipse around its centre."""
         if self.is_circle:
             return np.array([[self.semi_axes_px[0], 0.0], [0.0, self.semi_axes_px[0]]])
@@ -68,25 +63,25 @@ class Ellipse:
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return np.asarray(turn @ np.diag(self.semi_axes_px) @ turn.T)
 
-    def moved(self, change: Array) -> Ellipse:
+    def moved(self, change: Float64) -> Ellipse:
         """Return the ellipse with changed centre x, centre y and radius, in pixels."""
         (x, y), (a, b) = self.centre_px, self.semi_axes_px
         scale = 1 + float(change[2]) / self.radius_px
         centre = (x + float(change[0]), y + float(change[1]))
         return Ellipse(centre, (a * scale, b * scale), self.angle_deg)
 
-    def unit(self, pixels: npt.ArrayLike) -> Array:
+    def unit(self, pixels: npt.ArrayLike) -> Float64:
         """Return pixels ``(..., 2)`` in the frame in which the ellipse is the unit circle."""
         offset = np.asarray(pixels, np.float64) - self.centre_px
         return offset @ np.linalg.inv(self.matrix)  # symmetric: no transpose required
 
-    def point(self, angle: npt.ArrayLike, scale: npt.ArrayLike = 1.0) -> Array:
+    def point(self, angle: npt.ArrayLike, scale: npt.ArrayLike = 1.0) -> Float64:
         """Return the pixels ``(..., 2)`` at these angles (radians) and multiples of the radius."""
         angle, scale = np.broadcast_arrays(np.asarray(angle), np.asarray(scale))
         circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1) * scale[..., None]
         return np.asarray(circle @ self.matrix + self.centre_px)
 
-    def distance_px(self, pixels: npt.ArrayLike) -> Array:
+    def distance_px(self, pixels: npt.ArrayLike) -> Float64:
         """Return the approximate distance of points ``(..., 2)`` outside (+) or inside (-).
 
         That from a circle is exact.
@@ -101,7 +96,7 @@ class Ellipse:
         return np.asarray((radius - 1) * radius / np.maximum(gradient, 1e-12))
 
 
-def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse, Array]:
+def fit_circle(points_px: Float64, start: Ellipse | None = None) -> tuple[Ellipse, Float64]:
     """Fit a circle to outline points with Tukey weights.
 
     Parameters
@@ -135,7 +130,7 @@ def fit_circle(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse,
     return circle, weights
 
 
-def fit_ellipse(points_px: Array, start: Ellipse | None = None) -> tuple[Ellipse, Array]:
+def fit_ellipse(points_px: Float64, start: Ellipse | None = None) -> tuple[Ellipse, Float64]:
     """Fit an ellipse to outline points with the reweighted direct fit of Halir and Flusser.
 
     The weights are Sampson weights (geometric distance to first order) times Tukey weights.
@@ -177,7 +172,7 @@ def _moved_px(a: Ellipse, b: Ellipse) -> float:
     return float(np.abs(change).max())
 
 
-def _samples(points: Array) -> tuple[Array, Array]:
+def _samples(points: Float64) -> tuple[Float64, Float64]:
     """Return samples ``(T, S, 2)`` of points, and points that judge the fits to them.
 
     Outliers often form a complete arc (a mount, a shadow), which a least-squares start would
@@ -188,13 +183,13 @@ def _samples(points: Array) -> tuple[Array, Array]:
 
 
 @cache
-def _picks(count: int) -> npt.NDArray[np.intp]:
+def _picks(count: int) -> Intp:
     """Return the points of each sample, out of so many."""
     random = np.random.default_rng(0)
     return np.array([random.choice(count, _SAMPLE, replace=False) for _ in range(_TRIALS)])
 
 
-def _least_median_circle(points: Array) -> Ellipse:
+def _least_median_circle(points: Float64) -> Ellipse:
     """Return the circle through a few points with the least median distance from all points."""
     samples, judges = _samples(points)
     origins = samples.mean(axis=1)
@@ -216,7 +211,7 @@ def _least_median_circle(points: Array) -> Ellipse:
     return Ellipse((float(centres[0, best]), float(centres[1, best])), (float(radii[best]),) * 2)
 
 
-def _least_median_ellipse(points: Array) -> Ellipse:
+def _least_median_ellipse(points: Float64) -> Ellipse:
     """Return the ellipse through a few points with the least median distance from all points."""
     samples, judges = _samples(points)
     best: tuple[float, Ellipse] | None = None
@@ -235,7 +230,7 @@ def _least_median_ellipse(points: Array) -> Ellipse:
 class _CircleEquations:
     """Linear equations of a circle through points, for several weights of the points."""
 
-    def __init__(self, points: Array) -> None:
+    def __init__(self, points: Float64) -> None:
         self._origin = points.mean(axis=0)
         offset = points - self._origin
         # In units of the largest offset, the squares of the columns are alike.
@@ -244,7 +239,7 @@ class _CircleEquations:
         self._design = np.column_stack([2 * offset, np.ones(len(offset))])
         self._target = np.sum(offset**2, axis=1)
 
-    def solved(self, weights: Array) -> Ellipse:
+    def solved(self, weights: Float64) -> Ellipse:
         """Return the circle of the weighted linear least squares."""
         weighted = self._design.T * weights
         normal = np.column_stack([weighted @ self._design, weighted @ self._target])
@@ -255,7 +250,7 @@ class _CircleEquations:
         return Ellipse((float(centre[0]), float(centre[1])), (radius, radius))
 
 
-def _plain_ellipse(points: Array, weights: Array) -> Ellipse:
+def _plain_ellipse(points: Float64, weights: Float64) -> Ellipse:
     """Fit an ellipse by weighted direct least squares."""
     # Centre and scale the points: otherwise the conic's columns differ by orders of magnitude.
     origin = points.mean(axis=0)
@@ -271,10 +266,10 @@ def _plain_ellipse(points: Array, weights: Array) -> Ellipse:
     )
 
 
-def _direct_conic(points: Array, weights: Array) -> Array:
+def _direct_conic(points: Float64, weights: Float64) -> Float64:
     """Return the conic (a b c d e f) with 4ac > b^2 and least weighted algebraic error."""
     x, y = points.T
-    root: Array = np.sqrt(weights / np.sum(weights))[:, None]
+    root: Float64 = np.sqrt(weights / np.sum(weights))[:, None]
     quadratic = np.column_stack([x * x, x * y, y * y]) * root
     linear = np.column_stack([x, y, np.ones_like(x)]) * root
     eliminate = -np.linalg.lstsq(linear, quadratic, rcond=None)[0]
@@ -289,7 +284,7 @@ def _direct_conic(points: Array, weights: Array) -> Array:
     return np.concatenate([vectors[:, index], eliminate @ vectors[:, index]])
 
 
-def _conic_to_ellipse(conic: Array) -> Ellipse:
+def _conic_to_ellipse(conic: Float64) -> Ellipse:
     a, b, c, d, e, f = conic
     quadratic = np.array([[a, b / 2], [b / 2, c]])
     if not abs(np.linalg.det(quadratic)) > 1e-12:

@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from calibration._radiance.linear_stack import Images
-from calibration._spheres.blobs import MOST_BLOBS, Blob, Region, bright_blobs, usual_size
+from calibration._spheres.blobs import MOST_BLOBS, Blob, bright_blobs, usual_size
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import Array
 from calibration._spheres.spot import Spot
+from rig.arrays import Bool, Float32, Float64, Intp
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.
 # Bright spots farther out are not lights but another sphere or the table.
@@ -57,14 +56,14 @@ class Candidates:
         ``(N, M)`` as `Highlights.photon_px2`, None if it is not known.
     """
 
-    pixels: Array
-    saturated: npt.NDArray[np.bool_]
-    sigma_px: Array
-    share: Array
-    photon_px2: Array | None = None
+    pixels: Float64
+    saturated: Bool
+    sigma_px: Float64
+    share: Float64
+    photon_px2: Float64 | None = None
 
     @property
-    def seen(self) -> npt.NDArray[np.bool_]:
+    def seen(self) -> Bool:
         """``(N,)`` whether there is any."""
         return np.asarray(np.any(np.isfinite(self.pixels[..., 0]), axis=1), np.bool_)
 
@@ -92,12 +91,12 @@ class Highlights:
         NaN where it is not known. None if it is not known of any.
     """
 
-    pixels: Array
-    saturated: npt.NDArray[np.bool_]
-    sigma_px: Array
+    pixels: Float64
+    saturated: Bool
+    sigma_px: Float64
     several: Candidates | None = None
     unlike: tuple[int, ...] = ()
-    photon_px2: Array | None = None
+    photon_px2: Float64 | None = None
 
     @property
     def candidates(self) -> Candidates:
@@ -110,17 +109,17 @@ class Highlights:
         return single
 
     @property
-    def found(self) -> npt.NDArray[np.bool_]:
+    def found(self) -> Bool:
         """``(N,)`` whether the highlight of each light was found."""
         return np.isfinite(self.pixels[:, 0])
 
     @property
-    def ambiguous(self) -> npt.NDArray[np.bool_]:
+    def ambiguous(self) -> Bool:
         """``(N,)`` whether several places may be the highlight, and none was chosen."""
         several = np.isfinite(self.candidates.pixels[..., 0]).sum(axis=1) > 1
         return np.asarray(several & ~self.found, np.bool_)
 
-    def chosen(self, picks: npt.NDArray[np.intp]) -> Highlights:
+    def chosen(self, picks: Intp) -> Highlights:
         """Return these highlights with the candidate ``picks (N,)`` of each light; -1 for none."""
         rows, none = np.arange(len(picks)), picks < 0
         of = self.candidates
@@ -138,7 +137,7 @@ class Highlights:
         none = index < 0
         of = self.candidates
 
-        def taken(values: Array) -> Array:
+        def taken(values: Float64) -> Float64:
             return np.where(none.reshape(-1, *[1] * (values.ndim - 1)), np.nan, values[index])
 
         several = Candidates(
@@ -239,11 +238,11 @@ def find_highlights(values: Images, outline: Ellipse) -> Highlights:
     return found
 
 
-def _within(outline: Ellipse, rows: npt.NDArray[np.int_], columns: npt.NDArray[np.int_]) -> Region:
+def _within(outline: Ellipse, rows: Intp, columns: Intp) -> Bool:
     """Return which pixels of some rows and columns are within 0.85 of the radius."""
     across, down = columns - outline.centre_px[0], (rows - outline.centre_px[1])[:, None]
     (xx, xy), (yx, yy) = np.linalg.inv(outline.matrix)
-    within: Region = np.hypot(xx * across + yx * down, xy * across + yy * down) < _LARGEST_RADIUS
+    within: Bool = np.hypot(xx * across + yx * down, xy * across + yy * down) < _LARGEST_RADIUS
     return within
 
 
@@ -255,25 +254,25 @@ class _Search:
     not saturated, because nothing is left of them. Before, the others were ``white (N,)``.
     """
 
-    images: npt.NDArray[np.float32]
-    saturated: npt.NDArray[np.bool_]
-    within: Region
-    border: Region
+    images: Float32
+    saturated: Bool
+    within: Bool
+    border: Bool
     outline: Ellipse
     corner: tuple[int, int]
-    white: npt.NDArray[np.float32]
+    white: Float32
 
     def blobs(self, k: int) -> list[Blob]:
         image, clipped = self.images[k], self.saturated[k] & self.within
         return bright_blobs(image, clipped, self.within, self._sample, self.outline.radius_px)
 
     @cached_property
-    def _sample(self) -> npt.NDArray[np.intp]:
+    def _sample(self) -> Intp:
         """Some pixels on which highlights are searched for."""
         sample = np.flatnonzero(self.within)
         return sample[:: max(len(sample) // _SAMPLED, 1)]
 
-    def lit(self, lights: npt.NDArray[np.intp], place: Array) -> npt.NDArray[np.intp]:
+    def lit(self, lights: Intp, place: Float64) -> Intp:
         """Return the lights under which a place is as bright as under some of them.
 
         A highlight next to a lamp may hide the spot of the lamp, but not its brightness.
@@ -282,7 +281,7 @@ class _Search:
         brightness = self.images[:, row, column]
         return np.flatnonzero(brightness > _AS_BRIGHT * np.median(brightness[lights]))
 
-    def subtract(self, lit: npt.NDArray[np.intp]) -> None:
+    def subtract(self, lit: Intp) -> None:
         """Subtract what the images under some lights share."""
         some = self.images[lit]
         _subtract_shared(some)
@@ -327,7 +326,7 @@ class _Search:
         )
         return self._by_size(result, radii_px, stray_px)
 
-    def _by_size(self, found: Highlights, radii_px: Array, stray_px: Array) -> Highlights:
+    def _by_size(self, found: Highlights, radii_px: Float64, stray_px: Float64) -> Highlights:
         """Choose the spots that have the usual size of a highlight, and widen errors of others.
 
         If the size is known, the only spot of this size is the highlight, and without one,
@@ -375,7 +374,7 @@ class _Search:
         return replace(best, sigma_px=float(np.sqrt(best.sigma_px**2 + doubt)))
 
 
-def _even_top(image: npt.NDArray[np.float32], within: Region) -> Region | None:
+def _even_top(image: Float32, within: Bool) -> Bool | None:
     """Return the pixels of a sphere that are saturated below white, or None.
 
     Images that were made darker, divided by the strength of a light, or converted with headroom
@@ -389,7 +388,7 @@ def _even_top(image: npt.NDArray[np.float32], within: Region) -> Region | None:
     return within & (image >= _EVEN * largest)
 
 
-def _uncut(image: npt.NDArray[np.float32], clipped: Region, region: Region, white: float) -> bool:
+def _uncut(image: Float32, clipped: Bool, region: Bool, white: float) -> bool:
     """Return whether hardly anything was subtracted from saturated pixels around a region."""
     rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
     wide = max(len(rows), len(columns))
@@ -397,7 +396,7 @@ def _uncut(image: npt.NDArray[np.float32], clipped: Region, region: Region, whit
     return bool(np.all(image[box][clipped[box]] > _UNCUT * white))
 
 
-def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array] | None:
+def _lamp(pixels: Float64, radius_px: float) -> tuple[Intp, Float64] | None:
     """Return lights under which a sphere shows a spot at the same place, and the place, or None.
 
     Lights that were recorded several times share their places, too, but all of them do.
@@ -415,7 +414,7 @@ def _lamp(pixels: Array, radius_px: float) -> tuple[npt.NDArray[np.intp], Array]
     return np.unique(light[near[most]]), np.median(spots[near[most]], axis=0)
 
 
-def _subtract_shared(stack: npt.NDArray[np.float32]) -> None:
+def _subtract_shared(stack: Float32) -> None:
     """Subtract the lower quartile over the images ``(N, H, W)`` at each pixel, in place."""
     quartile = (len(stack) - 1) // 4
     for top in range(0, stack.shape[1], _BAND_ROWS):

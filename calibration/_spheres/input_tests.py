@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration._spheres.cone import fit_cone
@@ -17,8 +16,8 @@ from calibration._spheres.joint_refinement import (
     linearise,
     predicted_highlights,
 )
-from calibration._spheres.robust import Array
 from rig import Notice, short_repr
+from rig.arrays import Float64
 
 # A value is doubted if it deviates by more than this: 0.1 % of correct values do.
 _SIGMAS = 3.3
@@ -64,7 +63,7 @@ class InputTest:
     name: str
     change: float
     sigma: float
-    lights_mm: Array
+    lights_mm: Float64
 
     __repr__ = short_repr
 
@@ -74,7 +73,9 @@ class InputTest:
         return abs(self.change) / self.sigma
 
 
-def check_inputs(seen: Observation, outlines_px: list[Array], refined: Refined) -> list[InputTest]:
+def check_inputs(
+    seen: Observation, outlines_px: list[Float64], refined: Refined
+) -> list[InputTest]:
     """Estimate how the given values would have to change, each one alone.
 
     To the least squares of `refine`, the heights of the spheres are added: they rest on the working
@@ -162,7 +163,7 @@ def doubtful(tests: list[InputTest]) -> list[InputTest]:
 
 
 def doubts(
-    tests: list[InputTest], camera: CameraModel, radii_mm: Array, places_mm: Array | None = None
+    tests: list[InputTest], camera: CameraModel, radii_mm: Float64, places_mm: Float64 | None = None
 ) -> list[Notice]:
     """Return a warning about the value whose change explains the data best, if one is doubtful.
 
@@ -219,7 +220,9 @@ def _by_places(
     return "; led_positions_mm do not decide between them" if len(texts) > 1 else ""
 
 
-def _explanations(test: InputTest, camera: CameraModel, radii_mm: Array) -> list[tuple[str, Array]]:
+def _explanations(
+    test: InputTest, camera: CameraModel, radii_mm: Float64
+) -> list[tuple[str, Float64]]:
     """Return the changes of given values that a test stands for, each with the lights after it."""
     if test.name == FOCAL:
         focal_px, change, sigma = camera.focal_px, test.change, test.sigma
@@ -260,11 +263,11 @@ def _changed(camera: CameraModel, name: str) -> tuple[CameraModel, float]:
     return camera, _STEP
 
 
-def _predict(camera: CameraModel, refined: Refined, radii: Array) -> Array:
+def _predict(camera: CameraModel, refined: Refined, radii: Float64) -> Float64:
     return predicted_highlights(camera, refined.centres_mm, radii, refined.positions_mm)
 
 
-def _placed(camera: CameraModel, radii: Array, outlines_px: list[Array]) -> Array:
+def _placed(camera: CameraModel, radii: Float64, outlines_px: list[Float64]) -> Float64:
     """Return the centres ``(3 K,)`` that follow from outlines and radii."""
     cones = [fit_cone(camera.rays(points), 1 / camera.focal_px)[0] for points in outlines_px]
     centres = [
@@ -291,7 +294,7 @@ class Factor:
 
 def known_places(
     led_positions_mm: Mapping[str, Sequence[float]] | None, names: tuple[str, ...]
-) -> Array:
+) -> Float64:
     """Return the known places ``(N, 3)`` of lights; NaN where a place is not known.
 
     Raises
@@ -301,7 +304,7 @@ def known_places(
     """
     places = np.full((len(names), 3), np.nan)
     for name, place in (led_positions_mm or {}).items():
-        point: npt.NDArray[np.float64] = np.asarray(place, np.float64)
+        point: Float64 = np.asarray(place, np.float64)
         if point.shape != (3,) or not np.isfinite(point).all():
             raise DataError(f"the position of LED {name} must be 3 finite numbers in mm")
         if name in names:
@@ -309,7 +312,7 @@ def known_places(
     return places
 
 
-def factor_of(lights_mm: Array, places_mm: Array) -> Factor | None:
+def factor_of(lights_mm: Float64, places_mm: Float64) -> Factor | None:
     """Return how many times as far apart lights are as their known places.
 
     The places may be rotated and shifted as a whole. Their scatter about the lights is estimated

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Images
@@ -23,9 +22,7 @@ from calibration._spheres.limb import (
     stack_profiles,
 )
 from calibration._spheres.outline import ALONG_PX, edge_angles, image_noise
-from calibration._spheres.robust import Array
-
-Flags = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float64
 
 # Share of a profile's contrast that the model of the limb does not explain, and the most evidence
 # (misfit in variances) that one image, and all images, give against an edge at one angle.
@@ -67,7 +64,7 @@ class JointOutline:
     """
 
     outline: Ellipse
-    points_px: Array
+    points_px: Float64
     coverage: float
     support: float
     blur_px: float
@@ -122,7 +119,7 @@ def joint_outline(
     return JointOutline(outline, points, coverage, support, edges.blur_px)
 
 
-def part_covariance(values: Images, outline: Ellipse) -> Array:
+def part_covariance(values: Images, outline: Ellipse) -> Float64:
     """Return the covariance by which outlines of parts of the data differ from each other.
 
     The parts are halves of the images, which differ by twice the deviation of one, and all but one
@@ -156,7 +153,7 @@ def part_covariance(values: Images, outline: Ellipse) -> Array:
     return total
 
 
-def edge_agreement(values: Images, outline: Ellipse) -> tuple[Array, Array]:
+def edge_agreement(values: Images, outline: Ellipse) -> tuple[Float64, Float64]:
     """Return angles around an outline, and how well an edge agrees with it at each.
 
     Parameters
@@ -183,9 +180,9 @@ def edge_agreement(values: Images, outline: Ellipse) -> tuple[Array, Array]:
 class _Fit:
     """A circle near the approximate outline: its change, and edges and weights of all angles."""
 
-    change: Array
-    offsets: Array
-    weights: Array
+    change: Float64
+    offsets: Float64
+    weights: Float64
 
 
 class _Edges:
@@ -227,7 +224,7 @@ class _Edges:
         self._inside = (np.minimum(x, y) > REACH_PX) & (x < width - 1 - REACH_PX)
         self._inside &= y < height - 1 - REACH_PX
 
-    def fit(self, images: Flags, angles: Flags) -> _Fit:
+    def fit(self, images: Bool, angles: Bool) -> _Fit:
         """Fit a circle to some images and angles."""
         misfit = self._misfit if images.all() else self._misfit[:, images]
         evidence = misfit.sum(axis=1)
@@ -249,7 +246,7 @@ class _Edges:
             change = np.linalg.lstsq(weighted.T @ design, weighted.T @ offsets, rcond=None)[0]
         return _Fit(change, offsets, weights)
 
-    def _searched(self, evidence: Profiles, use: Flags) -> Array:
+    def _searched(self, evidence: Profiles, use: Bool) -> Float64:
         """Return the change of centre and radius with the least bounded misfit, on a grid."""
         some = np.flatnonzero(use)[:: max(len(use) // _COMPARED, 1)]
         angles = self.angles[some]
@@ -266,7 +263,7 @@ class _Edges:
         radius, centre = np.unravel_index(np.argmin(misfits), misfits.shape)
         return np.array([x[centre, 0], y[centre, 0], _SEARCH[radius]])
 
-    def part(self, images: Flags, angles: Flags) -> Array:
+    def part(self, images: Bool, angles: Bool) -> Float64:
         """Return the change of centre and radius of a part of the data, a pixel if it has none."""
         try:
             return self.fit(images, angles).change
@@ -274,13 +271,13 @@ class _Edges:
             return np.ones(3)
 
 
-def _halvings(count: int) -> list[Flags]:
+def _halvings(count: int) -> list[Bool]:
     """Return which of some images are in one half, in several ways."""
     index = np.arange(count)
     return [(index >> bit) % 2 == 0 for bit in range(3) if count > 1 << bit]
 
 
-def _best_shifts(evidence: Profiles) -> tuple[Array, Flags]:
+def _best_shifts(evidence: Profiles) -> tuple[Float64, Bool]:
     """Return the best place of the edge at each angle, and where an edge is seen."""
     best = np.argmin(evidence, axis=0)
     inner = (best > 0) & (best < len(evidence) - 1)

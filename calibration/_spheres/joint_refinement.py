@@ -9,8 +9,8 @@ import numpy as np
 from acquisition import CameraModel
 from calibration._errors import EstimateError
 from calibration._spheres.reflection import mirror_points
-from calibration._spheres.robust import Array
 from rig import short_repr
+from rig.arrays import Float64
 
 # The variances are as stated with the weight of so many residuals: few show little.
 EXPECTED = 4
@@ -33,9 +33,9 @@ class KnownSpheres:
         ``(3 K, 3 K)`` covariance of the centres from the outlines.
     """
 
-    centres_mm: Array
-    radii_mm: Array
-    covariance_mm2: Array
+    centres_mm: Float64
+    radii_mm: Float64
+    covariance_mm2: Float64
 
     __repr__ = short_repr
 
@@ -59,8 +59,8 @@ class Observation:
 
     camera: CameraModel
     spheres: KnownSpheres
-    highlights_px: Array
-    sigma_px: Array
+    highlights_px: Float64
+    sigma_px: Float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,25 +82,25 @@ class Refined:
         by the degrees of freedom; NaN without any.
     """
 
-    positions_mm: Array
-    centres_mm: Array
-    covariance_mm2: Array
-    independent_mm2: Array
+    positions_mm: Float64
+    centres_mm: Float64
+    covariance_mm2: Float64
+    independent_mm2: Float64
     chi_square: float
 
     __repr__ = short_repr
 
 
 def predicted_highlights(
-    camera: CameraModel, centres_mm: Array, radii_mm: Array, lights_mm: Array
-) -> Array:
+    camera: CameraModel, centres_mm: Float64, radii_mm: Float64, lights_mm: Float64
+) -> Float64:
     """Return the pixels ``(N, K, 2)`` of the highlights of N lights on K spheres."""
     points = mirror_points(camera.centre_mm, lights_mm[:, None], centres_mm[None], radii_mm[None])
     return camera.project(points)
 
 
 def refine(
-    seen: Observation, positions_mm: Array, ids: tuple[str, ...], *, peaks: bool = False
+    seen: Observation, positions_mm: Float64, ids: tuple[str, ...], *, peaks: bool = False
 ) -> Refined:
     """Refine all lights and sphere centres by Gauss-Newton with a Schur complement.
 
@@ -149,12 +149,12 @@ def refine(
     outlines_share = system.outlines_share((centres - seen.spheres.centres_mm).ravel())
     outlines_share = outlines_share if peaks else max(outlines_share, 1.0)
     covariance = system.covariance(share, outlines_share)
-    own: Array = np.asarray(np.linalg.inv(system.of_light), np.float64)
+    own: Float64 = np.asarray(np.linalg.inv(system.of_light), np.float64)
     independent = (share if peaks else 0.0) * own
     return Refined(lights, centres, covariance, independent, chi_square)
 
 
-def degrees_of_freedom(sigma_px: Array) -> int:
+def degrees_of_freedom(sigma_px: Float64) -> int:
     """Return how many more coordinates highlights ``(N, K)`` have than their lights.
 
     Outlines give as many values as there are unknowns of the centres.
@@ -173,36 +173,36 @@ class System:
     derivatives of the highlights.
     """
 
-    of_light: Array
-    cross: Array
-    of_centre: Array
-    of_outlines: Array
-    pull_light: Array
-    pull_centre: Array
+    of_light: Float64
+    cross: Float64
+    of_centre: Float64
+    of_outlines: Float64
+    pull_light: Float64
+    pull_centre: Float64
     square: float
-    by_light: Array
-    by_centre: Array
+    by_light: Float64
+    by_centre: Float64
 
     __repr__ = short_repr
 
-    def _eliminated(self) -> tuple[Array, Array]:
+    def _eliminated(self) -> tuple[Float64, Float64]:
         """Return ``of_light^-1 cross`` and the information about the centres without the lights."""
-        gain: Array = np.asarray(np.linalg.solve(self.of_light, self.cross), np.float64)
-        schur: Array = self.of_centre - np.einsum("nap,naq->pq", self.cross, gain)
+        gain: Float64 = np.asarray(np.linalg.solve(self.of_light, self.cross), np.float64)
+        schur: Float64 = self.of_centre - np.einsum("nap,naq->pq", self.cross, gain)
         return gain, schur
 
-    def steps(self) -> tuple[Array, Array]:
+    def steps(self) -> tuple[Float64, Float64]:
         """Return the Gauss-Newton steps ``(N, 3)`` of the lights and ``(K, 3)`` of the centres."""
         of_light, of_centre = self.solve(self.pull_light, self.pull_centre)
         return -of_light, -of_centre.reshape(-1, 3)
 
-    def solve(self, light: Array, centre: Array) -> tuple[Array, Array]:
+    def solve(self, light: Float64, centre: Float64) -> tuple[Float64, Float64]:
         """Return the inverse of the information times a vector ``(N, 3)``, ``(3 K,)``."""
         gain, schur = self._eliminated()
         right = centre - np.einsum("nap,na->p", gain, light)
-        of_centre: Array = np.asarray(np.linalg.solve(schur, right), np.float64)
+        of_centre: Float64 = np.asarray(np.linalg.solve(schur, right), np.float64)
         left = (light - self.cross @ of_centre)[..., None]
-        of_light: Array = np.asarray(np.linalg.solve(self.of_light, left), np.float64)[..., 0]
+        of_light: Float64 = np.asarray(np.linalg.solve(self.of_light, left), np.float64)[..., 0]
         return of_light, of_centre
 
     def square_at_minimum(self) -> float:
@@ -217,7 +217,7 @@ class System:
         lights = np.linalg.slogdet(self.of_light).logabsdet.sum()
         return float(lights + np.linalg.slogdet(schur).logabsdet)
 
-    def outlines_share(self, off: Array) -> float:
+    def outlines_share(self, off: Float64) -> float:
         """Return the variance of the outlines in multiples of that stated.
 
         ``off (3 K,)`` is how far the centres are from the outlines; what the highlights do not
@@ -228,7 +228,7 @@ class System:
         square = float(off @ self.of_outlines @ off)
         return (square + EXPECTED) / (freedom + EXPECTED)
 
-    def covariance(self, share: float = 1.0, outlines_share: float = 1.0) -> Array:
+    def covariance(self, share: float = 1.0, outlines_share: float = 1.0) -> Float64:
         """Return the covariances ``(N, 3, 3)`` of the lights.
 
         ``share`` and ``outlines_share`` are the variances of highlights and outlines in multiples
@@ -239,8 +239,8 @@ class System:
         inverse = np.linalg.inv(schur)
         shared = np.einsum("nap,pq,nbq->nab", gain, inverse, gain)
         outlines = inverse @ self.of_outlines @ inverse
-        of_outlines: Array = np.einsum("nap,pq,nbq->nab", gain, outlines, gain)
-        inside: Array = np.linalg.inv(self.of_light) + shared
+        of_outlines: Float64 = np.einsum("nap,pq,nbq->nab", gain, outlines, gain)
+        inside: Float64 = np.linalg.inv(self.of_light) + shared
         return share * inside + (outlines_share - share) * of_outlines
 
 
@@ -254,15 +254,15 @@ class Slopes:
     about them.
     """
 
-    error: Array
-    by_light: Array
-    by_centre: Array
-    off: Array
-    of_outlines: Array
+    error: Float64
+    by_light: Float64
+    by_centre: Float64
+    off: Float64
+    of_outlines: Float64
 
     __repr__ = short_repr
 
-    def weighted(self, sigma_px: Array) -> System:
+    def weighted(self, sigma_px: Float64) -> System:
         """Return the normal equations with ``(N, K)`` standard deviations of the highlights."""
         n, k = sigma_px.shape
         use = np.isfinite(sigma_px)
@@ -286,12 +286,12 @@ class Slopes:
         )
 
 
-def slopes_at(seen: Observation, lights: Array, centres: Array) -> Slopes:
+def slopes_at(seen: Observation, lights: Float64, centres: Float64) -> Slopes:
     """Return errors and derivatives of the highlights ``(N, K)`` that count, as in `refine`."""
     spheres, use = seen.spheres, np.isfinite(seen.sigma_px)
     observed = np.where(use[..., None], seen.highlights_px, 0.0)
 
-    def errors(at_lights: Array, at_centres: Array) -> Array:
+    def errors(at_lights: Float64, at_centres: Float64) -> Float64:
         predicted = predicted_highlights(seen.camera, at_centres, spheres.radii_mm, at_lights)
         return np.where(use[..., None], predicted - observed, 0.0)
 
@@ -311,12 +311,12 @@ def slopes_at(seen: Observation, lights: Array, centres: Array) -> Slopes:
     )
 
 
-def linearise(seen: Observation, lights: Array, centres: Array) -> System:
+def linearise(seen: Observation, lights: Float64, centres: Float64) -> System:
     """Return the normal equations of the errors that `refine` minimises, with its parameters."""
     return slopes_at(seen, lights, centres).weighted(seen.sigma_px)
 
 
-def _check_determined(of_light: Array, positions: Array, ids: tuple[str, ...]) -> None:
+def _check_determined(of_light: Float64, positions: Float64, ids: tuple[str, ...]) -> None:
     """Raise `EstimateError` if the uncertainty of a position is large relative to its distance."""
     values = np.linalg.eigvalsh(of_light)
     deviation = 1 / np.sqrt(np.maximum(values[:, 0], 1e-30))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from calibration._errors import or_none
 from calibration._radiance.linear_stack import Images
@@ -23,8 +22,8 @@ from calibration._spheres.joint_edge import (
 from calibration._spheres.limb import LARGEST_BLUR_PX
 from calibration._spheres.outline import SHARP_PX, image_noise, scatter_px
 from calibration._spheres.outline_noise import circle_covariance
-from calibration._spheres.robust import Array
 from calibration._spheres.spots import reduced_image
+from rig.arrays import Float32, Float64
 
 _MARGIN_SHARE, _MARGIN_PX = 0.3, 24
 _MOST_IMAGES = 18
@@ -60,7 +59,7 @@ class JointNear(JointOutline):
         How many times smaller the images are in which its edges are seen.
     """
 
-    covariance_px2: Array
+    covariance_px2: Float64
     bright_support: float = float("nan")
     factor: int = 1
 
@@ -141,9 +140,9 @@ class _Sized:
     The images are smaller by ``factor``, and begin at the pixel ``start``.
     """
 
-    def __init__(self, images: Images, guess: Ellipse, factor: int, low: Array) -> None:
+    def __init__(self, images: Images, guess: Ellipse, factor: int, low: Float64) -> None:
         # The centre of the first pixel of a smaller image is between the first pixels.
-        self.start: Array = low + np.float64((factor - 1) / 2)
+        self.start: Float64 = low + np.float64((factor - 1) / 2)
         self.images, self.factor, self._low = images, factor, low
         self.guess = _scaled(_shifted(guess, -self.start), 1 / factor)
         self._refined: dict[tuple[Ellipse, bool], JointOutline | None] = {}
@@ -160,7 +159,7 @@ class _Sized:
         return _shifted(_scaled(joint.outline, self.factor), self.start)
 
     @cached_property
-    def _lifted(self) -> list[npt.NDArray[np.float32]]:
+    def _lifted(self) -> list[Float32]:
         return [_lifted(self.images[k]) for k in range(len(self.images))]
 
     def found(self, reach_px: float) -> list[JointOutline]:
@@ -264,7 +263,7 @@ def edges_support(values: Images, outline: Ellipse) -> bool:
     return _at(values, outline)[0] >= _LEAST_SUPPORT
 
 
-def _at(values: Images, outline: Ellipse) -> tuple[float, Array]:
+def _at(values: Images, outline: Ellipse) -> tuple[float, Float64]:
     """Return the support of an outline by the edges next to it, and the change to theirs."""
     part = _cut(values, outline)
     if part is None:
@@ -275,7 +274,7 @@ def _at(values: Images, outline: Ellipse) -> tuple[float, Array]:
     return (joint.support, change_of(guess, joint.outline)) if joint else (0.0, np.zeros(3))
 
 
-def _cut(values: Images, around: Ellipse) -> tuple[Images, Array] | None:
+def _cut(values: Images, around: Ellipse) -> tuple[Images, Float64] | None:
     """Return a part of at most 18 images around an outline, 1 where NaN, and where it starts."""
     far = around.radius_px + _MARGIN_SHARE * around.radius_px + _MARGIN_PX
     centre = np.array(around.centre_px)
@@ -288,7 +287,7 @@ def _cut(values: Images, around: Ellipse) -> tuple[Images, Array] | None:
     return np.where(np.isnan(part), np.float32(1), part), low.astype(np.float64)
 
 
-def _covariance(found: list[JointOutline]) -> Array:
+def _covariance(found: list[JointOutline]) -> Float64:
     """Return the covariance of the best of some outlines, which are sorted by support."""
     best = found[0]
     covariance = circle_covariance(best.points_px, best.outline)
@@ -299,7 +298,7 @@ def _covariance(found: list[JointOutline]) -> Array:
     return with_others(covariance, changes, less)
 
 
-def with_others(covariance: Array, changes: Sequence[Array], less: Sequence[float]) -> Array:
+def with_others(covariance: Float64, changes: Sequence[Float64], less: Sequence[float]) -> Float64:
     """Return a covariance that contains the others of several outlines, the best one first.
 
     Parameters
@@ -311,7 +310,7 @@ def with_others(covariance: Array, changes: Sequence[Array], less: Sequence[floa
     less
         Logarithms of how plausible they are, relative to the best one.
     """
-    others: list[tuple[float, Array]] = []
+    others: list[tuple[float, Float64]] = []
     for change, log in zip(changes, less, strict=True):
         if all(np.abs(change - other).max() > _SAME_PX for _, other in others):
             others.append((float(np.exp(log)), change))
@@ -321,19 +320,19 @@ def with_others(covariance: Array, changes: Sequence[Array], less: Sequence[floa
     return covariance
 
 
-def _lifted(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _lifted(image: Float32) -> Float32:
     """Return an image to which a multiple of its noise is added, for its logarithm."""
     noise = image_noise(image)
     offset = max(10 * noise, 0.002 * float(image.mean()), 1e-4)
     return np.maximum(image, 0) + np.float32(offset)
 
 
-def change_of(a: Ellipse, b: Ellipse) -> Array:
+def change_of(a: Ellipse, b: Ellipse) -> Float64:
     """Return the change from one outline to another in centre x, centre y and radius."""
     return np.array([*np.subtract(b.centre_px, a.centre_px), b.radius_px - a.radius_px])
 
 
-def _shifted(outline: Ellipse, by: Array) -> Ellipse:
+def _shifted(outline: Ellipse, by: Float64) -> Ellipse:
     x, y = outline.centre_px
     return replace(outline, centre_px=(x + float(by[0]), y + float(by[1])))
 

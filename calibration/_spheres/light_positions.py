@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
@@ -23,9 +22,9 @@ from calibration._spheres.joint_refinement import (
 )
 from calibration._spheres.lost_images import named
 from calibration._spheres.reflection import reflected_rays
-from calibration._spheres.robust import Array
 from calibration._spheres.spot import PEAK_SIGMA_PX
 from rig import short_repr
+from rig.arrays import Bool, Float64
 
 _INLIER_PX = 1.5
 _INLIER_RATIO = 5.0
@@ -55,9 +54,9 @@ class LocatedLights:
     """
 
     refined: Refined
-    used: npt.NDArray[np.bool_]
-    residuals_px: Array
-    sigma_px: Array
+    used: Bool
+    residuals_px: Float64
+    sigma_px: Float64
 
     __repr__ = short_repr
 
@@ -67,7 +66,7 @@ def locate_lights(
     ids: tuple[str, ...],
     *,
     peaks: bool = False,
-    photon_px2: Array | None = None,
+    photon_px2: Float64 | None = None,
 ) -> LocatedLights:
     """Estimate the positions of lights with highlights on two or more spheres.
 
@@ -139,7 +138,7 @@ def locate_lights(
     return LocatedLights(refined, used, residuals_px, given.sigma_px)
 
 
-def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Array:
+def with_photon_noise(slopes: Slopes, sigma_px: Float64, photon_px2: Float64) -> Float64:
     """Return standard deviations of unsaturated highlights that fall with their photons.
 
     A small or dark sphere reflects fewer photons, and its highlights are less certain. How bright a
@@ -166,12 +165,12 @@ def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Arr
     others = np.maximum(stated - PEAK_SIGMA_PX**2, 0.0) + _FLOOR_PX**2
     usual = PEAK_SIGMA_PX**2 / float(np.median(photons))
 
-    def law(power: float) -> Array:
+    def law(power: float) -> Float64:
         sigma = sigma_px.copy()
         sigma[use] = np.sqrt(others + usual * np.exp(power) * photons)
         return sigma
 
-    def surplus(sigma: Array) -> float:
+    def surplus(sigma: Float64) -> float:
         as_stated = EXPECTED * float(np.mean(stated / sigma[use] ** 2))
         square = slopes.weighted(sigma).square_at_minimum()
         return square + as_stated - freedom - EXPECTED
@@ -188,7 +187,7 @@ def with_photon_noise(slopes: Slopes, sigma_px: Array, photon_px2: Array) -> Arr
     return by_law if _unlikely(slopes, by_law) < _unlikely(slopes, by_factor) else sigma_px
 
 
-def _unlikely(slopes: Slopes, sigma_px: Array) -> float:
+def _unlikely(slopes: Slopes, sigma_px: Float64) -> float:
     """Return minus twice the logarithm of the restricted likelihood (Patterson, Thompson 1971)."""
     system = slopes.weighted(sigma_px)
     variances = 4 * float(np.sum(np.log(sigma_px[np.isfinite(sigma_px)])))
@@ -196,8 +195,8 @@ def _unlikely(slopes: Slopes, sigma_px: Array) -> float:
 
 
 def observed_rays(
-    camera: CameraModel, spheres: KnownSpheres, highlights_px: Array
-) -> tuple[Array, Array]:
+    camera: CameraModel, spheres: KnownSpheres, highlights_px: Float64
+) -> tuple[Float64, Float64]:
     """Return the points of the highlights and the directions of the incident light.
 
     Parameters
@@ -222,7 +221,7 @@ def observed_rays(
     return points + eye, directions
 
 
-def pair_positions(points: Array, directions: Array) -> Array:
+def pair_positions(points: Float64, directions: Float64) -> Float64:
     """Return the points closest to each pair of rays that are in front of both spheres."""
     proposals = []
     for a, b in combinations(range(len(points)), 2):

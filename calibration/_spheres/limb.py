@@ -7,10 +7,9 @@ from functools import cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import Array
+from rig.arrays import Float32, Float64, Floating, Intp
 
 REACH_PX = 2.5
 STEP_PX = 0.25
@@ -25,17 +24,17 @@ SHIFT_STEP_PX = 0.05
 # of one product: OpenBLAS computes larger ones in several threads, which cost more than they save.
 _PARAMETERS, _AT_ONCE, _OF_PRODUCT = 4, 2048, 64
 _LEAST_POWER = 1e-30
-Profiles = npt.NDArray[np.floating]
+Profiles = Floating
 """Samples ``(S, ...)`` across an outline, from inside to outside; the last axis is the angle."""
 
 
-def profile_offsets() -> Array:
+def profile_offsets() -> Float64:
     """Return the distances from the approximate outline at which `edge_offsets` needs samples."""
     count = round(2 * REACH_PX / STEP_PX) + 1
     return (np.arange(count, dtype=np.float64) - count // 2) * STEP_PX
 
 
-def edge_offsets(profiles: Profiles, blur_px: float) -> Array:
+def edge_offsets(profiles: Profiles, blur_px: float) -> Float64:
     """Locate the edge in radial profiles across the outline of a mirror sphere.
 
     Just inside its edge, a mirror sphere shows its immediate surroundings, and farther inside it
@@ -105,7 +104,7 @@ def edge_costs(profiles: Profiles, blur_px: float) -> Profiles:
     return np.maximum(costs, 0.0, out=costs)
 
 
-def interpolated_shifts(costs: Profiles, best: npt.NDArray[np.intp]) -> Array:
+def interpolated_shifts(costs: Profiles, best: Intp) -> Float64:
     """Return the shifts with the least cost in ``(shifts, M)``, next to the trial shifts given."""
     shifts = trial_shifts()
     middle, column = np.clip(best, 1, len(shifts) - 2), np.arange(len(best))
@@ -115,7 +114,7 @@ def interpolated_shifts(costs: Profiles, best: npt.NDArray[np.intp]) -> Array:
     return shifts[middle] + SHIFT_STEP_PX * np.clip(part, -1.0, 1.0)
 
 
-def trial_shifts() -> Array:
+def trial_shifts() -> Float64:
     """Return the trial positions of the edge in pixels, those of `edge_costs`."""
     count = round(_LONGEST_SHIFT_PX / SHIFT_STEP_PX)
     return np.arange(-count, count + 1, dtype=np.float64) * SHIFT_STEP_PX
@@ -142,7 +141,7 @@ def _bases(blur_px: float, dtype: np.dtype[np.floating]) -> Profiles:
 
 
 def stack_profiles(
-    images: Sequence[npt.NDArray[np.float32]], ellipse: Ellipse, angles: Array, offsets: Array
+    images: Sequence[Float32], ellipse: Ellipse, angles: Float64, offsets: Float64
 ) -> Profiles:
     """Return images sampled along radii, ``(offsets, images, angles)``."""
     scale = (1 + offsets / ellipse.radius_px).astype(np.float32)[:, None]
@@ -174,9 +173,9 @@ def slopes_across(profiles: Profiles, sigma: float) -> Profiles:
     return np.asarray(slopes, np.float32)
 
 
-def gaussian(sigma: float) -> Array:
+def gaussian(sigma: float) -> Float64:
     """Return the weights of a Gaussian filter, to four standard deviations."""
     reach = int(4 * sigma + 0.5)
-    weights: Array = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
+    weights: Float64 = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
     weights /= weights.sum()
     return weights

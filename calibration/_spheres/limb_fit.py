@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._radiance.linear_stack import Images
-from calibration._spheres.robust import Array
 from calibration._spheres.spots import without_nan
 from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
+from rig.arrays import Bool, Float64
 
 _SAMPLE_PX, _CELL_PX = 0.5, 0.25
 # The profiles reach inward by a share of the radius, within limits.
@@ -48,7 +47,7 @@ class LimbFit:
     """
 
     ball: Balls
-    covariance_px2: Array
+    covariance_px2: Float64
     blur_px: float
 
 
@@ -135,11 +134,13 @@ class _Profiles:
         some = values[plane.some]
         self._images = [without_nan(some[k, y0:y1, x0:x1]) for k in range(len(some))]
 
-    def model_errors_px(self) -> Array:
+    def model_errors_px(self) -> Float64:
         """Return the errors ``(3,)`` of place and radius by print and texture."""
         return np.hypot(_MODEL_PX, np.array(_BY_TEXTURE_PX) * self._texture)
 
-    def normal(self, ball: Balls, blur: float, reflectance: float) -> tuple[Array, Array] | None:
+    def normal(
+        self, ball: Balls, blur: float, reflectance: float
+    ) -> tuple[Float64, Float64] | None:
         """Return the normal equations of place, radius, blur and reflectance.
 
         These are the information matrix ``(5, 5)`` and the right side of each angle ``(J, 5)``;
@@ -179,10 +180,10 @@ class _Profiles:
         # Place and radius move the edge along the normal of the outline.
         chain = np.zeros((self._count, 3, 5))
         chain[:, 0, :2], chain[:, 0, 2], chain[:, 1, 3], chain[:, 2, 4] = outward, 1, 1, 1
-        information: Array = np.einsum("jap,jab,jbq->pq", chain, of_pair, chain)
+        information: Float64 = np.einsum("jap,jab,jbq->pq", chain, of_pair, chain)
         return information, np.einsum("jap,ja->jp", chain, of_angle)
 
-    def _sampled(self, around: Array, outward: Array) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def _sampled(self, around: Float64, outward: Float64) -> tuple[Float64, Bool]:
         """Return the images ``(N, J, S)`` across the outline, and where all are in the image."""
         places = around[:, None] + self._offsets[:, None] * outward[:, None] - self._low
         x, y = (np.ascontiguousarray(places[..., axis], np.float32) for axis in (0, 1))
@@ -194,7 +195,7 @@ class _Profiles:
         ]
         return np.stack(seen).astype(np.float64), inside.all(axis=1)
 
-    def _step(self, edge: float, blur: float) -> tuple[Array, Array]:
+    def _step(self, edge: float, blur: float) -> tuple[Float64, Float64]:
         """Return what the inside ``(S, cells)`` and a line outside ``(S, 2)`` contribute."""
         # Imported here: scipy.special takes .1 s, and balls without a plane do not need it.
         from scipy.special import ndtr
@@ -208,7 +209,7 @@ class _Profiles:
         return inside, np.column_stack([share, ramp])
 
 
-def _weights(residuals: Array, seen: Array, use: npt.NDArray[np.bool_]) -> Array:
+def _weights(residuals: Float64, seen: Float64, use: Bool) -> Float64:
     """Return the weights ``(N, J)`` of profiles: of those that are lit and follow the model."""
     level = np.maximum(seen.mean(axis=-1), 1e-9)
     lit = use & (level > _LIT * level.mean(axis=0))
@@ -221,7 +222,7 @@ def _weights(residuals: Array, seen: Array, use: npt.NDArray[np.bool_]) -> Array
     return np.where(lit, fits / (usual * level) ** 2, 0.0)
 
 
-def _texture(residuals: Array, seen: Array, weights: Array) -> float:
+def _texture(residuals: Float64, seen: Float64, weights: Float64) -> float:
     """Return the contrast of the print and texture that the model lacks.
 
     It is the same under all lights, relative to their brightness; noise is not. So it is what the

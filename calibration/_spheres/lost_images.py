@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from calibration._errors import EstimateError
 from calibration._radiance.linear_stack import Images, RawStack
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice, pluralize
+from rig.arrays import Float64, Intp
 
 # The brightest pixel of a black image, relative to that of the others: rounding leaves a little.
 _BLACK = 0.01
@@ -20,7 +19,7 @@ _BLACK = 0.01
 _ALL_MOVED = 0.5
 _LISTED = 3
 _AGAIN = "record {} again"
-Lights = npt.NDArray[np.intp]
+Lights = Intp
 """Indices of lights."""
 # Directions with larger standard deviations are no calibration.
 _LARGEST_SIGMA_DEG = 10.0
@@ -210,7 +209,7 @@ def undecided(images: Sequence[SphereImage]) -> Lights:
     return np.flatnonzero(several & ~found)
 
 
-def imprecise(covariances: Array, images: Sequence[SphereImage]) -> Lights:
+def imprecise(covariances: Float64, images: Sequence[SphereImage]) -> Lights:
     """Return the lights whose directions are known to 10 degrees or worse.
 
     Raises

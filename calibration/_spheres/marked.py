@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError, or_none
@@ -20,12 +19,13 @@ from calibration._spheres.joint_search import change_of
 from calibration._spheres.near_circle import NearOutline, outline_near
 from calibration._spheres.outline import OutlineImages, mask_outlines
 from calibration._spheres.outline_noise import circle_covariance
-from calibration._spheres.robust import Array, tukey_weights
+from calibration._spheres.robust import tukey_weights
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.spots import reduce_stack
 from calibration._spheres.surroundings import MirroredPlane
+from rig.arrays import Bool, Float64, Floating
 
-Mask = npt.NDArray[np.bool_] | npt.NDArray[np.floating]
+Mask = Bool | Floating
 
 # Largest ratio of the axes of a sphere's outline; perspective and non-square pixels cause less.
 _LONGEST_RATIO = 1.5
@@ -54,7 +54,7 @@ def masked_spheres(
     A mask that contradicts the images is refined, see `sphere_in_mask`. Parameters and errors are
     those of `calibrate_spheres`.
     """
-    given: list[tuple[Ellipse, Array, float]] = []
+    given: list[tuple[Ellipse, Float64, float]] = []
     for mask in masks:
         if mask.shape != values.shape[1:]:
             raise DataError(
@@ -128,13 +128,13 @@ def _sphere(values: Images, near: NearOutline) -> SphereImage:
     return SphereImage(near.outline, near.points_px, near.coverage, highlights, near.covariance_px2)
 
 
-def _coverage(outline: Ellipse, points: Array) -> float:
+def _coverage(outline: Ellipse, points: Float64) -> float:
     """Return the share 0..1 of a circumference that is covered by crossings of a mask."""
     # The rows cross a complete circle 4 r times, and so do the columns.
     return min(len(points) / (8 * outline.radius_px), 1.0)
 
 
-def _check_disc(outline: Ellipse, points: Array) -> None:
+def _check_disc(outline: Ellipse, points: Float64) -> None:
     """Raise `EstimateError` if the outline of a mask is not that of a sphere."""
     axes = outline.semi_axes_px
     distances = np.sort(np.abs(outline.distance_px(points)))
@@ -161,7 +161,7 @@ def sphere_in_mask(
     pictures: OutlineImages,
     mirroring: SphereImage | None,
     outline: Ellipse,
-    points_px: Array,
+    points_px: Float64,
     coverage: float,
 ) -> SphereImage:
     """Return the sphere in a mask, with the outline of the images if the mask contradicts them.
@@ -209,7 +209,7 @@ def sphere_in_mask(
     return replace(seen, mask_off_px=float(np.abs(change).max()), painted=painted)
 
 
-def painted_covariance(points_px: Array, outline: Ellipse) -> Array:
+def painted_covariance(points_px: Float64, outline: Ellipse) -> Float64:
     """Return the covariance ``(3, 3)`` of an outline that a person painted, in px^2.
 
     Of centre x, centre y and radius. A hand that is off along a part of the outline is off as a
@@ -232,7 +232,7 @@ def painted_covariance(points_px: Array, outline: Ellipse) -> Array:
     return np.eye(3) * (own_px**2 + scatter)
 
 
-def _between(values: Images, given: SphereImage, seen: SphereImage, edges: Array) -> SphereImage:
+def _between(values: Images, given: SphereImage, seen: SphereImage, edges: Float64) -> SphereImage:
     """Return the mean of a mask and of an outline in the images, with the covariance ``edges``."""
     mask = painted_covariance(given.points_px, given.outline)
     change = change_of(given.outline, seen.outline)

@@ -11,9 +11,9 @@ from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.highlights import find_highlights
 from calibration._spheres.limb_fit import LimbFit, fit_limb
 from calibration._spheres.mirrors import Mirror, outline_of
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
+from rig.arrays import Float64
 
 # A search finds a ball to about 1 % of its radius.
 _SEARCH_SHARE = 0.01
@@ -113,7 +113,7 @@ def _faces_the_camera(plane: MirroredPlane, ball: Balls) -> bool:
     return bool(enough and slope <= _SURE_SLOPE)
 
 
-def _combined(ball: Balls, covariance: Array, edge: LimbFit) -> tuple[Balls, Array]:
+def _combined(ball: Balls, covariance: Float64, edge: LimbFit) -> tuple[Balls, Float64]:
     """Return the mean of a ball and its edge, with the covariance of its outline."""
     if edge.blur_px > _MOST_BLUR_PX:
         covariance = covariance + np.eye(3) * (_OUT_OF_FOCUS * edge.blur_px) ** 2
@@ -131,11 +131,11 @@ def _combined(ball: Balls, covariance: Array, edge: LimbFit) -> tuple[Balls, Arr
     return mean, covariance - gain @ covariance
 
 
-def _chi_square(change: Array, covariance: Array) -> float:
+def _chi_square(change: Float64, covariance: Float64) -> float:
     return float(change @ np.linalg.solve(covariance, change))
 
 
-def _parted(covariance: Array) -> tuple[Array, float]:
+def _parted(covariance: Float64) -> tuple[Float64, float]:
     """Return a covariance without its systematic part, and the standard deviation of this part.
 
     It is that of all outlines, or less if the outline is known better.
@@ -143,11 +143,11 @@ def _parted(covariance: Array) -> tuple[Array, float]:
     values, vectors = np.linalg.eigh(covariance)
     systematic = min(OUTLINE_SIGMA_PX, float(np.sqrt(max(values[0], _FINEST_PX**2))))
     rest = np.maximum(values - systematic**2, _FINEST_PX**2)
-    own: Array = (vectors * rest) @ vectors.T
+    own: Float64 = (vectors * rest) @ vectors.T
     return own, systematic
 
 
-def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> tuple[Balls, Array] | None:
+def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> tuple[Balls, Float64] | None:
     """Fit place and radius of a ball to what it mirrors, by robust least squares.
 
     Unknowns are also the slopes of the plane, which make up for a board that is not at a right
@@ -194,7 +194,7 @@ def fit_mirror(plane: MirroredPlane, mirror: Mirror) -> tuple[Balls, Array] | No
 class _MirrorFit:
     """Differences between a ball's limb and what it should mirror, and their derivatives."""
 
-    def __init__(self, plane: MirroredPlane, unknowns: Array, blur_px: float) -> None:
+    def __init__(self, plane: MirroredPlane, unknowns: Float64, blur_px: float) -> None:
         self.unknowns, self.blur_px = unknowns, blur_px
         size = float(unknowns[2])
         self._camera_known = plane.camera_known
@@ -221,18 +221,18 @@ class _MirrorFit:
             self.scale = max(1.4826 * float(np.median(np.abs(self._first))), 0.3)
 
     @staticmethod
-    def balls(unknowns: Array) -> Balls:
+    def balls(unknowns: Float64) -> Balls:
         """Return the balls of unknowns ``(H, 5)``."""
         return Balls(unknowns[:, :2], unknowns[:, 2], unknowns[:, 3:])
 
-    def _normal(self) -> tuple[Array, Array]:
+    def _normal(self) -> tuple[Float64, Float64]:
         """Return the normal matrix ``(5, 5)`` and the gradient ``(points, 5)`` of each point."""
         weight = 1 / (self.scale * (1 + (self._first / (2 * self.scale)) ** 2)) ** 2
         weighted = self._slopes * weight[..., None]
-        normal: Array = np.einsum("cpi,cpj->ij", weighted, self._slopes) + self._prior
+        normal: Float64 = np.einsum("cpi,cpj->ij", weighted, self._slopes) + self._prior
         return normal, np.einsum("cpi,cp->pi", weighted, self._first)
 
-    def move(self) -> Array | None:
+    def move(self) -> Float64 | None:
         """Return the next step of the unknowns; None if too little of the limb can be compared."""
         if self._first.size < _FEWEST_DIFFERENCES:
             return None
@@ -241,7 +241,7 @@ class _MirrorFit:
         limit = np.array([*[0.02 * self.unknowns[2]] * 3, 0.05, 0.05])
         return np.clip(step, -limit, limit)
 
-    def covariance(self) -> Array | None:
+    def covariance(self) -> Float64 | None:
         """Return the covariance ``(3, 3)`` of place and radius, None if it is undetermined.
 
         If the camera is known, it includes what the slopes of the plane contribute to the place:
@@ -254,7 +254,7 @@ class _MirrorFit:
         sums = np.array([gradients[self._spokes == group].sum(axis=0) for group in groups])
         inverse = np.linalg.inv(normal)
         scatter = sums.T @ sums * (len(groups) / (len(groups) - 5)) + self._prior
-        covariance: Array = (inverse @ scatter @ inverse)[:3, :3]
+        covariance: Float64 = (inverse @ scatter @ inverse)[:3, :3]
         if self._camera_known:
             by_slopes = inverse[:3, 3:] @ np.linalg.solve(inverse[3:, 3:], self.unknowns[3:])
             covariance += np.outer(by_slopes, by_slopes)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.limb import gaussian
 from calibration._spheres.outline import image_noise
-from calibration._spheres.robust import Array
+from rig.arrays import Float32, Float64
 
 _COUNT, _ALONG = 180, 5.0
 # Beyond the blur of the edge, in px, and over a part of the radius.
@@ -35,9 +34,7 @@ _SMALL_PX = 20.0
 _ROUNDS, _MOST = 6, 0.75
 
 
-def is_mirrored_border(
-    image: npt.NDArray[np.float32], edge: Ellipse, *, mostly_seen: bool = True
-) -> bool:
+def is_mirrored_border(image: Float32, edge: Ellipse, *, mostly_seen: bool = True) -> bool:
     """Return whether an edge is the border of what a larger ball mirrors.
 
     A mirror ball shows at its limb what is behind it, at any distance, because the reflection is
@@ -63,7 +60,7 @@ def is_mirrored_border(
     return around.show_ball or (not mostly_seen and around.are_hidden)
 
 
-def _follows(image: npt.NDArray[np.float32], edge: Ellipse) -> bool:
+def _follows(image: Float32, edge: Ellipse) -> bool:
     """Return whether what is inside varies like what is outside; yes if that hardly varies."""
     inside, outside = (
         _ring(image, edge, sign * _MARGIN_PX / edge.radius_px, shares)
@@ -86,7 +83,7 @@ class _Around:
     bright, apart from the edge; ``(circles, angles)`` each.
     """
 
-    def __init__(self, image: npt.NDArray[np.float32], edge: Ellipse) -> None:
+    def __init__(self, image: Float32, edge: Ellipse) -> None:
         radius = edge.radius_px
         shifts = np.linspace(-_ASIDE, _ASIDE, 9) * radius
         sizes = radius * np.arange(*_AROUND)
@@ -133,7 +130,7 @@ class _Around:
         return bool(black.mean() > _MOST_HIDDEN)
 
 
-def _slope(x: Array, y: Array) -> float:
+def _slope(x: Float64, y: Float64) -> float:
     """Return the slope of a line through most points: windows and posts are the rest."""
     kept = np.ones(len(x), bool)
     slope = 0.0
@@ -145,9 +142,7 @@ def _slope(x: Array, y: Array) -> float:
     return slope
 
 
-def _ring(
-    image: npt.NDArray[np.float32], outline: Ellipse, start: float, shares: tuple[float, ...]
-) -> Array:
+def _ring(image: Float32, outline: Ellipse, start: float, shares: tuple[float, ...]) -> Float64:
     """Return the logarithm of the brightness around a ring, smooth, NaN beyond the image."""
     angles = np.arange(_COUNT) * (2 * np.pi / _COUNT)
     scale = 1 + start + np.array(shares)[:, None]
@@ -157,7 +152,7 @@ def _ring(
     values = cv2.remap(
         image, place[..., 0], place[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    ring: Array = np.log(values.mean(axis=0, dtype=np.float64))
+    ring: Float64 = np.log(values.mean(axis=0, dtype=np.float64))
     if within.any():
         ring[~within] = ring[within].mean()
     kernel = gaussian(_ALONG)

@@ -9,9 +9,9 @@ import numpy as np
 
 from acquisition import CameraModel
 from calibration._spheres.ellipse import Ellipse, fit_circle, fit_ellipse
-from calibration._spheres.robust import Array
 from calibration._spheres.spots import SpotCluster
 from calibration._spheres.surroundings import Balls, Likeness, MirroredPlane, outlines_of
+from rig.arrays import Float64
 
 # Highlights are within this share of the radius, see highlights.py; one in ten may be false.
 _FARTHEST_SPOT = 0.87
@@ -135,7 +135,7 @@ def accepted(plane: MirroredPlane, ball: Balls, likeness: Likeness) -> Mirror | 
 
 def _leaders(plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[float]) -> list[Balls]:
     """Return the best balls of a coarse grid that are apart from each other."""
-    rows: list[Array] = []
+    rows: list[Float64] = []
     for radius in _radii(plane, cluster, radii_px):
         centres = _centres(cluster, radius)
         if not len(centres):
@@ -145,7 +145,7 @@ def _leaders(plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[floa
     if not rows:
         return []
     table = np.concatenate(rows)
-    leaders: list[Array] = []
+    leaders: list[Float64] = []
     for row in table[np.argsort(-table[:, 3])][:400]:
         apart = all(
             np.hypot(*(row[:2] - other[:2])) > 0.12 * row[2] or abs(row[2] / other[2] - 1) > 0.1
@@ -158,20 +158,20 @@ def _leaders(plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[floa
     return [Balls(row[None, :2], row[None, 2]) for row in leaders]
 
 
-def _radii(plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[float]) -> Array:
+def _radii(plane: MirroredPlane, cluster: SpotCluster, radii_px: Sequence[float]) -> Float64:
     """Return the radii to try."""
     smallest = max(cluster.reach_px, 2.0) / _FARTHEST_SPOT
     side = min(plane.camera.width, plane.camera.height)
     largest = min(_LARGEST * cluster.reach_px, _LARGEST_SHARE * side)
     count = max(int(np.log(max(largest / smallest, 1)) / np.log(_RADIUS_STEP)) + 1, 1)
-    radii: Array = smallest * _RADIUS_STEP ** np.arange(count, dtype=np.float64)
+    radii: Float64 = smallest * _RADIUS_STEP ** np.arange(count, dtype=np.float64)
     if len(radii_px):
         off = np.abs(radii[:, None] / np.asarray(radii_px) - 1)
         radii = radii[off.min(axis=1) < _EXPECTED + _RADIUS_STEP - 1]
     return radii
 
 
-def _centres(cluster: SpotCluster, radius: float) -> Array:
+def _centres(cluster: SpotCluster, radius: float) -> Float64:
     """Return a grid of centres from which the highlights are within reach."""
     step = max(_STEP * radius, 1.0)
     reach = _FARTHEST_SPOT * radius
@@ -198,7 +198,7 @@ def _climb(plane: MirroredPlane, start: Balls) -> tuple[Balls, Likeness]:
     return found, plane.compare(found)
 
 
-def _scores(plane: MirroredPlane, balls: Balls) -> Array:
+def _scores(plane: MirroredPlane, balls: Balls) -> Float64:
     """Return what the mirrored plane explains of each ball; none if too little of it is seen."""
     likeness = plane.compare(balls, _COARSE_SPOKES)
     return np.where(likeness.seen > _LEAST_SEEN, likeness.share, -np.inf)

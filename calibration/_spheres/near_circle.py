@@ -28,7 +28,7 @@ from calibration._spheres.outline import (
     scatter_px,
 )
 from calibration._spheres.outline_noise import circle_covariance
-from calibration._spheres.robust import Array
+from rig.arrays import Float64
 
 # A sharp outline that is visible over this share of its length is beyond doubt.
 _SAFE_COVERAGE = 0.6
@@ -71,9 +71,9 @@ class NearOutline:
     """
 
     outline: Ellipse
-    points_px: Array
+    points_px: Float64
     coverage: float
-    covariance_px2: Array | None
+    covariance_px2: Float64 | None
     is_sharp: bool = False
 
     @property
@@ -84,7 +84,7 @@ class NearOutline:
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance_px2)[-1]))
 
 
-_Found = tuple[float, Ellipse, Array, float]
+_Found = tuple[float, Ellipse, Float64, float]
 
 
 def outline_near(pictures: OutlineImages, circle: Ellipse, reach_px: float) -> NearOutline:
@@ -180,7 +180,7 @@ def _decided(near: NearOutline, joint: JointNear | None, *, doubtful: bool = Fal
     return NearOutline(joint.outline, joint.points_px, joint.coverage, covariance, near.is_sharp)
 
 
-def _is_sharp(outline: Ellipse, points_px: Array, coverage: float) -> bool:
+def _is_sharp(outline: Ellipse, points_px: Float64, coverage: float) -> bool:
     """Return whether an outline is sharp and visible over most of its length."""
     return coverage >= _SAFE_COVERAGE and scatter_px(outline, points_px) < SHARP_PX
 
@@ -222,7 +222,7 @@ def _check_inside(pictures: OutlineImages, outline: Ellipse, coverage: float) ->
             )
 
 
-def _support(outline: Ellipse, points_px: Array, coverage: float) -> float:
+def _support(outline: Ellipse, points_px: Float64, coverage: float) -> float:
     """Return the share of the circumference where edges agree with an outline."""
     distances = outline.distance_px(points_px) / SHARP_PX
     return coverage * float(np.mean(1 / (1 + distances**2)))
@@ -266,5 +266,5 @@ def _mixture(found: list[_Found], circle: Ellipse, reach_px: float) -> NearOutli
     return NearOutline(outline, points, coverage, with_others(covariance, changes, less))
 
 
-def _change(a: Ellipse, b: Ellipse) -> Array:
+def _change(a: Ellipse, b: Ellipse) -> Float64:
     return np.abs(change_of(a, b))

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._errors import EstimateError, or_none
 from calibration._radiance.linear_stack import Images
@@ -22,7 +21,8 @@ from calibration._spheres.limb import (
     smooth_along,
     stack_profiles,
 )
-from calibration._spheres.robust import Array, middle_of
+from calibration._spheres.robust import middle_of
+from rig.arrays import Bool, Float32, Float64, Floating
 
 _SMALLEST_AREA_PX = 60
 _BAND_ROWS = 64
@@ -45,7 +45,7 @@ _BLOCK, _FEW_IMAGES, _MIDDLE_PX, _EVERY = 8, 4, 1024, 5
 _VISIBLE = 1.7
 
 
-def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> list[Array]:
+def mask_outlines(mask: Bool | Floating) -> list[Float64]:
     """Return the outline points of every connected region of a mask.
 
     The points are the linearly interpolated crossings of the level 0.5 between neighbouring pixels.
@@ -81,7 +81,7 @@ def mask_outlines(mask: npt.NDArray[np.bool_] | npt.NDArray[np.floating]) -> lis
     return outlines
 
 
-def _crossings(level: Array) -> Array:
+def _crossings(level: Float64) -> Float64:
     """Return the crossings of the level 0.5 along the rows of the image, as (x, y)."""
     left, right = level[:, :-1], level[:, 1:]
     y, x = np.nonzero((left > 0.5) != (right > 0.5))
@@ -89,7 +89,7 @@ def _crossings(level: Array) -> Array:
     return np.column_stack([x + step, y])
 
 
-def outline_image(values: Images) -> npt.NDArray[np.float32]:
+def outline_image(values: Images) -> Float32:
     """Return the image in which outlines are searched for: the upper mean over the lights.
 
     The upper mean of a pixel is taken over its brighter half of the lights without the brightest
@@ -130,12 +130,12 @@ class OutlineImages:
         self.values = values
 
     @cached_property
-    def upper(self) -> npt.NDArray[np.float32]:
+    def upper(self) -> Float32:
         """The upper mean, see `outline_image`: it shows most of an outline in most recordings."""
         return outline_image(self.values)
 
     @cached_property
-    def median(self) -> npt.NDArray[np.float32]:
+    def median(self) -> Float32:
         """The median: of few images, reflections and shadows of the surroundings spoil it least."""
         white = _white(self.values)
         median = np.zeros(self.values.shape[1:], np.float32)
@@ -156,11 +156,11 @@ def _white(values: Images) -> float:
 
 
 def refine_outline(
-    image: npt.NDArray[np.float32],
+    image: Float32,
     guess: Ellipse,
     reach_px: float,
     rivals: Sequence[Ellipse] = (),
-) -> tuple[Ellipse, Array, float]:
+) -> tuple[Ellipse, Float64, float]:
     """Fit the outline to image edges near a guess, in rounds with a decreasing search range.
 
     Parameters
@@ -212,7 +212,7 @@ def _is_same(a: Ellipse, b: Ellipse) -> bool:
 
 def refine_sharpest(
     images: OutlineImages, guess: Ellipse, reach_px: float, rivals: Sequence[Ellipse] = ()
-) -> tuple[Ellipse, Array, float]:
+) -> tuple[Ellipse, Float64, float]:
     """Fit the outline to the upper mean, or to the median image if it is sharper there.
 
     Where reflections or shadows of the surroundings meet the outline, edge points scatter, and the
@@ -229,12 +229,12 @@ def refine_sharpest(
     return other if sharper and other[2] > _NEARLY * found[2] else found
 
 
-def scatter_px(outline: Ellipse, points_px: Array) -> float:
+def scatter_px(outline: Ellipse, points_px: Float64) -> float:
     """Return the robust scatter of outline points about an outline."""
     return 1.4826 * float(np.median(np.abs(outline.distance_px(points_px))))
 
 
-def _refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellipse, Array, float]:
+def _refine_edges(image: Float32, guess: Ellipse) -> tuple[Ellipse, Float64, float]:
     """Fit an outline that is known to a pixel, with the model of a blurred limb."""
     ellipse = guess
     for _ in range(2):
@@ -252,11 +252,11 @@ def _refine_edges(image: npt.NDArray[np.float32], guess: Ellipse) -> tuple[Ellip
 
 def _fit(
     guess: Ellipse,
-    angles: Array,
-    offsets: Array,
+    angles: Float64,
+    offsets: Float64,
     count: int,
     start: Ellipse | None,
-) -> tuple[Ellipse, Array, float]:
+) -> tuple[Ellipse, Float64, float]:
     """Fit a circle, or an ellipse if enough is visible; return it, its points and coverage."""
     if len(angles) < 12:
         raise no_outline(guess)
@@ -276,15 +276,13 @@ def no_outline(guess: Ellipse) -> EstimateError:
     )
 
 
-def edge_angles(outline: Ellipse, most: int = _MOST_ANGLES) -> Array:
+def edge_angles(outline: Ellipse, most: int = _MOST_ANGLES) -> Float64:
     """Return the angles at which an outline is examined, about one per pixel, or so many."""
     count = int(np.clip(2 * np.pi * outline.radius_px, 90, most))
     return np.arange(count, dtype=np.float64) * (2 * np.pi / count)
 
 
-def _steepest(
-    image: npt.NDArray[np.float32], guess: Ellipse, reach_px: float
-) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+def _steepest(image: Float32, guess: Ellipse, reach_px: float) -> tuple[Float64, Float64, Bool]:
     """Find the step with the largest contrast on each radius.
 
     Returns the angles (about one per pixel), the offset of the step from the guess at each angle,
@@ -306,7 +304,7 @@ def _steepest(
     return angles, offsets[best], within & (peak > 4 * middle_of(contrast) + 1e-4 * STEP_PX)
 
 
-def image_noise(image: npt.NDArray[np.float32], every: int | None = None) -> float:
+def image_noise(image: Float32, every: int | None = None) -> float:
     """Return the standard deviation of the noise of one image, fine texture included.
 
     Immerkaer's kernel is insensitive to brightness, slopes and straight edges (Fast noise variance

@@ -9,8 +9,9 @@ import numpy as np
 from acquisition import CameraModel
 from calibration._spheres.cone import OUTLINE_SIGMA_PX, Cone, fit_cone
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import Array, tukey_weights
+from calibration._spheres.robust import tukey_weights
 from calibration._spheres.sphere_image import SphereImage
+from rig.arrays import Float64
 
 # Edge points are smoothed along the outline by a Gaussian of 4 px: harmonics up to a number of an
 # eighth of the radius in pixels keep their power.
@@ -23,7 +24,7 @@ _SMALL_PX = 0.01
 _FINEST_WEIGHT_PX = 0.15
 
 
-def viewing_cone(rays: Array, pixel_angle: float) -> Cone:
+def viewing_cone(rays: Float64, pixel_angle: float) -> Cone:
     """Fit the cone of rays tangent to a sphere, see `fit_cone`, with an honest covariance.
 
     Parameters
@@ -85,7 +86,7 @@ def cone_of(camera: CameraModel, image: SphereImage) -> Cone:
     return replace(cone, covariance=covariance, systematic_px=image.systematic_px)
 
 
-def outline_covariance(image: SphereImage) -> Array:
+def outline_covariance(image: SphereImage) -> Float64:
     """Return the covariance ``(3, 3)`` of centre x, centre y and radius of a sphere's outline.
 
     It includes the systematic error of each.
@@ -95,7 +96,7 @@ def outline_covariance(image: SphereImage) -> Array:
     return circle_covariance(image.points_px, image.outline)
 
 
-def circle_covariance(points_px: Array, outline: Ellipse) -> Array:
+def circle_covariance(points_px: Float64, outline: Ellipse) -> Float64:
     """Return the covariance ``(3, 3)`` of centre x, centre y and radius of an outline, in px^2.
 
     It includes the systematic error of each, `OUTLINE_SIGMA_PX`.
@@ -113,12 +114,12 @@ def circle_covariance(points_px: Array, outline: Ellipse) -> Array:
     angles = np.arctan2(y, x)
     variance = slow_variance(angles, residuals, weights, outline.radius_px, fitted=2)
     design = np.column_stack([np.cos(angles), np.sin(angles), np.ones_like(angles)])
-    covariance: Array = variance * np.linalg.pinv((design * weights[:, None]).T @ design)
+    covariance: Float64 = variance * np.linalg.pinv((design * weights[:, None]).T @ design)
     return covariance + np.eye(3) * OUTLINE_SIGMA_PX**2
 
 
 def slow_variance(
-    angles: Array, residuals: Array, weights: Array, radius_px: float, *, fitted: int
+    angles: Float64, residuals: Float64, weights: Float64, radius_px: float, *, fitted: int
 ) -> float:
     """Return the variance per edge point of the slow errors along an outline.
 

@@ -8,9 +8,9 @@ from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
 from calibration._spheres.cone import Cone
 from calibration._spheres.joint_refinement import KnownSpheres
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage, places
 from rig import Notice, pluralize
+from rig.arrays import Float64
 
 # Spheres are placed near the working plane. If their computed distance from it exceeds this
 # fraction of the working distance, the radius is probably wrong. A wrong radius also scales the
@@ -28,13 +28,13 @@ COMMON_SHARE = 0.5
 
 
 def one_radius_each(
-    radii: Array,
+    radii: Float64,
     images: list[SphereImage],
     camera: CameraModel | None = None,
     *,
     found: bool,
     each: bool = True,
-) -> Array:
+) -> Float64:
     """Return one radius for each sphere, in their order.
 
     If `found`, radii and spheres are sorted by size. If their numbers differ, or the radii are not
@@ -70,7 +70,7 @@ def radius_on_plane_mm(camera: CameraModel, image: SphereImage) -> float:
     return float(camera.centre_mm[2]) * size / (camera.focal_px + size)
 
 
-def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
+def place(cones: list[Cone], radii: Float64, camera: CameraModel) -> KnownSpheres:
     """Return the spheres at the distances from the camera that follow from their radii."""
     eye = camera.centre_mm
     pairs = list(zip(cones, radii, strict=True))
@@ -83,7 +83,7 @@ def place(cones: list[Cone], radii: Array, camera: CameraModel) -> KnownSpheres:
     return KnownSpheres(centres, radii, covariance)
 
 
-def systematic(cone: Cone, camera: CameraModel) -> Array:
+def systematic(cone: Cone, camera: CameraModel) -> Float64:
     """Return the covariance of a centre in radii from systematic errors of its own outline.
 
     The scatter of the points does not include them: `Cone.systematic_px` of position and radius,
@@ -91,11 +91,11 @@ def systematic(cone: Cone, camera: CameraModel) -> Array:
     """
     sideways = cone.systematic_px / camera.focal_px / cone.sine
     in_depth = _in_depth(cone, camera)
-    covariance: Array = np.eye(3) * sideways**2
+    covariance: Float64 = np.eye(3) * sideways**2
     return covariance + (1 - COMMON_SHARE) * np.outer(in_depth, in_depth)
 
 
-def common_error(cone: Cone, camera: CameraModel) -> Array:
+def common_error(cone: Cone, camera: CameraModel) -> Float64:
     """Return the change ``(3,)`` of a centre in radii if all radii in the image err alike.
 
     The change belongs to one standard deviation, `COMMON_SHARE` of the variance of a radius.
@@ -103,7 +103,7 @@ def common_error(cone: Cone, camera: CameraModel) -> Array:
     return float(np.sqrt(COMMON_SHARE)) * _in_depth(cone, camera)
 
 
-def _in_depth(cone: Cone, camera: CameraModel) -> Array:
+def _in_depth(cone: Cone, camera: CameraModel) -> Float64:
     """Return the change of a centre in radii if the outline is smaller by its systematic error."""
     sideways = cone.systematic_px / camera.focal_px / cone.sine
     return np.asarray(sideways * np.sqrt(1 - cone.sine**2) / cone.sine * cone.axis)

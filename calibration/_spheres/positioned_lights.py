@@ -7,7 +7,6 @@ from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, LightErrors, Lights, angle_deg
 from calibration._spheres.cone import Cone
@@ -22,7 +21,6 @@ from calibration._spheres.light_positions import (
 )
 from calibration._spheres.lost_images import named
 from calibration._spheres.placed import place
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_calibration import (
     SeenTogether,
     SphereCalibration,
@@ -31,6 +29,7 @@ from calibration._spheres.sphere_calibration import (
 )
 from calibration._spheres.sphere_image import places
 from rig import Notice
+from rig.arrays import Bool, Float64
 
 _POOR_RESIDUAL_DEG = 0.2
 # The refinement moves wrong spheres until they nearly agree, so a remaining error of half a degree
@@ -55,7 +54,7 @@ _EXAMPLES = 12
 def positioned_lights(
     shown: SeenTogether,
     cones: list[Cone],
-    radii: Array,
+    radii: Float64,
     camera: CameraModel,
     warnings: list[Notice],
 ) -> SphereCalibration:
@@ -132,14 +131,14 @@ def positioned_lights(
     return SphereCalibration(lights, spheres, highlights, used, residuals, tuple(warnings))
 
 
-def _doubtful(located: LocatedLights) -> npt.NDArray[np.bool_]:
+def _doubtful(located: LocatedLights) -> Bool:
     """Return the lights whose spheres disagree by far more than those of the others."""
     residuals = located.residuals_px
     limit = max(_DOUBTFUL_PX, _DOUBTFUL_RATIO * float(np.median(residuals)))
     return np.asarray(residuals > limit, np.bool_)
 
 
-def _widened(located: LocatedLights, doubtful: npt.NDArray[np.bool_]) -> Array:
+def _widened(located: LocatedLights, doubtful: Bool) -> Float64:
     """Return the covariances; those of doubtful lights grow to what their residuals show."""
     sigma_px = np.where(located.used, located.sigma_px, np.nan)
     stated = np.sqrt(np.nanmean(sigma_px[doubtful] ** 2, axis=1))
@@ -152,8 +151,8 @@ def _widened(located: LocatedLights, doubtful: npt.NDArray[np.bool_]) -> Array:
 def _doubts_about_lights(
     names: tuple[str, ...],
     located: LocatedLights,
-    doubtful: npt.NDArray[np.bool_],
-    undecided: npt.NDArray[np.bool_],
+    doubtful: Bool,
+    undecided: Bool,
 ) -> list[Notice]:
     """Return notices about lights with several possible highlights, or whose spheres disagree."""
     notices = []
@@ -187,7 +186,7 @@ def _with_doubts(warnings: list[Notice], doubts: list[Notice]) -> list[Notice]:
 
 def choose_highlights(
     camera: CameraModel, spheres: KnownSpheres, highlights: Sequence[Highlights]
-) -> tuple[list[Highlights], npt.NDArray[np.bool_]]:
+) -> tuple[list[Highlights], Bool]:
     """Choose the candidates of each light that are highlights of one position.
 
     Every pair of candidates on two spheres proposes a position. It predicts the highlights on all
@@ -242,7 +241,7 @@ def choose_highlights(
     return [one.chosen(picks[:, k]) for k, one in enumerate(highlights)], undecided
 
 
-def _errors(camera: CameraModel, spheres: KnownSpheres, pixels: Array) -> Array:
+def _errors(camera: CameraModel, spheres: KnownSpheres, pixels: Float64) -> Float64:
     """Return the distances ``(P, K, M)`` of candidates ``(K, M, 2)`` from P predicted highlights.
 
     NaN where there is no candidate.

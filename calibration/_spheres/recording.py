@@ -23,7 +23,6 @@ from calibration._spheres.lost_images import (
 from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
 from calibration._spheres.outline import shows_blocks
 from calibration._spheres.placed import one_radius_each
-from calibration._spheres.robust import Array
 from calibration._spheres.search import searched_spheres
 from calibration._spheres.sphere_image import (
     SphereImage,
@@ -35,6 +34,7 @@ from calibration._spheres.sphere_image import (
     uneven_outline_warning,
 )
 from rig import Notice, pluralize, short_repr
+from rig.arrays import Float64
 
 Circle = tuple[float, float, float]
 
@@ -78,7 +78,7 @@ class SeenSpheres:
     names: tuple[str, ...]
     size: tuple[int, int]
     images: list[SphereImage]
-    radii_mm: Array | None
+    radii_mm: Float64 | None
     found: bool
     left_out: list[Notice]
     uneven: list[Notice]
@@ -108,7 +108,7 @@ def seen_in(
     masks: Sequence[Mask] | None,
     circles: Sequence[Circle] | None,
     camera: CameraModel | None,
-    radii_mm: Array | None,
+    radii_mm: Float64 | None,
     *,
     all_radii: bool = True,
     lights: tuple[str, ...] | None = None,

@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import Array
+from rig.arrays import Float64
 
 
-def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Array:
+def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Float64:
     """Return the light directions for highlights in an orthographic view.
 
     With the sphere's normal n at the highlight and the view direction z, the law of reflection
@@ -34,7 +34,9 @@ def orthographic_directions(outline: Ellipse, pixels: npt.ArrayLike) -> Array:
     return np.stack([2 * z * x, 2 * z * y, 2 * z * z - 1], axis=-1)
 
 
-def reflected_rays(rays: Array, centre: Array, radius: npt.ArrayLike) -> tuple[Array, Array]:
+def reflected_rays(
+    rays: Float64, centre: Float64, radius: npt.ArrayLike
+) -> tuple[Float64, Float64]:
     """Reflect camera rays on spheres.
 
     Parameters
@@ -60,13 +62,13 @@ def reflected_rays(rays: Array, centre: Array, radius: npt.ArrayLike) -> tuple[A
     along = np.sum(unit * centre, axis=-1)
     inside = along**2 - (np.sum(centre**2, axis=-1) - radius**2)
     root = np.sqrt(np.where(inside >= 0, inside, np.nan))
-    points: Array = unit * (along - root)[..., None]
+    points: Float64 = unit * (along - root)[..., None]
     normals = (points - centre) / radius[..., None]
-    directions: Array = unit - 2 * np.sum(unit * normals, axis=-1, keepdims=True) * normals
+    directions: Float64 = unit - 2 * np.sum(unit * normals, axis=-1, keepdims=True) * normals
     return points, directions
 
 
-def mirror_points(eye: Array, light: Array, centre: Array, radius: Array) -> Array:
+def mirror_points(eye: Float64, light: Float64, centre: Float64, radius: Float64) -> Float64:
     """Return the point of a sphere at which an eye sees a light (Alhazen's problem).
 
     The normal is in the plane of eye, centre and light, at an angle between 0 (toward the eye) and
@@ -110,7 +112,7 @@ def mirror_points(eye: Array, light: Array, centre: Array, radius: Array) -> Arr
     return np.asarray(centre + np.asarray(radius)[..., None] * normal)
 
 
-def _incidence(distance: Array, angle: Array, radius: Array) -> Array:
+def _incidence(distance: Float64, angle: Float64, radius: Float64) -> Float64:
     """Return the angle between the normal and the direction to a point.
 
     The point is at ``distance`` from the centre, at ``angle`` from the normal.
@@ -118,7 +120,7 @@ def _incidence(distance: Array, angle: Array, radius: Array) -> Array:
     return np.arctan2(distance * np.sin(angle), distance * np.cos(angle) - radius)
 
 
-def _incidence_slope(distance: Array, angle: Array, radius: Array) -> Array:
+def _incidence_slope(distance: Float64, angle: Float64, radius: Float64) -> Float64:
     cosine = np.cos(angle)
     square = distance**2 + radius**2 - 2 * distance * radius * cosine
     return (distance**2 - distance * radius * cosine) / square

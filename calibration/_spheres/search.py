@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
@@ -27,11 +26,11 @@ from calibration._spheres.mirror_outline import outlined_mirror
 from calibration._spheres.mirrors import Mirror, find_mirror, outline_of
 from calibration._spheres.outline import SHARP_PX
 from calibration._spheres.placed import radius_on_plane_mm
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SAFE_COVERAGE, SphereImage, circles_of, places
 from calibration._spheres.spots import ReducedStack, SpotCluster, reduce_stack, spot_clusters
 from calibration._spheres.surroundings import MirroredPlane
 from rig import Notice, pluralize
+from rig.arrays import Float64, Intp
 
 _SHARP_OUTLINE_RATIO = 3.0
 # Highlights this close to the border, relative to the shorter side, may be those of a cut sphere;
@@ -52,7 +51,7 @@ _MOST, _APART = 4, 0.1
 def searched_spheres(
     values: Images,
     camera: CameraModel | None,
-    radii_mm: Array | None,
+    radii_mm: Float64 | None,
 ) -> tuple[list[SphereImage], list[Notice]]:
     """Search for the spheres; with a camera and radii, only for spheres of the right size.
 
@@ -197,7 +196,7 @@ def cut_spheres(stack: ReducedStack, found: list[SphereImage]) -> list[Notice]:
     return notices
 
 
-def _groups(places: Array, reach: float) -> list[npt.NDArray[np.intp]]:
+def _groups(places: Float64, reach: float) -> list[Intp]:
     """Return the indices of places that are less than ``reach`` from the next one."""
     left = list(range(len(places)))
     groups = []
@@ -212,7 +211,7 @@ def _groups(places: Array, reach: float) -> list[npt.NDArray[np.intp]]:
     return groups
 
 
-def _notice(lights: int, centre_px: Array) -> Notice:
+def _notice(lights: int, centre_px: Float64) -> Notice:
     x, y = centre_px
     text = (
         f"a sphere at ({x:.0f}, {y:.0f}) px is not used: "

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import Array
 from calibration._spheres.sphere_image import SphereImage
 from rig import Notice, short_repr
+from rig.arrays import Bool, Float64
 
 
 @dataclass(frozen=True)
@@ -68,9 +67,9 @@ class SphereCalibration:
 
     lights: Lights
     spheres: tuple[Sphere, ...]
-    highlights_px: Array
-    used: npt.NDArray[np.bool_]
-    residuals_deg: Array
+    highlights_px: Float64
+    used: Bool
+    residuals_deg: Float64
     warnings: tuple[Notice, ...]
 
     __repr__ = short_repr
@@ -82,7 +81,7 @@ def seen_spheres(images: Sequence[SphereImage]) -> tuple[Sphere, ...]:
 
 
 def placed_spheres(
-    images: Sequence[SphereImage], centres_mm: Array, radii_mm: Array
+    images: Sequence[SphereImage], centres_mm: Float64, radii_mm: Float64
 ) -> tuple[Sphere, ...]:
     """Return K spheres with centres ``(K, 3)`` and radii ``(K,)`` in the house frame."""
     return tuple(
@@ -102,7 +101,7 @@ class SeenTogether:
     """
 
     lights: tuple[str, ...]
-    places_mm: Array
+    places_mm: Float64
     images: list[SphereImage]
     of_recording: list[int]
     names: tuple[str, ...]
@@ -122,7 +121,7 @@ class SeenTogether:
         return tuple(replace(sphere, recording=k) for sphere, k in pairs)
 
 
-def rms_deg(angle_deg: Array, use: npt.NDArray[np.bool_]) -> Array:
+def rms_deg(angle_deg: Float64, use: Bool) -> Float64:
     """Return the root mean square ``(N,)`` of the used angles among ``(N, K)``."""
     square = np.where(use, angle_deg, 0.0) ** 2
     return np.asarray(np.sqrt(square.sum(axis=1) / np.maximum(use.sum(axis=1), 1)))

@@ -11,8 +11,8 @@ from calibration._spheres.cone import OUTLINE_SIGMA_PX
 from calibration._spheres.ellipse import Ellipse
 from calibration._spheres.highlights import Highlights
 from calibration._spheres.outline import scatter_px
-from calibration._spheres.robust import Array
 from rig import Notice, short_repr
+from rig.arrays import Float64
 
 # Below this share of visible outline, another circle nearby may fit as well.
 SAFE_COVERAGE = 0.6
@@ -54,10 +54,10 @@ class SphereImage:
     """
 
     outline: Ellipse
-    points_px: Array
+    points_px: Float64
     coverage: float
     highlights: Highlights
-    covariance_px2: Array | None = None
+    covariance_px2: Float64 | None = None
     systematic_px: float = OUTLINE_SIGMA_PX
     mask_off_px: float = 0.0
     unconfirmed: bool = False

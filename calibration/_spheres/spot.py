@@ -6,12 +6,8 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from calibration._spheres.robust import Array
-
-Image = npt.NDArray[np.float32]
-Region = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64
 
 # Levels of the two contours of a saturated highlight, relative to white. Pixels bias the first one
 # more, glare the second one.
@@ -59,14 +55,14 @@ class Spot:
         does not say which of several spots is the highlight.
     """
 
-    centre: Array
+    centre: Float64
     sigma_px: float
     radius_px: float = float("nan")
     photon_px2: float = float("nan")
     stray_px: float = 0.0
 
 
-def saturated_spot(image: Image, region: Region, white: float) -> Spot:
+def saturated_spot(image: Float32, region: Bool, white: float) -> Spot:
     """Locate a saturated highlight by the contours of its core.
 
     Rays and glare add light, so they move the contour outward. The distances r(t) of the contour
@@ -123,7 +119,7 @@ def _stray_px(radius: float, lower_radius: float, elongation: float) -> float:
     )
 
 
-def unsaturated_spot(image: Image, region: Region, noise: float) -> Spot:
+def unsaturated_spot(image: Float32, region: Bool, noise: float) -> Spot:
     """Locate an unsaturated highlight by its Gaussian-weighted centroid.
 
     The standard deviation contains the noise in the window, the shift of the centroid in a window
@@ -148,7 +144,7 @@ def unsaturated_spot(image: Image, region: Region, noise: float) -> Spot:
     return Spot(centre, sigma_px, photon_px2=photon_px2)
 
 
-def weighted_centroid(image: Image, region: Region, sigma: float) -> tuple[Array, float, float]:
+def weighted_centroid(image: Float32, region: Bool, sigma: float) -> tuple[Float64, float, float]:
     """Return the iterated Gaussian-weighted centroid (SExtractor's XWIN), and its weighted flux.
 
     The window follows the spot, so the positions of the pixels do not bias a symmetric spot, and
@@ -184,7 +180,7 @@ def weighted_centroid(image: Image, region: Region, sigma: float) -> tuple[Array
     return centre, total, noise / max(slope, 1e-12) ** 2
 
 
-def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, float, float, float]:
+def _contour_fit(image: Float32, region: Bool, level: float) -> tuple[Float64, float, float, float]:
     """Return the contour at a level: centre, radius, variance of a coordinate and elongation.
 
     The elongation is half of the difference of the axes, as a share of the radius.
@@ -211,7 +207,7 @@ def _contour_fit(image: Image, region: Region, level: float) -> tuple[Array, flo
     return centre, float(radius), fit.variance, elongation
 
 
-def largest_disc(core: Region) -> tuple[Array, float]:
+def largest_disc(core: Bool) -> tuple[Float64, float]:
     """Return centre and radius of the largest disc inside a core."""
     whole = core.astype(np.uint8)
     left, top, width, height = cv2.boundingRect(whole)
@@ -224,7 +220,9 @@ def largest_disc(core: Region) -> tuple[Array, float]:
     return centre, max(float(depth.max()) - 0.5, 0.5)
 
 
-def _distances(image: Image, centre: Array, toward: Array, level: float, reach: float) -> Array:
+def _distances(
+    image: Float32, centre: Float64, toward: Float64, level: float, reach: float
+) -> Float64:
     """Return the distances at which the brightness along the rays falls below the level."""
     radii = np.arange(0, reach, _STEP_PX)
     places = (centre + radii[None, :, None] * toward[:, None]).astype(np.float32)
@@ -243,10 +241,10 @@ def _distances(image: Image, centre: Array, toward: Array, level: float, reach: 
 class _RobustHarmonics:
     """The low harmonics (r0, a, b, c, d) of the lower ones of some distances."""
 
-    def __init__(self, angles: Array, distances: Array) -> None:
+    def __init__(self, angles: Float64, distances: Float64) -> None:
         twice = 2 * angles
         waves = [np.cos(angles), np.sin(angles), np.cos(twice), np.sin(twice)]
-        self._design: Array = np.stack([np.ones_like(angles), *waves])
+        self._design: Float64 = np.stack([np.ones_like(angles), *waves])
         self._weights = np.ones_like(angles)
         for round_ in range(_ROUNDS):
             weighted = self._design * self._weights

@@ -7,12 +7,9 @@ from functools import cached_property, reduce
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration._radiance.linear_stack import Images
-from calibration._spheres.robust import Array
-
-Values = npt.NDArray[np.float32]
+from rig.arrays import Float32, Float64, Intp
 
 _SIZE_PX = 900
 # Rows of the reduced image that are computed together, so that their pixels fit into the cache.
@@ -42,15 +39,15 @@ class ReducedStack:
     """
 
     factor: int
-    mean: Values
-    peak: Values
+    mean: Float32
+    peak: Float32
 
     @cached_property
-    def spots(self) -> Array:
+    def spots(self) -> Float64:
         """Rows (light, x, y, flux) of compact bright spots, in reduced pixels."""
         return _spots(self)
 
-    def full_px(self, pixels: Array) -> Array:
+    def full_px(self, pixels: Float64) -> Float64:
         """Return the pixels in the images of positions in the reduced images."""
         return (pixels + 0.5) * self.factor - 0.5
 
@@ -69,9 +66,9 @@ class SpotCluster:
         ``(M, 2)`` positions, one for each light that has one.
     """
 
-    centre_px: Array
+    centre_px: Float64
     reach_px: float
-    spots_px: Array
+    spots_px: Float64
 
 
 def reduce_stack(values: Images) -> ReducedStack:
@@ -107,13 +104,13 @@ def reduce_stack(values: Images) -> ReducedStack:
     return ReducedStack(factor, mean, peak)
 
 
-def reduced_image(image: Values, size: tuple[int, int], factor: int) -> Values:
+def reduced_image(image: Float32, size: tuple[int, int], factor: int) -> Float32:
     """Return an image of ``size`` (columns, rows) that averages ``factor x factor`` pixels."""
     whole = image[: size[1] * factor, : size[0] * factor]
     return cv2.resize(whole, size, interpolation=cv2.INTER_AREA).astype(np.float32, copy=False)
 
 
-def without_nan(image: Values, least: float = 1.0) -> Values:
+def without_nan(image: Float32, least: float = 1.0) -> Float32:
     """Return an image whose saturated samples have its largest value, or ``least`` if larger."""
     if np.isfinite(np.max(image)):  # NaN spreads: one pass shows whether there is any
         return image
@@ -158,7 +155,7 @@ def spot_clusters(stack: ReducedStack) -> list[SpotCluster]:
     ]
 
 
-def _spots(stack: ReducedStack) -> Array:
+def _spots(stack: ReducedStack) -> Float64:
     """Return rows (light, x, y, flux) of compact bright spots."""
     peak = stack.peak
     several = len(peak) > 2
@@ -187,9 +184,7 @@ def _spots(stack: ReducedStack) -> Array:
     return np.concatenate(spots) if spots else np.zeros((0, 4))
 
 
-def _nearest_of_each(
-    places: Array, groups: list[npt.NDArray[np.intp]], start: Array
-) -> tuple[Array, npt.NDArray[np.intp]]:
+def _nearest_of_each(places: Float64, groups: list[Intp], start: Float64) -> tuple[Float64, Intp]:
     """Return the centre of the nearest spots of all lights, and those that are not far from it."""
     centre = start
     for _ in range(8):
@@ -203,5 +198,5 @@ def _nearest_of_each(
     return centre, near
 
 
-def _apart(a: Array, b: Array) -> float:
+def _apart(a: Float64, b: Float64) -> float:
     return float(np.hypot(a[0] - b[0], a[1] - b[1]))

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration._radiance.linear_stack import Images
 from calibration._spheres.outline import IMMERKAER
-from calibration._spheres.robust import Array
-from calibration._spheres.spots import ReducedStack, Values, reduced_image, without_nan
+from calibration._spheres.spots import ReducedStack, reduced_image, without_nan
+from rig.arrays import Bool, Float32, Float64, Floating, Intp
 
 # The focal length of an unknown camera, in multiples of the larger side of the image. Half or twice
 # of it moves the mirrored points by less than the tolerance.
@@ -47,9 +46,9 @@ class Balls:
         ``(H, 2)`` slopes of the plane under each ball along x and y; default 0.
     """
 
-    axes_px: Array
-    radii_px: Array
-    slopes: Array | None = None
+    axes_px: Float64
+    radii_px: Float64
+    slopes: Float64 | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +66,9 @@ class Likeness:
         ``(H,)`` share of the points near the limb whose mirrored point is in the image.
     """
 
-    share: Array
-    contrast: Array
-    seen: Array
+    share: Float64
+    contrast: Float64
+    seen: Float64
 
 
 def usual_camera(width: int, height: int) -> CameraModel:
@@ -79,7 +78,7 @@ def usual_camera(width: int, height: int) -> CameraModel:
     return CameraModel(K, width, height, 1.0)
 
 
-def outlines_of(camera: CameraModel, balls: Balls, count: int) -> Array:
+def outlines_of(camera: CameraModel, balls: Balls, count: int) -> Float64:
     """Return the outlines of trial balls as pixels ``(H, count, 2)``."""
     angles = np.arange(count) * (2 * np.pi / count)
     return _points(camera, balls, np.ones(1), angles)[0]
@@ -121,7 +120,7 @@ class MirroredPlane:
         self.noise = self._noise * self._factor
         # Parts of the images at the resolutions that were asked for last, by their factors.
         self._blurred: dict[int, Quads] = {}
-        self._parts: dict[int, tuple[Array, Quads]] = {}
+        self._parts: dict[int, tuple[Float64, Quads]] = {}
 
     def compare(self, balls: Balls, spokes: int = 36) -> Likeness:
         """Return how well the balls, of similar size and place, mirror their surroundings."""
@@ -147,11 +146,11 @@ class MirroredPlane:
     def differences(
         self,
         balls: Balls,
-        depths: npt.NDArray[np.floating],
+        depths: Floating,
         spokes: int,
-        spread_px: Array,
-        weights: Array,
-    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+        spread_px: Float64,
+        weights: Float64,
+    ) -> tuple[Float64, Bool]:
         """Return how the images near the limb differ from the mirrored plane, and where they can.
 
         Parameters
@@ -195,9 +194,7 @@ class MirroredPlane:
         fading *= 0.5 * np.sqrt(len(near) / (noise / len(near) + _TOLERANCE**2))
         return np.concatenate([ratios, fading[None]]), use
 
-    def mirrored(
-        self, ball: Balls, depths_px: Array, spokes: int
-    ) -> tuple[Array, npt.NDArray[np.bool_]]:
+    def mirrored(self, ball: Balls, depths_px: Float64, spokes: int) -> tuple[Float64, Bool]:
         """Return what the limb of one ball mirrors, and at which angles it is in the image.
 
         Where what deeper parts mirror is beyond the frame, the last depth within it continues.
@@ -229,10 +226,10 @@ class MirroredPlane:
         images = np.moveaxis(images.reshape(-1, len(depths), spokes), 1, 2)
         last = np.minimum(np.maximum(use.sum(axis=1) - 1, 0)[:, None], np.arange(len(depths)))
         mirrored = np.take_along_axis(images, np.broadcast_to(last, images.shape), axis=2)
-        near: npt.NDArray[np.bool_] = np.all(use[:, depths_px <= _LEAST_DEPTH_PX], axis=1)
+        near: Bool = np.all(use[:, depths_px <= _LEAST_DEPTH_PX], axis=1)
         return mirrored.astype(np.float64), near
 
-    def _limb(self, pixels: Array, size: float) -> tuple[Values, npt.NDArray[np.bool_]]:
+    def _limb(self, pixels: Float64, size: float) -> tuple[Float32, Bool]:
         """Sample the images near the limb, with pixels of at most a fortieth of a size."""
         factor = 2 ** int(np.log2(max(size / 40, 1)))
         if factor >= self._factor:
@@ -248,7 +245,7 @@ class MirroredPlane:
             part = self._parts[factor] = self._cut(factor, box.astype(int))
         return part[1].at((pixels - part[0][0] + 0.5) / factor - 0.5)
 
-    def _cut(self, factor: int, box: npt.NDArray[np.int_]) -> tuple[Array, Quads]:
+    def _cut(self, factor: int, box: Intp) -> tuple[Float64, Quads]:
         """Return a box, and this part of the images at a lower resolution."""
         (x0, y0), (x1, y1) = box
         shape = (max((x1 - x0) // factor, 1), max((y1 - y0) // factor, 1))
@@ -260,7 +257,7 @@ class MirroredPlane:
             stack.append(part)
         return box.astype(np.float64), Quads(stack)
 
-    def _mirrored(self, pixels: Array, size: float) -> tuple[Values, npt.NDArray[np.bool_]]:
+    def _mirrored(self, pixels: Float64, size: float) -> tuple[Float32, Bool]:
         octave = max(round(np.log2(max(0.05 * size / self._factor, 0.5))), -1)
         if octave not in self._blurred:
             blur = 2.0**octave
@@ -269,7 +266,7 @@ class MirroredPlane:
         return self._blurred[octave].at((pixels + 0.5) / self._factor - 0.5)
 
 
-def _noise(stack: Values) -> float:
+def _noise(stack: Float32) -> float:
     """Return the noise of single images, with Immerkaer's kernel.
 
     A fine texture looks like noise in one image, but not in the differences between lights: what
@@ -287,14 +284,14 @@ def _noise(stack: Values) -> float:
     return float(np.median(noises) / np.sqrt(1 - 1 / max(len(stack), 2)))
 
 
-def _sines(camera: CameraModel, balls: Balls) -> Array:
+def _sines(camera: CameraModel, balls: Balls) -> Float64:
     """Return the sines ``(H,)`` of the angles between the axes of balls and their outlines."""
     rays = camera.rays(balls.axes_px)
     cosine = -rays[:, 2] / np.linalg.norm(rays, axis=-1)
     return np.asarray(balls.radii_px * cosine / np.hypot(camera.focal_px, balls.radii_px))
 
 
-def _depths_of(shares: Array, sine: float) -> Array:
+def _depths_of(shares: Float64, sine: float) -> Float64:
     """Return the depths (see `_points`) that are seen at shares of the radius in the image.
 
     The middle of a ball is nearer to the camera than its outline, and therefore larger.
@@ -308,9 +305,9 @@ def _depths_of(shares: Array, sine: float) -> Array:
 def _points(
     camera: CameraModel,
     balls: Balls,
-    depths: npt.NDArray[np.floating],
-    angles: npt.NDArray[np.floating],
-) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    depths: Floating,
+    angles: Floating,
+) -> tuple[Float64, Float64, Bool]:
     """Return pixels ``(H, P, 2)`` on balls, the pixels of what they mirror, and which look down.
 
     ``depths`` are distances from the ball's axis in multiples of that of the outline.
@@ -354,7 +351,7 @@ def _points(
     return seen, far, down
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot(a: Float64, b: Float64) -> Float64:
     """Return the products of vectors along the first axis."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
@@ -368,7 +365,7 @@ class Quads:
         N images ``(H, W)``.
     """
 
-    def __init__(self, images: Sequence[Values]) -> None:
+    def __init__(self, images: Sequence[Float32]) -> None:
         self._shape, self._count = images[0].shape, len(images)
         self._quads = []
         for first in range(0, len(images), _CHANNELS):
@@ -377,7 +374,7 @@ class Quads:
             some += some[:1] * (_CHANNELS - len(some))
             self._quads.append(cv2.merge(some))
 
-    def at(self, pixels: npt.NDArray[np.floating]) -> tuple[Values, npt.NDArray[np.bool_]]:
+    def at(self, pixels: Floating) -> tuple[Float32, Bool]:
         """Return samples ``(N, H, P)`` at pixels ``(H, P, 2)``, and which are in the images."""
         x, y = (np.ascontiguousarray(pixels[..., axis], np.float32) for axis in (0, 1))
         height, width = self._shape

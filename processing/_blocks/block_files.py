@@ -10,16 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import BandFile, DamagedMapsError, write_durably
 from processing._blocks.plan import plan_blocks
+from rig.arrays import AnyArray, Float32, Float64, Int32
 
-Array = npt.NDArray[Any]
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
-Record = dict[str, Array]
+Record = dict[str, AnyArray]
 
 _WHOLE, _HEAD = slice(None), 4
 _SOLUTION, _LABELS = np.dtype(np.float64), np.dtype(np.int32)
@@ -85,11 +81,11 @@ class BlockFiles:
         self._fresh = {}
         return {key: np.asarray(value) for key, value in record.items()}
 
-    def solution(self, number: int, after: int, rows: slice = _WHOLE) -> Double:
+    def solution(self, number: int, after: int, rows: slice = _WHOLE) -> Float64:
         """Return rows ``(h, W)`` of the solution of a block after some rounds."""
         return self._read(f"solution-{number}-{after}", number, _SOLUTION, rows)
 
-    def write_solution(self, number: int, after: int, u: Double) -> None:
+    def write_solution(self, number: int, after: int, u: Float64) -> None:
         """Write the solution of a block after some rounds."""
         self._write(f"solution-{number}-{after}", number, np.asarray(u, _SOLUTION))
 
@@ -97,21 +93,21 @@ class BlockFiles:
         """Remove the solution of a block after some rounds, if it is there."""
         self._path(f"solution-{number}-{after}").unlink(missing_ok=True)
 
-    def labels(self, number: int, rows: slice = _WHOLE) -> Labels:
+    def labels(self, number: int, rows: slice = _WHOLE) -> Int32:
         """Return rows ``(h, W)`` of the parts of a block."""
         return self._read(f"labels-{number}", number, _LABELS, rows)
 
-    def write_labels(self, number: int, labels: Labels) -> None:
+    def write_labels(self, number: int, labels: Int32) -> None:
         """Write the parts of a block."""
         self._write(f"labels-{number}", number, np.asarray(labels, _LABELS))
 
-    def core_weights(self, number: int) -> Float:
+    def core_weights(self, number: int) -> Float32:
         """Return the weights ``(h, 2, W)`` of the core of a block."""
         weights = self.weights[self.blocks.blocks[number].core]
         self._check(self.weights.path, f"weights-{number}", weights)
         return weights
 
-    def write_weights(self, number: int, weights: Float) -> None:
+    def write_weights(self, number: int, weights: Float32) -> None:
         """Write the weights of the core of a block."""
         self.weights[self.blocks.blocks[number].core] = weights
         self.weights.sync()
@@ -129,7 +125,7 @@ class BlockFiles:
             for path in folder.glob(pattern):
                 path.unlink()
 
-    def _read(self, name: str, number: int, kind: np.dtype[Any], rows: slice) -> Array:
+    def _read(self, name: str, number: int, kind: np.dtype[Any], rows: slice) -> AnyArray:
         form, path = self._form(number), self._path(name)
         size = path.stat().st_size if path.is_file() else None
         if size != math.prod(form) * kind.itemsize:
@@ -140,13 +136,13 @@ class BlockFiles:
                 self._check(path, name, file[:])
             return file[rows]
 
-    def _write(self, name: str, number: int, values: Array) -> None:
+    def _write(self, name: str, number: int, values: AnyArray) -> None:
         with closing(BandFile(self._path(name), self._form(number), values.dtype)) as file:
             file[:] = values
             file.sync()
         self._fresh[name] = _checksum(values)
 
-    def _check(self, path: Path, name: str, values: Array) -> None:
+    def _check(self, path: Path, name: str, values: AnyArray) -> None:
         """Compare what an earlier process wrote with its checksum, once."""
         if self._unchecked.pop(name, None) not in (None, _checksum(values)):
             raise DamagedMapsError(path, "was changed since it was computed")
@@ -164,5 +160,5 @@ def _head(data: bytes) -> bytes:
     return zlib.crc32(data).to_bytes(_HEAD, "little")
 
 
-def _checksum(values: Array) -> int:
+def _checksum(values: AnyArray) -> int:
     return zlib.crc32(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)

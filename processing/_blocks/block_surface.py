@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import BandStore, CameraModel, DamagedMapsError, DataError, MapRows, Maps
 from calibration import EstimateError
@@ -20,9 +19,7 @@ from processing._surface.integrability import integrability
 from processing._surface.scale import DEPTH_RANGE, Scale, check_view, scale_of
 from processing._surface.surface_notices import doubts_of_solution, parts_notices
 from rig import Notice, Progress, no_progress
-
-Mask = npt.NDArray[np.bool_]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float64
 
 # The median of deviations is that of some rows with about this number of pixels.
 _SAMPLE = 4_000_000
@@ -157,7 +154,7 @@ def _placed(
     near: MapRows | None,
     maps: Maps,
     on_progress: Progress,
-) -> tuple[Mask, tuple[float, float]]:
+) -> tuple[Bool, tuple[float, float]]:
     """Write heights and depths in their unit; return their pixels and their range."""
     raised, factors = np.zeros(len(solved.means)), np.ones(len(solved.means))
     near_means = None if near is None else _part_means(solved, blocks, near)
@@ -191,7 +188,7 @@ def _placed(
     return known, (lowest, highest)
 
 
-def _part_means(solved: BlockSolution, blocks: Blocks, values: MapRows) -> Double:
+def _part_means(solved: BlockSolution, blocks: Blocks, values: MapRows) -> Float64:
     """Return the mean over each part of the rows of a map."""
     sums = np.zeros(len(solved.means))
     for block in blocks.blocks:
@@ -201,7 +198,7 @@ def _part_means(solved: BlockSolution, blocks: Blocks, values: MapRows) -> Doubl
     return np.asarray(sums / solved.sizes, np.float64)
 
 
-def _mean_depths(solved: BlockSolution, blocks: Blocks) -> Double:
+def _mean_depths(solved: BlockSolution, blocks: Blocks) -> Float64:
     """Return the mean depth of each part for a logarithm of the depth with mean 0."""
     sums = np.zeros(len(solved.means))
     for block in blocks.blocks:

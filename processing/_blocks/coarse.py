@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._blocks.plan import CELL
 from processing._surface.grid_graph import label_parts
 from processing._surface.multigrid import Levels, coarsened, solve
 from processing._surface.multigrid_kernels import aggregate
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 _TOLERANCE = 1e-3
 
@@ -31,7 +28,7 @@ class CoarseGrid:
         self._right, self._down = np.zeros((2, rows + 2, columns + 2), np.float32)
         self._levels: Levels | None = None
 
-    def add(self, top: int, right: Float, down: Float) -> None:
+    def add(self, top: int, right: Float32, down: Float32) -> None:
         """Add weights ``(h, W)`` of the edges of rows from ``top`` on, a multiple of the cell."""
         right, down = np.pad(right, 1), np.pad(down, 1)
         for _ in range(CELL.bit_length() - 1):
@@ -40,7 +37,7 @@ class CoarseGrid:
         self._right[first : first + len(right) - 2] = right[1:-1]
         self._down[first : first + len(down) - 2] = down[1:-1]
 
-    def correction(self, residuals: list[tuple[int, Double]]) -> Double:
+    def correction(self, residuals: list[tuple[int, Float64]]) -> Float64:
         """Return the correction of the heights for residuals that are 0 elsewhere.
 
         Parameters
@@ -73,7 +70,7 @@ class CoarseGrid:
         found[inside] = u[inside] - (np.bincount(members, u[inside], self._count) / sizes)[members]
         return np.asarray(found[1:-1, 1:-1], np.float64)
 
-    def row(self, correction: Double, row: int) -> Double:
+    def row(self, correction: Float64, row: int) -> Float64:
         """Return the correction along a row of the image, interpolated between cells."""
         place = np.clip((row + 0.5) / CELL - 0.5, 0, len(correction) - 1)
         above = int(place)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, MapRows
 from processing._blocks.plan import Block
@@ -13,10 +12,7 @@ from processing._surface.certainty import certainties
 from processing._surface.chord_rule import ChordRule
 from processing._surface.grid_graph import divergence, label_parts
 from processing._surface.multigrid import Solution, solve
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
+from rig.arrays import Float32, Float64, Int32, Int64
 
 
 class FreeSolution(NamedTuple):
@@ -36,10 +32,10 @@ class FreeSolution(NamedTuple):
         What the solver reports.
     """
 
-    u: Double
-    right: Float
-    down: Float
-    labels: Labels
+    u: Float64
+    right: Float32
+    down: Float32
+    labels: Int32
     part_count: int
     steps: SomeSteps
     solution: Solution
@@ -56,9 +52,9 @@ class SomeSteps(NamedTuple):
         The steps that the normals demand.
     """
 
-    here: npt.NDArray[np.int64]
-    there: npt.NDArray[np.int64]
-    steps: Double
+    here: Int64
+    there: Int64
+    steps: Float64
 
 
 def solve_freely(
@@ -117,7 +113,7 @@ def solve_freely(
 
 
 def _some(
-    right: Float, down: Float, step_right: Double, step_down: Double, block: Block, every: int
+    right: Float32, down: Float32, step_right: Float64, step_down: Float64, block: Block, every: int
 ) -> SomeSteps:
     """Return some steps between pixels of the core."""
     first = block.core.start - block.rows.start + 1

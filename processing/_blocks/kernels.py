@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
-Counts = npt.NDArray[np.int64]
+from rig.arrays import Float64, Int32, Int64
 
 
 @numba.njit(cache=True)
 def number_parts(
-    u: Double, labels: Labels, part_of: Labels, number: Labels, sums: Double, sizes: Counts
+    u: Float64, labels: Int32, part_of: Int32, number: Int32, sums: Float64, sizes: Int64
 ) -> None:
     """Replace parts of blocks by parts of the surface, and add up the values of each part.
 
@@ -47,7 +44,7 @@ def number_parts(
 
 
 @numba.njit(cache=True)
-def extremes(u: Double, labels: Labels, count: int) -> Double:
+def extremes(u: Float64, labels: Int32, count: int) -> Float64:
     """Return ``(2, count)`` smallest and largest values of each part; inf and -inf without any."""
     found = np.full((2, count), np.inf)
     found[1] = -np.inf

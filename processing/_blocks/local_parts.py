@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse import csgraph, linalg
 
 from processing._blocks.seams import Side
-
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
+from rig.arrays import Float64, Int32, Int64
 
 
 class Meeting(NamedTuple):
@@ -28,9 +25,9 @@ class Meeting(NamedTuple):
         Mean difference of their solutions, the upper one minus the lower one.
     """
 
-    pairs: npt.NDArray[np.int64]
-    sizes: Double
-    means: Double
+    pairs: Int64
+    sizes: Float64
+    means: Float64
 
 
 NO_MEETING = Meeting(np.zeros((2, 0), np.int64), np.zeros(0), np.zeros(0))
@@ -64,7 +61,7 @@ class LocalParts:
         self.count += count
         self._meetings.append(meeting)
 
-    def joined(self) -> tuple[Labels, int]:
+    def joined(self) -> tuple[Int32, int]:
         """Return the part of the surface of each part of a block, and their number.
 
         They are numbered in the order of their first parts.
@@ -75,7 +72,7 @@ class LocalParts:
         number[np.argsort(first)] = np.arange(count, dtype=np.int32)
         return number[members], count
 
-    def constants(self) -> Double:
+    def constants(self) -> Float64:
         """Return the constants that bring the solutions together, by least squares."""
         constants = np.zeros(self.count)
         upper, lower = self._pairs()
@@ -95,11 +92,11 @@ class LocalParts:
         constants[free] = linalg.spsolve(inner, load[free])
         return constants
 
-    def _matrix(self, weights: Double | None = None) -> sparse.csr_array:
+    def _matrix(self, weights: Float64 | None = None) -> sparse.csr_array:
         upper, lower = self._pairs()
         values = np.ones(len(upper)) if weights is None else weights
         one = sparse.coo_array((values, (upper, lower)), (self.count, self.count))
         return sparse.csr_array(one + one.T)
 
-    def _pairs(self) -> npt.NDArray[np.int64]:
+    def _pairs(self) -> Int64:
         return np.concatenate([each.pairs for each in self._meetings], axis=1)

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._blocks.block_files import BlockFiles
 from processing._blocks.seams import Seam, Side
-
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
+from rig.arrays import Float64
 
 
 class OwnSolutions:
@@ -23,7 +20,7 @@ class OwnSolutions:
         What is added to each part of a block before the first round.
     """
 
-    def __init__(self, files: BlockFiles, constants: Double) -> None:
+    def __init__(self, files: BlockFiles, constants: Float64) -> None:
         self.files, self.blocks, self.constants = files, files.blocks, constants
         self._after = [0] * len(files.blocks.blocks)
 
@@ -68,6 +65,6 @@ class OwnSolutions:
         return own
 
 
-def _mix(u: Double, other: Side, share: Double) -> None:
+def _mix(u: Float64, other: Side, share: Float64) -> None:
     """Give another solution a share, which is 0 where it may lack pixels: in its outermost row."""
     u += np.where(other.labels >= 0, share * (other.u - u), 0)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 # Pixels of the image per pixel of the coarse grid, along each side. A power of 2.
 CELL = 8
@@ -57,7 +56,7 @@ class Blocks(NamedTuple):
         cut = self.blocks[seam].core.stop
         return slice(cut - self.halo, cut + self.halo)
 
-    def share_of_upper(self) -> Double:
+    def share_of_upper(self) -> Float64:
         """Return the shares of the upper block in the rows that two blocks share: 1 to 0."""
         place = np.arange(2 * self.halo) / (2 * self.halo - 1)
         return np.asarray(0.5 + 0.5 * np.cos(np.pi * place), np.float64)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._blocks.coarse import CoarseGrid
 from processing._blocks.own_solutions import OwnSolutions
@@ -13,9 +12,7 @@ from processing._blocks.seams import Seam
 from processing._surface.grid_graph import label_parts
 from processing._surface.multigrid import solve
 from rig import Progress
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 # Largest error of the changes of a block, relative to the range of heights. Later rounds do not see
 # it: it adds up.
@@ -65,8 +62,8 @@ class _Round(NamedTuple):
         Largest correction and difference before the round.
     """
 
-    demands: Double
-    changes: list[Float]
+    demands: Float64
+    changes: list[Float32]
     largest: float
     estimate: float
 
@@ -122,7 +119,7 @@ def bring_together(
     raise AssertionError("the last round returns")
 
 
-def _demands(grid: CoarseGrid, seams: list[Seam], past: list[_Round], coarse: Double) -> Double:
+def _demands(grid: CoarseGrid, seams: list[Seam], past: list[_Round], coarse: Float64) -> Float64:
     """Return for each seam ``(2, W)`` changes, as `_Round` has them."""
     differences = [seam.difference for seam in seams]
     demands = np.zeros((len(seams), 2, seams[0].down.shape[1]))
@@ -139,7 +136,7 @@ def _demands(grid: CoarseGrid, seams: list[Seam], past: list[_Round], coarse: Do
     return demands
 
 
-def _correction(grid: CoarseGrid, seams: list[Seam], differences: list[Double]) -> Double:
+def _correction(grid: CoarseGrid, seams: list[Seam], differences: list[Float64]) -> Float64:
     return grid.correction(
         [
             (seam.rows.start, seam.residual(difference))
@@ -148,7 +145,7 @@ def _correction(grid: CoarseGrid, seams: list[Seam], differences: list[Double]) 
     )
 
 
-def _factors(past: list[_Round], differences: list[Double]) -> Double:
+def _factors(past: list[_Round], differences: list[Float64]) -> Float64:
     """Return the factors of earlier rounds that make the differences smallest."""
     products, load = np.zeros((len(past), len(past))), np.zeros(len(past))
     for i, one in enumerate(past):
@@ -161,12 +158,12 @@ def _factors(past: list[_Round], differences: list[Double]) -> Double:
 
 def _change(
     own: OwnSolutions,
-    demands: Double,
+    demands: Float64,
     several: list[bool],
     count: int,
     accuracy: float,
     on_progress: Progress,
-) -> tuple[list[Float], float]:
+) -> tuple[list[Float32], float]:
     """Change all blocks as demanded; return by how much the differences and heights changed."""
     files, shared, total = own.files, 2 * own.blocks.halo, len(several)
     changes = [np.zeros((shared, demands.shape[2]), np.float32) for _ in demands]
@@ -196,8 +193,8 @@ def _change(
 
 
 def _harmonic(
-    weights: Float, above: Double | None, below: Double | None, several: bool, accuracy: float
-) -> Double:
+    weights: Float32, above: Float64 | None, below: Float64 | None, several: bool, accuracy: float
+) -> Float64:
     """Return the change of a block if its first and last row change by given amounts.
 
     Parameters

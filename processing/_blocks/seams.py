@@ -5,11 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
+from rig.arrays import Float32, Float64, Int32
 
 
 @dataclass(eq=False)
@@ -29,11 +26,11 @@ class Seam:
     """
 
     rows: slice
-    share: Double
-    down: Float
-    difference: Double
+    share: Float64
+    down: Float32
+    difference: Float64
 
-    def residual(self, difference: Double) -> Double:
+    def residual(self, difference: Float64) -> Float64:
         """Return the residual ``(2h, W)`` of the blend of two solutions with this difference."""
         found = np.zeros_like(difference)
         change = (self.share[:-1] - self.share[1:])[:, None] * self.down[:-1]
@@ -60,5 +57,5 @@ class Side:
         ``(2h, W)`` part of each pixel, numbered over all blocks; -1 for pixels without edges.
     """
 
-    u: Double
-    labels: Labels
+    u: Float64
+    labels: Int32

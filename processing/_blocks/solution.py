@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, MapRows, Maps
 from processing._blocks.block_files import BlockFiles, Record
@@ -18,8 +17,7 @@ from processing._blocks.rounds import Rounds, bring_together
 from processing._blocks.seams import Side
 from processing._surface.multigrid import Solution
 from rig import Progress
-
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float64, Int64
 
 # Steps that show whether the surface has the slopes of the normals, in each direction.
 _STEPS = 20_000
@@ -46,10 +44,10 @@ class BlockSolution(NamedTuple):
 
     u: MapRows
     parts: MapRows
-    means: Double
-    sizes: npt.NDArray[np.int64]
-    wanted: Double
-    found: Double
+    means: Float64
+    sizes: Int64
+    wanted: Float64
+    found: Float64
     rounds: Rounds
     worst: Solution
 

@@ -13,10 +13,7 @@ from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.scale import surface_scale
-
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Float = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32, Float64
 
 # Cosine of the angle to the line of sight, within 6 degrees of edge-on.
 _LEAST_FACING = 0.1
@@ -43,10 +40,10 @@ class _Planes:
         ``(H, W)`` bool, where the pixels of the mask determine them.
     """
 
-    value: Double
-    right: Double
-    up: Double
-    known: Mask
+    value: Float64
+    right: Float64
+    up: Float64
+    known: Bool
 
 
 def _reach(scale_px: float) -> int:
@@ -54,7 +51,7 @@ def _reach(scale_px: float) -> int:
     return max(1, int(np.ceil(_REACH * scale_px)))
 
 
-def _fit_planes(values: Double, mask: Mask, scale_px: float) -> _Planes:
+def _fit_planes(values: Float64, mask: Bool, scale_px: float) -> _Planes:
     """Fit planes by least squares with the weights ``exp(-(x^2 + y^2) / (2 scale^2))``.
 
     Parameters
@@ -73,7 +70,7 @@ def _fit_planes(values: Double, mask: Mask, scale_px: float) -> _Planes:
     across = [weight * offset**power for power in range(3)]
     along = [weight * (-offset) ** power for power in range(3)]
 
-    def moment(image: Double, x: int, y: int) -> Double:
+    def moment(image: Float64, x: int, y: int) -> Float64:
         filtered = cv2.sepFilter2D(
             image, cv2.CV_64F, across[x], along[y], borderType=cv2.BORDER_CONSTANT
         )
@@ -128,11 +125,11 @@ class Curvature:
         Standard deviation of the weights of the fit.
     """
 
-    gradient: Float
-    mean: Float
-    gaussian: Float
-    direction_deg: Float
-    mask: Mask
+    gradient: Float32
+    mean: Float32
+    gaussian: Float32
+    direction_deg: Float32
+    mask: Bool
     unit: Literal["mm", "px"]
     pixel_size: float
     scale_px: float
@@ -142,7 +139,7 @@ class Curvature:
         return f"Curvature({shape} in 1/{self.unit}, scale {self.scale_px:.3g} px)"
 
     @property
-    def principal(self) -> tuple[Float, Float]:
+    def principal(self) -> tuple[Float32, Float32]:
         """The largest and the smallest curvature k1, k2, each ``(H, W)``, in 1 / `unit`."""
         root = np.sqrt(np.maximum(self.mean * self.mean - self.gaussian, 0))
         return self.mean + root, self.mean - root
@@ -260,7 +257,7 @@ def curvature(
 
 def _depth(
     depth_mm: npt.ArrayLike | None, normal_map: NormalMap, camera: CameraModel, pixel_size: float
-) -> Double:
+) -> Float64:
     if depth_mm is None:
         return np.full(normal_map.size, pixel_size * camera.focal_px)
     depth = np.asarray(depth_mm, np.float64)
@@ -272,12 +269,12 @@ def _depth(
     return depth
 
 
-def _unit(planes: _Planes) -> Double:
+def _unit(planes: _Planes) -> Float64:
     x, y = planes.value
     return np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, _LEAST_NZ**2))])
 
 
-def _write(result: Curvature, rows: slice, planes: _Planes, steps: Double) -> None:
+def _write(result: Curvature, rows: slice, planes: _Planes, steps: Float64) -> None:
     """Write the rows of the result: ``steps`` are X and Y by pixels, see `_surface_steps`."""
     x, y, z = _unit(planes)
     (x_right, x_up), (y_right, y_up) = steps
@@ -298,7 +295,7 @@ def _write(result: Curvature, rows: slice, planes: _Planes, steps: Double) -> No
     result.mask[rows] = known
 
 
-def _direction_deg(slopes: tuple[Double, Double], jacobian: tuple[Double, ...]) -> Double:
+def _direction_deg(slopes: tuple[Float64, Float64], jacobian: tuple[Float64, ...]) -> Float64:
     """Return the direction of the largest curvature in X and Y.
 
     The Jacobian of noisy normals is no shape operator: the second fundamental form is made
@@ -320,7 +317,9 @@ def _direction_deg(slopes: tuple[Double, Double], jacobian: tuple[Double, ...]) 
     return np.asarray(np.degrees(np.arctan2(along[1], along[0])) % 180.0)
 
 
-def _surface_steps(camera: CameraModel, normals: Double, depth: Double, first_row: int) -> Double:
+def _surface_steps(
+    camera: CameraModel, normals: Float64, depth: Float64, first_row: int
+) -> Float64:
     """Return the change of X and Y of the surface from pixel to pixel.
 
     A surface point is ``centre + d r`` with the ray r. Its tangents are at right angles to the
@@ -346,7 +345,7 @@ def _surface_steps(camera: CameraModel, normals: Double, depth: Double, first_ro
     rows, columns = depth.shape
     x, y = np.meshgrid(np.arange(columns, dtype=np.float64), np.arange(rows) + float(first_row))
 
-    def rays(right: float, up: float) -> Double:
+    def rays(right: float, up: float) -> Float64:
         return np.moveaxis(camera.rays(np.stack([x + right, y - up], axis=-1)), -1, 0)
 
     ray = rays(0, 0)

@@ -6,11 +6,9 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Cut = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Int64
+
 Bands = tuple[int, int, int, int]
 
 _FAST = {"contract"}
@@ -19,7 +17,7 @@ _ACROSS = np.float32(4)
 
 
 @numba.njit(cache=True, fastmath=_FAST)
-def _cut(old: Float, new: Float, cut: Cut) -> None:
+def _cut(old: Float32, new: Float32, cut: Int64) -> None:
     """Find the cut through a strip that is seen least, by dynamic programming.
 
     ``old`` and ``new`` are ``(n, w, 3)``. Pixels of row i before ``cut[i]`` stay old; the others
@@ -59,7 +57,7 @@ def _cut(old: Float, new: Float, cut: Cut) -> None:
 
 
 @numba.njit(cache=True)
-def _keep(old: Float, new: Float, taken: Mask) -> None:
+def _keep(old: Float32, new: Float32, taken: Bool) -> None:
     """Mark the pixels of a strip before its cut as not taken."""
     cut = np.zeros(len(old), np.int64)
     _cut(old, new, cut)
@@ -69,7 +67,7 @@ def _keep(old: Float, new: Float, taken: Mask) -> None:
 
 
 @numba.njit(cache=True)
-def _turned(part: Float) -> Float:
+def _turned(part: Float32) -> Float32:
     """Return a copy with rows and columns exchanged; to compile ``transpose`` takes longer."""
     out = np.zeros((part.shape[1], part.shape[0], 3), np.float32)
     for r in range(part.shape[0]):
@@ -80,7 +78,7 @@ def _turned(part: Float) -> Float:
 
 
 @numba.njit(cache=True)
-def taken_pixels(window: Float, patch: Float, bands: Bands) -> npt.NDArray[np.bool_]:
+def taken_pixels(window: Float32, patch: Float32, bands: Bands) -> Bool:
     """Return which pixels of a window a patch replaces.
 
     Parameters

@@ -9,7 +9,6 @@ from functools import cached_property
 import cv2
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._detail.rotation import rotate_from_z
@@ -20,10 +19,7 @@ from processing._detail.transfer import TransferFidelity, fidelity_of
 from processing._detail.transfer_stage import scale_slopes
 from processing._normal_map import NormalMap, check_normal_map
 from rig import Progress, in_threads, no_progress, pluralize
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float32, Float64
 
 _ON_PIXEL = 1e-9
 _MOST_SCALE = 1000.0
@@ -93,14 +89,14 @@ class Similarity:
             raise DataError(f"a turn of {self.rotate_deg} degree is not possible")
 
     @property
-    def _turn(self) -> Double:
+    def _turn(self) -> Float64:
         """The 2 x 2 rotation and mirroring, x right and y up."""
         angle = math.radians(self.rotate_deg)
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         return turn * [-1.0 if self.mirror else 1.0, 1.0]
 
     @property
-    def _back(self) -> Double:
+    def _back(self) -> Float64:
         """The 2 x 3 matrix from (column, row, 1) of the frame to (column, row) of the image."""
         # Rows count downwards: in pixels, the rotation of vectors is conjugated by the flip of y.
         flip = np.array([1.0, -1.0])
@@ -127,7 +123,7 @@ class Similarity:
         placed[..., :2] = placed[..., :2] @ self._turn.T.astype(np.float32)
         return NormalMap.from_vectors(placed, known)
 
-    def place_mask(self, mask: Mask, size: tuple[int, int]) -> Mask:
+    def place_mask(self, mask: Bool, size: tuple[int, int]) -> Bool:
         """Return a mask placed on a frame of (height, width) pixels."""
         rows, columns = np.indices(size)
         back = self._back
@@ -142,7 +138,7 @@ class Similarity:
 
 
 @numba.njit(cache=True)
-def _weights(fraction: float, out: Double) -> None:
+def _weights(fraction: float, out: Float64) -> None:
     """Write the weights of the pixels at -1, 0, 1 and 2; exact for quadratic functions."""
     f = fraction
     out[0] = f * (-0.5 + f * (1 - 0.5 * f))
@@ -163,7 +159,7 @@ def _split(position: float) -> tuple[int, float]:
 
 @numba.njit(nogil=True, cache=True)
 def _sample(
-    first: int, last: int, vectors: Float, mask: Mask, back: Double, out: Float, known: Mask
+    first: int, last: int, vectors: Float32, mask: Bool, back: Float64, out: Float32, known: Bool
 ) -> None:
     rows, columns = mask.shape
     across, down = np.zeros(4), np.zeros(4)
@@ -218,7 +214,7 @@ class LocalTransferResult:
 
     normal_map: NormalMap
     target: NormalMap
-    region: Mask
+    region: Bool
     placed: NormalMap
     placement: Similarity
     shape_filter: ShapeFilter
@@ -253,8 +249,8 @@ def transfer_local(
     source: NormalMap,
     target: NormalMap,
     *,
-    source_mask: Mask | None = None,
-    target_mask: Mask | None = None,
+    source_mask: Bool | None = None,
+    target_mask: Bool | None = None,
     pose: Pose = Pose(),
     amplitude: float = 1.0,
     shape_filter: ShapeFilter = ShapeFilter(w=10),
@@ -359,7 +355,7 @@ def transfer_local(
     return LocalTransferResult(result, target, region, placed, placement, shape_filter, amplitude)
 
 
-def _checked(mask: Mask | None, normal_map: NormalMap, name: str) -> Mask:
+def _checked(mask: Bool | None, normal_map: NormalMap, name: str) -> Bool:
     if mask is None:
         return np.ones(normal_map.size, np.bool_)
     if mask.dtype != np.bool_ or mask.shape != normal_map.size:
@@ -370,13 +366,13 @@ def _checked(mask: Mask | None, normal_map: NormalMap, name: str) -> Mask:
     return mask
 
 
-def _middle(mask: Mask) -> tuple[int, int]:
+def _middle(mask: Bool) -> tuple[int, int]:
     """Return the (column, row) of the centre of a mask's bounding box."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return int(columns[0] + columns[-1]) // 2, int(rows[0] + rows[-1]) // 2
 
 
-def _cut(normal_map: NormalMap, region: Mask) -> NormalMap:
+def _cut(normal_map: NormalMap, region: Bool) -> NormalMap:
     return NormalMap(np.where(region[..., None], normal_map.normals, 0), region)
 
 

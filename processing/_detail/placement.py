@@ -6,18 +6,14 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import ComputedRows, DataError, MapRows, MapToFill
 from processing._cuts.minimum_cuts import taken_pixels
 from processing._detail.choices import TILES, Tile
 from processing._normal_map import NormalMap
+from rig.arrays import Bool, Float32, Int32
 
-# Compiled in: processing/_cuts/minimum_cuts.py 599a21c2471f
-
-Float = npt.NDArray[np.float32]
-Whole = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+# Compiled in: processing/_cuts/minimum_cuts.py bb2f904075fe
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +54,8 @@ class Placement:
         return NormalMap(*self.place_rows(detail.normals, detail.mask, target.mask, everywhere))
 
     def place_rows(
-        self, normals: MapRows, mask: Mask, room: Mask, rows: slice
-    ) -> tuple[Float, Mask]:
+        self, normals: MapRows, mask: Bool, room: Bool, rows: slice
+    ) -> tuple[Float32, Bool]:
         """Place a source's detail on some rows of a target.
 
         Parameters
@@ -100,14 +96,14 @@ class Placement:
             )  # fmt: skip
         return out, known
 
-    def _copies(self, rows: slice) -> Whole:
+    def _copies(self, rows: slice) -> Int32:
         return np.ascontiguousarray(self.copies[rows][:, : self.copies.shape[1]], np.int32)
 
-    def labels(self, size: tuple[int, int]) -> Whole:
+    def labels(self, size: tuple[int, int]) -> Int32:
         """Return the number of the copy at each pixel of a target, -1 outside the area."""
         return self.label_rows(slice(0, size[0]), size[1])
 
-    def label_rows(self, rows: slice, width: int) -> Whole:
+    def label_rows(self, rows: slice, width: int) -> Int32:
         """Return the number of the copy at each pixel of some rows of a target, -1 outside."""
         found = np.full((rows.stop - rows.start, width), -1, np.int32)
         x, y = self.at
@@ -140,7 +136,7 @@ class Cover:
     overlaps: tuple[int, int]
 
     @classmethod
-    def of(cls, source_mask: Mask, target_mask: Mask, tile: Tile) -> Cover:
+    def of(cls, source_mask: Bool, target_mask: Bool, tile: Tile) -> Cover:
         """Return the way in which the largest rectangle inside a mask covers another mask.
 
         Along each axis: if the rectangle is at least as long as the target's bounding box, its
@@ -200,12 +196,12 @@ class Cover:
         """Return the placement; ``copies`` are those of `cut`, None if nothing is cut."""
         (rows, columns), (_, _, width, height) = self.size, self.window
 
-        def numbers(part: slice) -> Whole:
+        def numbers(part: slice) -> Int32:
             down = np.arange(part.start, part.stop) // height * self.tiles[0]
             return (down[:, None] + np.arange(columns) // width).astype(np.int32)
 
-        def cut(part: slice) -> Whole:
-            found: Whole = (numbers if copies is None else copies.__getitem__)(part)[:, :columns]
+        def cut(part: slice) -> Int32:
+            found: Int32 = (numbers if copies is None else copies.__getitem__)(part)[:, :columns]
             return found
 
         known = ComputedRows((rows, columns), np.dtype(np.int32), cut)
@@ -219,7 +215,7 @@ def _along(start: int, length: int, need: int, overlap: int) -> tuple[int, int, 
     return start, length, -(-(need - overlap) // (length - overlap)), overlap
 
 
-def place_at(source_mask: Mask, target_mask: Mask, at: tuple[int, int]) -> Placement:
+def place_at(source_mask: Bool, target_mask: Bool, at: tuple[int, int]) -> Placement:
     """Place a source's first pixel on a pixel (column, row) of the target.
 
     Raises
@@ -248,7 +244,7 @@ def place_at(source_mask: Mask, target_mask: Mask, at: tuple[int, int]) -> Place
     return Cover(window, (x, y), one, (1, 1), (0, 0)).placement("plain", None)
 
 
-def largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
+def largest_rectangle(mask: Bool) -> tuple[int, int, int, int]:
     """Return (column, row, width, height) of the largest rectangle inside a mask.
 
     If several are equally large, the first in reading order of the lower right corners is returned.
@@ -259,7 +255,7 @@ def largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
 
 
 @numba.njit(cache=True)
-def _largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
+def _largest_rectangle(mask: Bool) -> tuple[int, int, int, int]:
     # Find the largest rectangle in each row's histogram of vertical pixel runs with a stack of
     # increasing bars: each bar is pushed and popped once.
     rows, columns = mask.shape
@@ -287,7 +283,7 @@ def _largest_rectangle(mask: Mask) -> tuple[int, int, int, int]:
 
 
 @numba.njit(cache=True)
-def _cut_row(rectangle: Float, overlaps: tuple[int, int], row: int, copies: Whole) -> None:
+def _cut_row(rectangle: Float32, overlaps: tuple[int, int], row: int, copies: Int32) -> None:
     """Place one row of overlapping copies of a rectangle, joined along minimum-error cuts.
 
     Parameters
@@ -330,18 +326,18 @@ def _cut_row(rectangle: Float, overlaps: tuple[int, int], row: int, copies: Whol
 
 @numba.njit(cache=True)
 def _lay(
-    normals: Float,
-    mask: Mask,
-    room: Mask,
-    copies: Whole,
+    normals: Float32,
+    mask: Bool,
+    room: Bool,
+    copies: Int32,
     row: int,
     across: int,
     source: tuple[int, int, int],
     stride: int,
     left: int,
     mirrored: bool,
-    out: Float,
-    known: Mask,
+    out: Float32,
+    known: Bool,
 ) -> None:
     """Fill the pixels of one row of copies in some rows of a target.
 

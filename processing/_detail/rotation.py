@@ -11,15 +11,13 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._detail.separation_kernels import turn
 from rig import in_threads
+from rig.arrays import Float32
 
-Normals = npt.NDArray[np.float32]
 
-
-def _turned(vectors: Normals, poles: Normals, sign: float) -> Normals:
+def _turned(vectors: Float32, poles: Float32, sign: float) -> Float32:
     flat = (vectors.shape[0], -1)
     out = np.zeros(vectors.shape, np.float32)
     in_threads(
@@ -33,7 +31,7 @@ def _turned(vectors: Normals, poles: Normals, sign: float) -> Normals:
     return out
 
 
-def rotate_to_z(vectors: Normals, poles: Normals) -> Normals:
+def rotate_to_z(vectors: Float32, poles: Float32) -> Float32:
     """Apply to each vector the shortest rotation that takes its pole to z = (0, 0, 1).
 
     With the shape component as the pole, the result is the detail component (eq. ``eq_detail_form``
@@ -56,7 +54,7 @@ def rotate_to_z(vectors: Normals, poles: Normals) -> Normals:
     return _turned(vectors, poles, 1.0)
 
 
-def rotate_from_z(vectors: Normals, poles: Normals) -> Normals:
+def rotate_from_z(vectors: Float32, poles: Float32) -> Float32:
     """Apply to each vector the shortest rotation that takes z to its pole.
 
     This is the inverse of `rotate_to_z` (eq. ``eq_transfer``). The error of a round trip is below
@@ -79,7 +77,7 @@ def rotate_from_z(vectors: Normals, poles: Normals) -> Normals:
 
 @numba.njit(nogil=True, cache=True)
 def _rotate_between(
-    first: int, last: int, vectors: Normals, starts: Normals, ends: Normals, out: Normals
+    first: int, last: int, vectors: Float32, starts: Float32, ends: Float32, out: Float32
 ) -> None:
     for r in range(first, last):
         for c in range(out.shape[1]):
@@ -117,7 +115,7 @@ def _rotate_between(
             out[r, c, 2] = cosine * z + vx * y - vy * x + along * vz
 
 
-def rotate_between(vectors: Normals, starts: Normals, ends: Normals) -> Normals:
+def rotate_between(vectors: Float32, starts: Float32, ends: Float32) -> Float32:
     """Apply to each vector the shortest rotation that takes its start to its end.
 
     Parameters

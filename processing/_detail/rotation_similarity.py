@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap
 from rig import in_threads
-
-Double = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float32, Float64
 
 # Below this squared sine a normal counts as opposite to z: its rotation axis would be 0/0.
 _OPPOSITE = 1e-30
@@ -74,7 +72,7 @@ def rotation_similarity(shape: NormalMap, w: int = 5) -> RotationSimilarity:
 
 
 @numba.njit(cache=True)
-def _to_z(x: float, y: float, z: float, out: Double) -> None:
+def _to_z(x: float, y: float, z: float, out: Float64) -> None:
     """Write the shortest rotation of a unit vector to z."""
     sine2 = x * x + y * y
     if z < 0 and sine2 < _OPPOSITE:
@@ -91,10 +89,10 @@ def _to_z(x: float, y: float, z: float, out: Double) -> None:
 def _similarity(
     first: int,
     last: int,
-    normals: npt.NDArray[np.float32],
-    mask: npt.NDArray[np.bool_],
+    normals: Float32,
+    mask: Bool,
     w: int,
-    sums: Double,
+    sums: Float64,
 ) -> None:
     """Write, for each row, the sums of the window means of angle, 1-, 2- and infinity-norm."""
     height, width = mask.shape

@@ -8,14 +8,10 @@ from dataclasses import dataclass
 import cv2
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Int32
 
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 # Rows whose steps are measured at once.
@@ -27,13 +23,13 @@ _NEIGHBOURS = (
 )
 
 
-def seam_of(region: Mask, target: Mask) -> Mask:
+def seam_of(region: Bool, target: Bool) -> Bool:
     """Return the pixels of a region that have a neighbour in the target but not in the region."""
     around = cv2.dilate((target & ~region).astype(np.uint8), _CROSS)
     return region & (around > 0)
 
 
-def blend_detail(inner: NormalMap, outer: NormalMap, region: Mask, reach_px: float) -> Float:
+def blend_detail(inner: NormalMap, outer: NormalMap, region: Bool, reach_px: float) -> Float32:
     """Insert one detail into another without a step at the seam.
 
     This is Poisson image editing (Perez et al., 2003) on the sphere. The logarithm map takes both
@@ -59,7 +55,9 @@ def blend_detail(inner: NormalMap, outer: NormalMap, region: Mask, reach_px: flo
     return blend_from(inner.normals, outer.normals, seam_of(region, outer.mask), region, reach_px)
 
 
-def blend_from(inner: Float, outer: Float, seam: Mask, region: Mask, reach_px: float) -> Float:
+def blend_from(
+    inner: Float32, outer: Float32, seam: Bool, region: Bool, reach_px: float
+) -> Float32:
     """Insert vectors into a region as `blend_detail` does, with a given seam.
 
     Parameters
@@ -102,7 +100,7 @@ class SeamSteps:
         return self.seam_deg / self.interior_deg if self.interior_deg else math.nan
 
 
-def seam_steps(result: NormalMap, region: Mask) -> SeamSteps:
+def seam_steps(result: NormalMap, region: Bool) -> SeamSteps:
     """Measure the mean angle between neighbouring normals across a region's seam and inside it.
 
     A step is NaN if the region has no seam, or no pixel inside the seam.
@@ -110,7 +108,7 @@ def seam_steps(result: NormalMap, region: Mask) -> SeamSteps:
     seam = seam_of(region, result.mask)
     inside = region & ~seam
     pairs = {"out": (seam, result.mask & ~region), "in": (seam, inside), "inner": (inside, inside)}
-    steps: dict[str, list[Double]] = {name: [] for name in pairs}
+    steps: dict[str, list[Float64]] = {name: [] for name in pairs}
     for first, second in _NEIGHBOURS:
         turn = angle_deg(result.normals[first], result.normals[second])
         for name, (a, b) in pairs.items():
@@ -119,7 +117,7 @@ def seam_steps(result: NormalMap, region: Mask) -> SeamSteps:
     return SeamSteps(float(np.fmax(outwards, inwards)), inner)
 
 
-def border_steps(detail: NormalMap, labels: npt.NDArray[np.int32]) -> SeamSteps:
+def border_steps(detail: NormalMap, labels: Int32) -> SeamSteps:
     """Measure the mean angle between neighbouring normals of different copies and of the same.
 
     Parameters
@@ -139,7 +137,7 @@ def border_steps(detail: NormalMap, labels: npt.NDArray[np.int32]) -> SeamSteps:
     return steps_of_sums(np.concatenate(sums))
 
 
-def border_sums(normals: Float, known: Mask, labels: npt.NDArray[np.int32]) -> Double:
+def border_sums(normals: Float32, known: Bool, labels: Int32) -> Float64:
     """Return the sums that `steps_of_sums` needs for rows of a placed detail.
 
     Parameters
@@ -164,17 +162,17 @@ def border_sums(normals: Float, known: Mask, labels: npt.NDArray[np.int32]) -> D
     return sums
 
 
-def steps_of_sums(sums: Double) -> SeamSteps:
+def steps_of_sums(sums: Float64) -> SeamSteps:
     """Return the mean steps of the rows of `border_sums`; NaN without any."""
     across, crossed, inside, same = (float(np.ascontiguousarray(s).sum()) for s in sums.T)
     return SeamSteps(across / crossed if crossed else math.nan, inside / same if same else math.nan)
 
 
-def _mean(values: Double) -> float:
+def _mean(values: Float64) -> float:
     return float(values.mean()) if values.size else float("nan")
 
 
-def _logarithm(vectors: Float) -> Double:
+def _logarithm(vectors: Float32) -> Float64:
     """Return ``(H, W, 2)`` tangent vectors at z: their length is the angle to z in radians."""
     x, y, z = (vectors[..., k].astype(np.float64) for k in range(3))
     sine = np.hypot(x, y)
@@ -183,14 +181,14 @@ def _logarithm(vectors: Float) -> Double:
     return np.stack([np.where((sine == 0) & (z < 0), np.pi, x * factor), y * factor], axis=2)
 
 
-def _exponential(tangents: Double) -> Float:
+def _exponential(tangents: Float64) -> Float32:
     angle = np.hypot(tangents[..., 0], tangents[..., 1])
     factor = np.sinc(angle / np.pi)
     out = np.dstack([tangents * factor[..., None], np.cos(angle)])
     return out.astype(np.float32)
 
 
-def _membrane(step: Double, seam: Mask, region: Mask, reach_px: float) -> Double:
+def _membrane(step: Float64, seam: Bool, region: Bool, reach_px: float) -> Float64:
     """Solve (Laplacian - 1 / reach^2) u = 0 inside a region with u = step on its seam.
 
     The boundary of the region outside the seam is free. One sweep of red-black over-relaxation with
@@ -212,7 +210,7 @@ def _membrane(step: Double, seam: Mask, region: Mask, reach_px: float) -> Double
 
 
 @numba.njit(parallel=True, cache=True)
-def _relax(u: Double, linked: Mask, free: Mask, screen: float, factor: float, colour: int) -> None:
+def _relax(u: Float64, linked: Bool, free: Bool, screen: float, factor: float, colour: int) -> None:
     rows, columns = free.shape
     for r in numba.prange(1, rows - 1):
         for c in range(1 + (r + colour) % 2, columns - 1, 2):

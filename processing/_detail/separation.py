@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Form, MapRows, Maps
 from processing._detail.rotation import rotate_from_z, rotate_to_z
@@ -17,10 +16,7 @@ from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
 from processing._stages.stage import Need, NormalRows, Size, Step, size_of
 from rig import Progress, no_progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Sums = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float32, Float64
 
 # The interpreter, libraries and compiled kernels.
 _FIXED = 330_000_000
@@ -93,14 +89,14 @@ class SeparationStage:
         return [Step("split", len(mask), split, most), Step("judge", len(mask), judge, most)]
 
     @staticmethod
-    def separability_deg(maps: Maps, mask: Mask) -> float:
+    def separability_deg(maps: Maps, mask: Bool) -> float:
         """Return the mean angle of `Separation.separability_deg`."""
         return float(maps["sums"][:].sum() / np.count_nonzero(mask))
 
 
 def separate_rows(
-    normals: MapRows, mask: Mask, rows: slice, *, shape_filter: ShapeFilter = ShapeFilter()
-) -> tuple[Float, Float]:
+    normals: MapRows, mask: Bool, rows: slice, *, shape_filter: ShapeFilter = ShapeFilter()
+) -> tuple[Float32, Float32]:
     """Return shape and detail of some rows of a normal map.
 
     The filter is local: it reads `ShapeFilter.margin` rows above and below, too. Rows are equal to
@@ -229,7 +225,7 @@ class Separation:
         return f"Separation({self.shape!r}, {self.shape_filter!r})"
 
     @cached_property
-    def separability_map_deg(self) -> npt.NDArray[np.float32]:
+    def separability_map_deg(self) -> Float32:
         """``(H, W)`` angle between the shape component of the detail and z, NaN outside the mask.
 
         0 means that the detail contains no shape (the paper's detail separability).
@@ -245,7 +241,7 @@ class Separation:
         return float(sums_of_rows(self.separability_map_deg, mask).sum() / np.count_nonzero(mask))
 
 
-def sums_of_rows(values: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> Sums:
+def sums_of_rows(values: Float32, mask: Bool) -> Float64:
     """Return the sum of each row over a mask, which does not depend on the other rows."""
     return np.asarray(np.where(mask, values, np.float32(0)).sum(axis=1, dtype=np.float64))
 
@@ -356,7 +352,7 @@ def combine(shape: NormalMap, detail: NormalMap) -> NormalMap:
     return NormalMap.of_unit_vectors(rotate_from_z(detail.normals, shape.normals), mask)
 
 
-def _common_mask(name: str, normal_map: NormalMap, shape: NormalMap) -> npt.NDArray[np.bool_]:
+def _common_mask(name: str, normal_map: NormalMap, shape: NormalMap) -> Bool:
     check_normal_map("shape", shape)
     check_normal_map(name, normal_map)
     what = "a normal map" if name == "normal_map" else f"a {name}"

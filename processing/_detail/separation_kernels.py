@@ -12,10 +12,8 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 _ROWS, _COLUMNS = 128, 512
 # Below this squared sine two vectors count as opposite: the rotation axis would be 0/0.
@@ -27,7 +25,7 @@ _FAST = {"contract"}
 
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _turn_row(vectors: Float, poles: Float, sign: float, out: Float) -> None:
+def _turn_row(vectors: Float32, poles: Float32, sign: float, out: Float32) -> None:
     """Rotate a flat row by the rotations from its poles to z (sign 1) or back (sign -1).
 
     The arithmetic is float64, so the only error of a round trip is the rounding of the
@@ -59,7 +57,9 @@ def _turn_row(vectors: Float, poles: Float, sign: float, out: Float) -> None:
 
 
 @numba.njit(nogil=True, cache=True)
-def turn(first: int, last: int, vectors: Float, poles: Float, sign: float, out: Float) -> None:
+def turn(
+    first: int, last: int, vectors: Float32, poles: Float32, sign: float, out: Float32
+) -> None:
     """Rotate ``(H, 3 W)`` vectors row by row; see `_turn_row`."""
     for r in range(first, last):
         _turn_row(vectors[r], poles[r], sign, out[r])
@@ -73,29 +73,29 @@ def _mirrored(i: int, length: int) -> int:
 
 
 @numba.njit(cache=True, fastmath=_FAST)
-def _scaled(a: Float, k: np.float32, out: Float) -> None:
+def _scaled(a: Float32, k: np.float32, out: Float32) -> None:
     for i in range(out.size):
         out[i] = k * a[i]
 
 
 @numba.njit(cache=True, fastmath=_FAST)
-def _add_pair(a: Float, b: Float, k: float, out: Float) -> None:
+def _add_pair(a: Float32, b: Float32, k: float, out: Float32) -> None:
     for i in range(out.size):
         out[i] += k * (a[i] + b[i])
 
 
 @numba.njit(cache=True, fastmath=_FAST)
 def _add_four_pairs(
-    a: Float,
-    b: Float,
-    c: Float,
-    d: Float,
-    e: Float,
-    f: Float,
-    g: Float,
-    h: Float,
-    k: Float,
-    out: Float,
+    a: Float32,
+    b: Float32,
+    c: Float32,
+    d: Float32,
+    e: Float32,
+    f: Float32,
+    g: Float32,
+    h: Float32,
+    k: Float32,
+    out: Float32,
 ) -> None:
     # Four pairs at a time reduce the number of reads and writes of the sum.
     k0, k1, k2, k3 = k[0], k[1], k[2], k[3]
@@ -104,7 +104,7 @@ def _add_four_pairs(
 
 
 @numba.njit(cache=True)
-def _convolve(values: Float, middle: int, step: int, kernel: Float, out: Float) -> None:
+def _convolve(values: Float32, middle: int, step: int, kernel: Float32, out: Float32) -> None:
     """Smooth the values from index `middle` onwards; neighbouring pixels are `step` apart."""
     n, radius = out.size, kernel.size - 1
     _scaled(values[middle : middle + n], kernel[0], out)
@@ -129,8 +129,8 @@ def _convolve(values: Float, middle: int, step: int, kernel: Float, out: Float) 
 
 @numba.njit(cache=True)
 def _across(
-    image: Float, width: int, kernel: Float, top: int, bottom: int, left: int, right: int
-) -> Float:
+    image: Float32, width: int, kernel: Float32, top: int, bottom: int, left: int, right: int
+) -> Float32:
     """Smooth across the rows of a tile and the rows above and below that its columns require."""
     radius = kernel.size - 1
     # Not a constant argument: numba would compile everything below once for each constant.
@@ -154,14 +154,14 @@ def _across(
 
 
 @numba.njit(cache=True)
-def _down(smooth: Float, r: int, kernel: Float, out: Float) -> None:
+def _down(smooth: Float32, r: int, kernel: Float32, out: Float32) -> None:
     """Smooth down the columns at row r of a tile."""
     middle = (r + kernel.size - 1) * out.size
     _convolve(smooth.reshape(-1), middle, out.size, kernel, out)
 
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _direct_row(mean: Float, normals: Float, mask: Mask, out: Float) -> None:
+def _direct_row(mean: Float32, normals: Float32, mask: Bool, out: Float32) -> None:
     """Normalise means to unit length; use the normal itself if the mean cancelled out."""
     for c in range(mask.size):
         i = 3 * c
@@ -177,14 +177,14 @@ def _direct_row(mean: Float, normals: Float, mask: Mask, out: Float) -> None:
         out[i + 2] = np.float32(z if mask[c] else 0.0)
 
 
-def tiles(mask: Mask) -> int:
+def tiles(mask: Bool) -> int:
     """Return the number of tiles of an image."""
     rows, columns = mask.shape
     return int(-(-rows // _ROWS) * -(-columns // _COLUMNS))
 
 
 @numba.njit(cache=True)
-def _tile(mask: Mask, number: int) -> tuple[int, int, int, int]:
+def _tile(mask: Bool, number: int) -> tuple[int, int, int, int]:
     """Return the row and column limits of a tile, without rows if it is outside the mask."""
     over = -(-mask.shape[1] // _COLUMNS)
     top, left = number // over * _ROWS, number % over * _COLUMNS
@@ -196,7 +196,13 @@ def _tile(mask: Mask, number: int) -> tuple[int, int, int, int]:
 
 @numba.njit(nogil=True, cache=True)
 def separate_once(
-    first: int, last: int, normals: Float, mask: Mask, kernel: Float, shape: Float, detail: Float
+    first: int,
+    last: int,
+    normals: Float32,
+    mask: Bool,
+    kernel: Float32,
+    shape: Float32,
+    detail: Float32,
 ) -> None:
     """Write shape and detail of tiles in one pass for a filter that is applied once.
 
@@ -226,7 +232,9 @@ def separate_once(
 
 
 @numba.njit(nogil=True, cache=True)
-def gains(first: int, last: int, mask: Mask, weights: Float, kernel: Float, out: Float) -> None:
+def gains(
+    first: int, last: int, mask: Bool, weights: Float32, kernel: Float32, out: Float32
+) -> None:
     """Write factors ``(H, W)`` of a smoothed image in tiles: 1 / weight, 0 outside the mask."""
     for number in range(first, last):
         top, bottom, left, right = _tile(mask, number)
@@ -241,7 +249,7 @@ def gains(first: int, last: int, mask: Mask, weights: Float, kernel: Float, out:
 
 
 @numba.njit(cache=True, fastmath=_FAST)
-def _rest_row(rest: Float, mean: Float, gain: Float, out: Float) -> None:
+def _rest_row(rest: Float32, mean: Float32, gain: Float32, out: Float32) -> None:
     for c in range(gain.size):
         i = 3 * c
         out[i] = rest[i] - gain[c] * mean[i]
@@ -251,7 +259,7 @@ def _rest_row(rest: Float, mean: Float, gain: Float, out: Float) -> None:
 
 @numba.njit(nogil=True, cache=True)
 def leave(
-    first: int, last: int, mask: Mask, rest: Float, gain: Float, kernel: Float, out: Float
+    first: int, last: int, mask: Bool, rest: Float32, gain: Float32, kernel: Float32, out: Float32
 ) -> None:
     """Write the ``(H, 3 W)`` rest of tiles minus its smooth part, with factors from `gains`."""
     for number in range(first, last):
@@ -267,7 +275,9 @@ def leave(
 
 
 @numba.njit(nogil=True, cache=True)
-def finish(first: int, last: int, normals: Float, mask: Mask, shape: Float, detail: Float) -> None:
+def finish(
+    first: int, last: int, normals: Float32, mask: Bool, shape: Float32, detail: Float32
+) -> None:
     """Write shape and detail of rows; `detail` contains the normals minus their smooth part."""
     for r in range(first, last):
         smooth = np.zeros(normals.shape[1], np.float32)

@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._detail.choices import FILTER_KINDS, FilterKind
 from processing._detail.separation_kernels import finish, gains, leave, separate_once, tiles
 from processing._normal_map import NormalMap
 from rig import Progress, in_threads, no_progress
+from rig.arrays import Bool, Float32
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 EdgeAware = Literal["guided", "bilateral"]
 
 # Chosen on synthetic scenes with occlusions, folds and weak to strong relief (w of 3, 5 and 8), as
@@ -77,7 +75,7 @@ class ShapeFilter:
         return self.w / 2 * math.sqrt(math.log(1 - 0.5 ** (1 / self.passes)) / math.log(0.5))
 
     @property
-    def _kernel(self) -> Float:
+    def _kernel(self) -> Float32:
         """Right half of the kernel, the centre first; the sum of the complete kernel is 1."""
         if self.kind == "box":
             return np.full(self.w + 1, 1 / (2 * self.w + 1), np.float32)
@@ -167,12 +165,12 @@ class ShapeFilter:
 
     def _repeat(
         self,
-        normals: Float,
-        mask: npt.NDArray[np.bool_],
-        shape: Float,
-        detail: Float,
+        normals: Float32,
+        mask: Bool,
+        shape: Float32,
+        detail: Float32,
         on_progress: Progress,
-    ) -> tuple[Float, Float]:
+    ) -> tuple[Float32, Float32]:
         kernel, gain = self._kernel, np.zeros(mask.shape, np.float32)
         in_threads(gains, tiles(mask), mask, mask.astype(np.float32), kernel, gain)
         # The two outputs hold the rest alternately, so no other buffer is required.
@@ -187,7 +185,9 @@ class ShapeFilter:
         return shape, detail
 
 
-def _leave_within_edges(kind: EdgeAware, normals: Float, mask: Mask, guide: Float, w: int) -> Float:
+def _leave_within_edges(
+    kind: EdgeAware, normals: Float32, mask: Bool, guide: Float32, w: int
+) -> Float32:
     """Return the rest of the normals after smoothing that does not cross the edges of the guide.
 
     At an occlusion, a Gaussian mixes the normals of the two surfaces, which leaves a bright seam in
@@ -230,7 +230,7 @@ def _edge_reach(kind: FilterKind, w: int) -> int:
     return 4 * round(_GUIDED_REACH * w) if kind == "guided" else 3 * _bilateral_reach(w)
 
 
-def _smooth(kind: EdgeAware, vectors: Float, mask: Mask, guide: Float, w: int) -> Float:
+def _smooth(kind: EdgeAware, vectors: Float32, mask: Bool, guide: Float32, w: int) -> Float32:
     import cv2  # late: other filters do not wait for it
 
     smooth = (
@@ -242,7 +242,7 @@ def _smooth(kind: EdgeAware, vectors: Float, mask: Mask, guide: Float, w: int) -
     return np.where(mask[..., None], np.asarray(smooth, np.float32), np.float32(0))
 
 
-def _bilateral(guide: Float, vectors: Float, w: int) -> Float:
+def _bilateral(guide: Float32, vectors: Float32, w: int) -> Float32:
     """Smooth vectors with weights that do not depend on the part of a map that is given."""
     import cv2
 

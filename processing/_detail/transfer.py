@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import MemoryMaps
 from processing._detail.choices import Tile
@@ -20,9 +19,7 @@ from processing._metrics import angle_map_deg
 from processing._normal_map import NormalMap, check_normal_map
 from processing._stages.stage import run_steps
 from rig import Progress, no_progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +44,12 @@ class TransferFidelity:
         return f"TransferFidelity({self.result!r})"
 
     @cached_property
-    def shape_error_deg(self) -> Float:
+    def shape_error_deg(self) -> Float32:
         """``(H, W)`` angle between the intended shape and the shape of the result, NaN outside."""
         return angle_map_deg(self.shape.normals, self.result.shape.normals, self.detail.mask)
 
     @cached_property
-    def detail_error_deg(self) -> Float:
+    def detail_error_deg(self) -> Float32:
         """``(H, W)`` angle between the intended and the resulting detail, NaN outside."""
         return angle_map_deg(self.detail.normals, self.result.detail.normals, self.detail.mask)
 
@@ -67,7 +64,7 @@ class TransferFidelity:
         return _mean(self.detail_error_deg, self.detail.mask)
 
 
-def _mean(values: Float, mask: Mask) -> float:
+def _mean(values: Float32, mask: Bool) -> float:
     return float(sums_of_rows(values, mask).sum() / np.count_nonzero(mask))
 
 

@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Form, MapRows, Maps, MapToFill
 from processing._detail.choices import Tile
@@ -29,10 +28,7 @@ from processing._metrics import Protocol, angle_map_deg, mean_similarity, simila
 from processing._normal_map import NormalMap, directions
 from processing._stages.stage import Need, NormalRows, Size, Step, size_of
 from rig import in_threads
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float32, Float64
 
 # Rows of a map that the similarity of a row needs above and below.
 AROUND = 5
@@ -68,18 +64,18 @@ class _PlacedDetail:
     """
 
     normals: MapRows
-    mask: Mask
-    room: Mask
+    mask: Bool
+    room: Bool
     placement: Placement
     amplitude: float
 
-    def rows(self, rows: slice) -> tuple[Float, Mask]:
+    def rows(self, rows: slice) -> tuple[Float32, Bool]:
         """Return the normals of some rows, and which pixels of the target receive detail."""
         placed = self.placement.place_rows(self.normals, self.mask, self.room, rows)
         return _scaled_slopes(*placed, self.amplitude)
 
 
-def _scaled_slopes(normals: Float, mask: Mask, amplitude: float) -> tuple[Float, Mask]:
+def _scaled_slopes(normals: Float32, mask: Bool, amplitude: float) -> tuple[Float32, Bool]:
     """Return rows of a detail with its slopes multiplied by a factor, and where they are known."""
     if amplitude == 1:
         return normals, mask
@@ -216,7 +212,7 @@ class TransferFigures:
     pixels: int
 
     @classmethod
-    def of_sums(cls, sums: Double, received: Mask) -> TransferFigures:
+    def of_sums(cls, sums: Float64, received: Bool) -> TransferFigures:
         """Return the figures of the sums ``(H, COLUMNS)`` of all rows."""
         pixels = int(np.count_nonzero(received))
         columns = [np.ascontiguousarray(column) for column in sums.T]
@@ -241,14 +237,14 @@ class TransferFigures:
         )
 
 
-def _error_sums(errors: tuple[Float, Float], received: Mask) -> Double:
+def _error_sums(errors: tuple[Float32, Float32], received: Bool) -> Float64:
     """Return ``(n, 2)`` sums over rows of two maps of errors."""
     return np.stack([sums_of_rows(values, received) for values in errors], axis=1)
 
 
 def _similarity_sums(
-    pairs: tuple[tuple[Float, Float], tuple[Float, Float]], mask: Mask, received: Mask
-) -> Double:
+    pairs: tuple[tuple[Float32, Float32], tuple[Float32, Float32]], mask: Bool, received: Bool
+) -> Float64:
     """Return ``(n, 4)`` sums over rows of the similarities of shapes and of details.
 
     Parameters
@@ -356,7 +352,7 @@ class TransferStage:
     def _is_cut(self) -> bool:
         return self.at is None and self.tile == "cut"
 
-    def placement(self, maps: Maps, source: Mask, target: Mask) -> Placement:
+    def placement(self, maps: Maps, source: Bool, target: Bool) -> Placement:
         """Return the position of the source on the target, given their masks.
 
         Raises
@@ -469,8 +465,8 @@ class TransferStage:
         maps["sums"][rows] = np.concatenate(sums, axis=1)
 
     def _border_sums(
-        self, placement: Placement, placed: Float, received: Mask, inner: slice, wide: slice
-    ) -> npt.NDArray[np.float64]:
+        self, placement: Placement, placed: Float32, received: Bool, inner: slice, wide: slice
+    ) -> Float64:
         count = inner.stop - inner.start
         if placement.tiles == (1, 1):
             return np.zeros((count, 4))
@@ -480,14 +476,14 @@ class TransferStage:
         labels = placement.label_rows(of_target, placed.shape[1])
         return border_sums(placed[rows], received[rows], labels)[:count]
 
-    def figures(self, maps: Maps, target: Mask) -> TransferFigures:
+    def figures(self, maps: Maps, target: Bool) -> TransferFigures:
         """Return the figures after all rows were measured."""
         return TransferFigures.of_sums(maps["sums"][:], maps["received"][:] & target)
 
 
 def _errors(
-    wanted: tuple[Float, Float], has: tuple[Float, Float], inner: slice, received: Mask
-) -> tuple[Float, Float]:
+    wanted: tuple[Float32, Float32], has: tuple[Float32, Float32], inner: slice, received: Bool
+) -> tuple[Float32, Float32]:
     """Return the angles between what is wanted and what there is, of shapes and of details."""
     shape, detail = (
         angle_map_deg(a[inner], b[inner], received) for a, b in zip(wanted, has, strict=True)

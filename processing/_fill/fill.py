@@ -8,7 +8,6 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._detail.rotation import rotate_from_z, rotate_to_z
@@ -18,9 +17,7 @@ from processing._fill.quilted import fill_detail
 from processing._normal_map import NormalMap, check_normal_map
 from processing._surface.multigrid import coarsened, solve
 from rig import Progress, no_progress, pluralize
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 _TOLERANCE = 1e-7
 _LEAST_PATCH = 6
@@ -47,8 +44,8 @@ class FilledHoles:
     """
 
     normal_map: NormalMap
-    holes: Mask
-    surroundings: Mask
+    holes: Bool
+    surroundings: Bool
     shape: NormalMap
     detail: NormalMap
     patch: int
@@ -76,7 +73,7 @@ class FilledHoles:
 
 def fill_holes(
     normal_map: NormalMap,
-    holes: Mask,
+    holes: Bool,
     *,
     patch: int = 12,
     overlap: int | None = None,
@@ -159,7 +156,7 @@ def fill_holes(
     )
 
 
-def _checked(normal_map: NormalMap, holes: Mask, patch: int, overlap: int, seed: int) -> Mask:
+def _checked(normal_map: NormalMap, holes: Bool, patch: int, overlap: int, seed: int) -> Bool:
     """Check the arguments and return where normals are known."""
     height, width = normal_map.size
     if holes.dtype != np.bool_ or holes.shape != normal_map.size:
@@ -199,7 +196,7 @@ def _checked(normal_map: NormalMap, holes: Mask, patch: int, overlap: int, seed:
     return known
 
 
-def _continued_shape(given: NormalMap, holes: Mask, shape_filter: ShapeFilter) -> Float:
+def _continued_shape(given: NormalMap, holes: Bool, shape_filter: ShapeFilter) -> Float32:
     """Return the shape component, continued into the holes."""
     shape = _harmonic_normals(shape_filter.shape(given).normals, given.mask, holes)
     for _ in range(_ROUNDS):
@@ -209,13 +206,13 @@ def _continued_shape(given: NormalMap, holes: Mask, shape_filter: ShapeFilter) -
     return shape
 
 
-def _mean_angle_deg(detail: NormalMap, part: Mask) -> float:
+def _mean_angle_deg(detail: NormalMap, part: Bool) -> float:
     known = detail.normals[part]
     angles = np.arctan2(np.hypot(known[:, 0], known[:, 1]), known[:, 2])
     return math.degrees(float(np.mean(angles, dtype=np.float64)))
 
 
-def _harmonic_normals(normals: Float, known: Mask, holes: Mask) -> Float:
+def _harmonic_normals(normals: Float32, known: Bool, holes: Bool) -> Float32:
     """Continue unit vectors into holes, n_x and n_y as harmonic functions.
 
     Both solve Laplace's equation with the known vectors around the holes; where a hole meets pixels
@@ -245,7 +242,7 @@ def _harmonic_normals(normals: Float, known: Mask, holes: Mask) -> Float:
     return continued
 
 
-def _solved(normals: Float, known: Mask, holes: Mask) -> Float:
+def _solved(normals: Float32, known: Bool, holes: Bool) -> Float32:
     inside, given = np.pad(holes, 1), np.pad(known, 1)
     right, down = np.zeros(inside.shape, np.float32), np.zeros(inside.shape, np.float32)
     right[:, :-1] = inside[:, :-1] & inside[:, 1:]

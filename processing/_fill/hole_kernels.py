@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._cuts.minimum_cuts import taken_pixels
 from processing._synthesis.patch_search import stream
+from rig.arrays import Float32, Float64, Int32, UInt8
 
-# Compiled in: processing/_cuts/minimum_cuts.py 599a21c2471f
-# Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
-Bytes = npt.NDArray[np.uint8]
+# Compiled in: processing/_cuts/minimum_cuts.py bb2f904075fe
+# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
 
 _FAST = {"contract", "reassoc"}
 # States of pixels; 0 is outside the object.
@@ -28,7 +23,7 @@ _STEPS = (4, 2, 1, 1)
 
 
 @numba.njit(cache=True)
-def _compared(state: Bytes, top: int, left: int, side: int, band: int) -> Whole:
+def _compared(state: UInt8, top: int, left: int, side: int, band: int) -> Int32:
     """Return the rows and columns in a window of the pixels that a patch must continue.
 
     They have a vector, and are at most `band` rows and columns away from a pixel of a hole.
@@ -58,7 +53,7 @@ def _compared(state: Bytes, top: int, left: int, side: int, band: int) -> Whole:
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _cost(
-    pixels: Whole, there: Float, slopes: Float, y: int, x: int, ground: float, step: int
+    pixels: Int32, there: Float32, slopes: Float32, y: int, x: int, ground: float, step: int
 ) -> float:
     """Return the cost of continuing the compared pixels by the patch at (y, x)."""
     difference, energy = np.float32(0), np.float32(0)
@@ -72,7 +67,7 @@ def _cost(
 
 
 @numba.njit(cache=True)
-def _ground(there: Float, mean_energy: float, step: int) -> float:
+def _ground(there: Float32, mean_energy: float, step: int) -> float:
     energy, count = 0.0, 0
     for i in range(0, there.shape[0], step):
         energy += there[i, 0] ** 2 + there[i, 1] ** 2
@@ -82,12 +77,12 @@ def _ground(there: Float, mean_energy: float, step: int) -> float:
 
 @numba.njit(cache=True)
 def _find(
-    pixels: Whole,
-    there: Float,
-    slopes: Float,
-    starts: Whole,
-    classes: Whole,
-    penalty: Double,
+    pixels: Int32,
+    there: Float32,
+    slopes: Float32,
+    starts: Int32,
+    classes: Int32,
+    penalty: Float64,
     mean_energy: float,
     candidates: int,
     seed: int,
@@ -136,17 +131,17 @@ def _find(
 
 @numba.njit(cache=True)
 def quilt_holes(
-    sheet: Float,
-    state: Bytes,
-    sources: Whole,
-    windows: Whole,
+    sheet: Float32,
+    state: UInt8,
+    sources: Int32,
+    windows: Int32,
     band: int,
     side: int,
-    vectors: Float,
-    slopes: Float,
-    starts: Whole,
-    classes: Whole,
-    shares: Double,
+    vectors: Float32,
+    slopes: Float32,
+    starts: Int32,
+    classes: Int32,
+    shares: Float64,
     mean_energy: float,
     candidates: int,
     seed: int,

@@ -8,7 +8,6 @@ from itertools import product
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._detail.seam import blend_from, seam_steps
@@ -16,10 +15,7 @@ from processing._fill.hole_kernels import HOLE, KNOWN, MADE, quilt_holes
 from processing._normal_map import NormalMap
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
 from rig import Progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Whole = npt.NDArray[np.int32]
+from rig.arrays import Bool, Float32, Int32, Intp
 
 _CANDIDATES = 4800
 # The largest factor on slopes that makes a filled hole as steep as its surroundings.
@@ -40,14 +36,14 @@ _STEPS = ((0, 1), (0, -1), (1, 1), (1, -1))
 
 def fill_detail(
     detail: NormalMap,
-    holes: Mask,
+    holes: Bool,
     *,
     patch: int,
     overlap: int,
     seed: int,
     blend_px: float,
     on_progress: Progress,
-) -> tuple[Float, Mask]:
+) -> tuple[Float32, Bool]:
     """Fill holes in a detail component from their surroundings.
 
     Holes that are near each other are filled together. Without texture around it, a hole has no
@@ -103,7 +99,7 @@ def fill_detail(
     return normals, used
 
 
-def _groups(holes: Mask, patch: int) -> Iterator[tuple[Mask, tuple[slice, slice]]]:
+def _groups(holes: Bool, patch: int) -> Iterator[tuple[Bool, tuple[slice, slice]]]:
     """Yield masks of the holes that are less than a patch apart, with their bounding boxes."""
     near = cv2.dilate(holes.astype(np.uint8), np.ones((patch, patch), np.uint8))
     count, labels = cv2.connectedComponents(near, connectivity=8)
@@ -115,8 +111,8 @@ def _groups(holes: Mask, patch: int) -> Iterator[tuple[Mask, tuple[slice, slice]
 
 
 def _surroundings(
-    known: Mask, group: Mask, box: tuple[slice, slice], patch: int
-) -> tuple[tuple[slice, slice], Mask]:
+    known: Bool, group: Bool, box: tuple[slice, slice], patch: int
+) -> tuple[tuple[slice, slice], Bool]:
     """Return a box around holes, and the known pixels in it that patches are taken from."""
     reach = _REACH_PATCHES * patch
     while True:
@@ -140,15 +136,15 @@ def _surroundings(
         reach *= 2
 
 
-def _away(holes: Mask) -> Float:
+def _away(holes: Bool) -> Float32:
     """Return the distance of each pixel to holes in pixels."""
     return np.asarray(cv2.distanceTransform((~holes).astype(np.uint8), cv2.DIST_L2, 3))
 
 
 def _filled(
-    normals: Float,
-    known: Mask,
-    holes: Mask,
+    normals: Float32,
+    known: Bool,
+    holes: Bool,
     exemplar: Exemplar,
     angle: float,
     patch: int,
@@ -156,7 +152,7 @@ def _filled(
     shift: tuple[int, int],
     seed: int,
     blend_px: float,
-) -> Float:
+) -> Float32:
     state = np.zeros(holes.shape, np.uint8)
     state[known], state[holes] = KNOWN, HOLE
     sheet, sources = normals.copy(), np.full(holes.shape, -1, np.int32)
@@ -189,25 +185,25 @@ def _filled(
     return blended
 
 
-def _rim_step_deg(normals: Float, known: Mask, holes: Mask) -> float:
+def _rim_step_deg(normals: Float32, known: Bool, holes: Bool) -> float:
     """Return the mean step across the rim of filled holes, or 0 if they have no rim."""
     step = seam_steps(NormalMap.of_unit_vectors(normals, known), holes).seam_deg
     return 0.0 if math.isnan(step) else step
 
 
-def _mean_angle(vectors: Float) -> float:
+def _mean_angle(vectors: Float32) -> float:
     """Return the mean angle to z in radians of ``(n, 3)`` unit vectors."""
     angles = np.arctan2(np.hypot(vectors[:, 0], vectors[:, 1]), vectors[:, 2])
     return float(np.mean(angles, dtype=np.float64))
 
 
-def _scaled(vectors: Float, factor: float) -> Float:
+def _scaled(vectors: Float32, factor: float) -> Float32:
     """Return unit vectors with their slopes multiplied."""
     longer = vectors * np.array([factor, factor, 1], np.float32)
     return np.asarray(longer / np.linalg.norm(longer, axis=1, keepdims=True), np.float32)
 
 
-def _windows(known: Mask, holes: Mask, patch: int, overlap: int, shift: tuple[int, int]) -> Whole:
+def _windows(known: Bool, holes: Bool, patch: int, overlap: int, shift: tuple[int, int]) -> Int32:
     """Return the windows to fill, from the rim inwards, with the bands that they share.
 
     Their positions are shifted upwards and to the left by up to `shift` pixels.
@@ -240,9 +236,7 @@ def _windows(known: Mask, holes: Mask, patch: int, overlap: int, shift: tuple[in
     return windows
 
 
-def _positions(
-    inside: npt.NDArray[np.intp], length: int, patch: int, overlap: int, shift: int
-) -> Whole:
+def _positions(inside: Intp, length: int, patch: int, overlap: int, shift: int) -> Int32:
     """Return the first pixels of windows that cover holes and an overlap around them."""
     first = max(int(inside[0]) - overlap - shift, 0)
     last = min(int(inside[-1]) + 1 + overlap, length)

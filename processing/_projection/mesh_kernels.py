@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
-Index = npt.NDArray[np.int64]
+from rig.arrays import Bool, Float64, Int32, Int64, UInt64
 
 # Odd constants of which all bits are mixed (Steele et al., SplitMix64, 2014).
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
-def joined_vertices(vertices: Double, used: Mask) -> tuple[Index, Whole]:
+def joined_vertices(vertices: Float64, used: Bool) -> tuple[Int64, Int32]:
     """Give used vertices numbers; those with equal coordinates have the same number.
 
     Parameters
@@ -45,7 +41,7 @@ def _mixed(value: np.uint64) -> np.uint64:
 
 
 @numba.njit(cache=True)
-def _joined_vertices(bits: npt.NDArray[np.uint64], used: Mask, size: int) -> tuple[Index, Whole]:
+def _joined_vertices(bits: UInt64, used: Bool, size: int) -> tuple[Int64, Int32]:
     # A hash table with open addressing, at most half full, of 1 + the number of a position.
     table = np.zeros(size, np.int32)
     last = np.uint64(size - 1)
@@ -74,7 +70,7 @@ def _joined_vertices(bits: npt.NDArray[np.uint64], used: Mask, size: int) -> tup
     return kept[:count].copy(), number
 
 
-def edge_faults(faces: Whole) -> tuple[int, bool]:
+def edge_faults(faces: Int32) -> tuple[int, bool]:
     """Return how many edges have more than two faces, and whether two faces run along one alike.
 
     Neighbours with the same winding traverse their common edge in opposite directions.
@@ -89,7 +85,7 @@ def edge_faults(faces: Whole) -> tuple[int, bool]:
 
 
 @numba.njit(cache=True)
-def _edge_faults(faces: Whole, vertices: int) -> tuple[int, bool]:
+def _edge_faults(faces: Int32, vertices: int) -> tuple[int, bool]:
     # The half-edges of each vertex that is the lower end: 2 * the other end + the direction.
     begin = np.zeros(vertices + 1, np.int64)
     for f in range(len(faces)):
@@ -123,7 +119,7 @@ def _edge_faults(faces: Whole, vertices: int) -> tuple[int, bool]:
     return crowded, unlike
 
 
-def half_edges(faces: Whole, every: int = 1) -> tuple[Index, Index]:
+def half_edges(faces: Int32, every: int = 1) -> tuple[Int64, Int64]:
     """Return the codes and the places of the half-edges, or of those of every so many vertices.
 
     An edge belongs to its lower vertex. The code of a half-edge is twice the number of its edge +
@@ -135,7 +131,7 @@ def half_edges(faces: Whole, every: int = 1) -> tuple[Index, Index]:
 
 
 @numba.njit(cache=True)
-def _half_edges(faces: Whole, every: int, vertices: int) -> tuple[Index, Index]:
+def _half_edges(faces: Int32, every: int, vertices: int) -> tuple[Int64, Int64]:
     count = len(faces)
     codes, places = np.zeros(0, np.int64), np.zeros(0, np.int64)
     found = 0
@@ -157,7 +153,7 @@ def _half_edges(faces: Whole, every: int, vertices: int) -> tuple[Index, Index]:
 
 
 @numba.njit(cache=True)
-def _sort(values: Index) -> None:
+def _sort(values: Int64) -> None:
     """Sort a few values in place; many by the library."""
     if len(values) > 32:
         values.sort()

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from acquisition import DataError, MeshFile, read_mesh_file
 from processing._projection.mesh_kernels import edge_faults, half_edges, joined_vertices
 from rig import Notice, short_repr
-
-Whole = npt.NDArray[np.int32]
-Codes = npt.NDArray[np.int64]
-Double = npt.NDArray[np.float64]
+from rig.arrays import AnyArray, Bool, Float32, Float64, Floating, Int32, Int64
 
 _CLOUDS = (".ply", ".xyz")
 # Normals in a file deviate from unit length only by rounding; colours are not unit vectors.
@@ -31,12 +27,12 @@ _LEAST_REACH = 0.9
 class _WoundAlike(NamedTuple):
     """Faces ``(F, 3)``, the number of reversed faces, and of edges with more than two faces."""
 
-    faces: Whole
+    faces: Int32
     turned: int
     crowded: int
 
 
-def _wind_alike(faces: Whole) -> _WoundAlike:
+def _wind_alike(faces: Int32) -> _WoundAlike:
     """Reverse faces whose winding is opposite to that of their neighbours.
 
     Normals that are blended over faces of opposite winding cancel out or point inwards. In each
@@ -64,7 +60,7 @@ def _wind_alike(faces: Whole) -> _WoundAlike:
     )
 
 
-def _first_of_twins(faces: Whole) -> npt.NDArray[np.bool_]:
+def _first_of_twins(faces: Int32) -> Bool:
     """Return the mask of the faces that do not repeat an earlier one, in either winding."""
     a, b, c = np.sort(faces, axis=1).T
     order = np.lexsort((c, b, a))  # stable: the first of equal faces remains first
@@ -75,7 +71,7 @@ def _first_of_twins(faces: Whole) -> npt.NDArray[np.bool_]:
     return first
 
 
-def neighbours(codes: Codes) -> tuple[Codes, Codes]:
+def neighbours(codes: Int64) -> tuple[Int64, Int64]:
     """Return the places in `codes` of the pairs of half-edges on edges that have two faces."""
     order = np.argsort(codes, kind="stable")
     edges = codes[order] >> 1
@@ -84,7 +80,7 @@ def neighbours(codes: Codes) -> tuple[Codes, Codes]:
     return order[pair], order[pair + 1]
 
 
-def _against(codes: Codes, totals: Codes) -> npt.NDArray[np.bool_]:
+def _against(codes: Int64, totals: Int64) -> Bool:
     """Return the faces whose winding is opposite to that of the majority of their part.
 
     Parameters
@@ -139,9 +135,9 @@ class Geometry:
         vertex that does not exist.
     """
 
-    vertices: Double
-    faces: Whole | None = None
-    normals: npt.NDArray[np.floating] | None = None
+    vertices: Float64
+    faces: Int32 | None = None
+    normals: Floating | None = None
     warnings: tuple[Notice, ...] = ()
 
     __repr__ = short_repr
@@ -218,7 +214,7 @@ def read_geometry(path: str | Path) -> Geometry:
         raise DataError(f"{path}: {error}") from error
 
 
-def _mesh(mesh: MeshFile, faces: npt.NDArray[Any]) -> Geometry:
+def _mesh(mesh: MeshFile, faces: AnyArray) -> Geometry:
     # This also rejects indices that exceed 32 bits.
     checked = Geometry(mesh.vertices, faces)
     joined, corners = _joined(checked.vertices, faces)
@@ -255,9 +251,7 @@ def _mesh(mesh: MeshFile, faces: npt.NDArray[Any]) -> Geometry:
     return Geometry(joined, corners, normals, (*warnings, *_coarse(joined)))
 
 
-def _corner_normals(
-    normals: Double | None, faces: npt.NDArray[np.int64]
-) -> npt.NDArray[np.float32] | None:
+def _corner_normals(normals: Float64 | None, faces: Int64) -> Float32 | None:
     """Return the normals of vertices as unit vectors at the corners of the faces."""
     if normals is None:
         return None
@@ -266,7 +260,7 @@ def _corner_normals(
     return np.asarray(unit, np.float32)[faces]
 
 
-def _coarse(points: Double) -> tuple[Notice, ...]:
+def _coarse(points: Float64) -> tuple[Notice, ...]:
     """Return a notice if the coordinates were stored with too few digits for the points.
 
     Numbers of 32 bits have 24 binary digits, which an offset to a map's origin uses up.
@@ -287,7 +281,7 @@ def _coarse(points: Double) -> tuple[Notice, ...]:
     return (Notice("coordinates-coarse", text),)
 
 
-def _joined(vertices: Double, faces: npt.NDArray[np.int64]) -> tuple[Double, Whole]:
+def _joined(vertices: Float64, faces: Int64) -> tuple[Float64, Int32]:
     """Merge vertices with equal coordinates, and remove those that no face uses."""
     used = np.zeros(len(vertices), np.bool_)
     used[faces] = True

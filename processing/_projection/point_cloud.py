@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import binary_erosion
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra
@@ -18,11 +17,7 @@ from processing._projection.rasterize import NEAR_SHARE, Drawn
 from processing._projection.rasterize_kernels import BAND_ROWS, sort_into_bands
 from processing._projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Int32, Int64, Intp
 
 # Smallest cosine between line of sight and normal that is used to intersect a disc: the
 # intersection of a grazing ray would be far away.
@@ -84,16 +79,16 @@ class Surfels:
         are not used.
     """
 
-    points_mm: Double
-    normals: Double
-    bends_per_mm: Double
-    radii_mm: Double
+    points_mm: Float64
+    normals: Float64
+    bends_per_mm: Float64
+    radii_mm: Float64
     warnings: tuple[Notice, ...]
 
 
 def fit_surfels(
-    points_mm: Double,
-    normals: Double | None = None,
+    points_mm: Float64,
+    normals: Float64 | None = None,
     neighbours: int = 16,
     on_progress: Progress = no_progress,
 ) -> Surfels:
@@ -143,7 +138,7 @@ def fit_surfels(
     on_progress("fitting normals", 0, len(points))
     shape = np.zeros(points.shape)
 
-    def fit(which: npt.NDArray[np.intp], reached: int) -> None:
+    def fit(which: Intp, reached: int) -> None:
         # Of many neighbours every second, fourth, ... is used: they span as much, in less time.
         every = max(reached // (2 * count), 1)
         distance, near = (
@@ -199,7 +194,7 @@ def fit_surfels(
     return Surfels(points[sound], fitted[sound], bends[sound], radii[sound], tuple(warnings))
 
 
-def _median_angle_deg(given: Double, fitted: Double, shape: Double) -> float:
+def _median_angle_deg(given: Float64, fitted: Float64, shape: Float64) -> float:
     """Return the median angle between normals of either sign where the fitted ones are certain."""
     flat = shape[:, 0] < _FLAT * shape[:, 1]
     if flat.sum() < len(flat) / 2:
@@ -209,7 +204,7 @@ def _median_angle_deg(given: Double, fitted: Double, shape: Double) -> float:
     return float(np.degrees(np.median(np.arctan2(crossed, along))))
 
 
-def _isolated(tree: cKDTree, reach: Double, count: int) -> npt.NDArray[np.bool_]:
+def _isolated(tree: cKDTree, reach: Float64, count: int) -> Bool:
     """Return the mask of the few points that are far from all others."""
     isolated = np.zeros(len(reach), np.bool_)
     lone = np.flatnonzero(reach > _ISOLATED * np.median(reach))
@@ -237,7 +232,7 @@ def too_few_points(different: int) -> EstimateError:
     )
 
 
-def _plane(offset: Double, weight: Double) -> tuple[Double, Double]:
+def _plane(offset: Float64, weight: Float64) -> tuple[Float64, Float64]:
     """Return the spreads ``(n, 3)``, ascending, and the axes ``(n, 3, 3)`` of neighbourhoods."""
     weight = (weight / weight.sum(axis=1, keepdims=True))[..., None]
     centred = offset - (weight * offset).sum(axis=1, keepdims=True)
@@ -245,7 +240,7 @@ def _plane(offset: Double, weight: Double) -> tuple[Double, Double]:
     return np.maximum(spread, 0), axes
 
 
-def _quadric(offset: Double, weight: Double, axes: Double) -> tuple[Double, Double]:
+def _quadric(offset: Float64, weight: Float64, axes: Float64) -> tuple[Float64, Float64]:
     """Return the normals ``(n, 3)`` and bends ``(n, 3, 3)`` of quadrics over the planes."""
     normal, u, v = axes[:, :, 0], axes[:, :, 1], axes[:, :, 2]
     # Scaling by the size of the neighbourhood keeps the systems well conditioned.
@@ -319,7 +314,7 @@ def draw_points(surfels: Surfels, raster: Raster) -> Drawn:
     last = (np.clip(pixels[:, 1] + reach_px, 0, rows - 1) // BAND_ROWS).astype(np.int16)
     sights = raster.sights()
 
-    def blend(shown: npt.NDArray[np.bool_]) -> tuple[Float, Float]:
+    def blend(shown: Bool) -> tuple[Float32, Float32]:
         members, begin = sort_into_bands(
             np.where(shown, first, np.int16(1)),
             np.where(shown, last, np.int16(0)),
@@ -352,7 +347,7 @@ def draw_points(surfels: Surfels, raster: Raster) -> Drawn:
     return Drawn(out, height, tuple(warnings))
 
 
-def _covered(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], drawn: Mask) -> float:
+def _covered(row: Intp, column: Intp, drawn: Bool) -> float:
     """Return the share of the pixels within the outline of the points that are drawn.
 
     The outline consists of cells of some points each; those at its rim do not count, because
@@ -372,7 +367,7 @@ def _covered(row: npt.NDArray[np.intp], column: npt.NDArray[np.intp], drawn: Mas
     return float(share[inner].mean()) if inner.any() else 1.0
 
 
-def orient(points: Double, normals: Double, front: npt.NDArray[np.bool_]) -> Double:
+def orient(points: Float64, normals: Float64, front: Bool) -> Float64:
     """Propagate the orientation of the points in front to all other points.
 
     A point takes its orientation from the previous point on the path from the front along which the
@@ -409,7 +404,7 @@ def orient(points: Double, normals: Double, front: npt.NDArray[np.bool_]) -> Dou
 
 
 @numba.njit(cache=True)
-def _carry(normals: Double, before: npt.NDArray[np.int64], order: npt.NDArray[np.int64]) -> None:
+def _carry(normals: Float64, before: Int64, order: Int64) -> None:
     for i in order:
         j = before[i]
         if j >= 0:
@@ -437,7 +432,7 @@ def _meet(
 
 @numba.njit(cache=True)
 def _bent(
-    bend: Double, x: float, y: float, z: float, nx: float, ny: float, nz: float
+    bend: Float64, x: float, y: float, z: float, nx: float, ny: float, nz: float
 ) -> tuple[float, float, float]:
     """Return the unit normal at an offset from a disc's centre."""
     bx = bend[0, 0] * x + bend[0, 1] * y + bend[0, 2] * z
@@ -453,21 +448,21 @@ def _bent(
 def _splat(
     first_band: int,
     last_band: int,
-    points: Double,
-    point_normals: Double,
-    bends: Double,
-    radii: Double,
-    pixels: Double,
-    reach_px: Double,
-    members: Whole,
-    begin: npt.NDArray[np.int64],
+    points: Float64,
+    point_normals: Float64,
+    bends: Float64,
+    radii: Float64,
+    pixels: Float64,
+    reach_px: Float64,
+    members: Int32,
+    begin: Int64,
     band_rows: int,
-    x: Double,
-    y: Double,
-    rays: Double,
+    x: Float64,
+    y: Float64,
+    rays: Float64,
     eye_z: float,
-    normals: Float,
-    height: Float,
+    normals: Float32,
+    height: Float32,
 ) -> None:
     """Blend the discs of the nearest layer at each pixel into normals and heights.
 

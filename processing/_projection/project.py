@@ -17,9 +17,7 @@ from processing._projection.rasterize import draw_mesh
 from processing._projection.rasterize_kernels import bounds, turned
 from processing._projection.view import Raster, fit_raster
 from rig import Notice, Progress, no_progress, short_repr
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,8 +41,8 @@ class Projection:
     """
 
     normal_map: NormalMap
-    height: Float
-    depth: Float | None
+    height: Float32
+    depth: Float32 | None
     pixel_mm: float
     warnings: tuple[Notice, ...]
 
@@ -167,8 +165,8 @@ def project(
 
 
 def _raster(
-    low_mm: Double,
-    high_mm: Double,
+    low_mm: Float64,
+    high_mm: Float64,
     size: tuple[int, int] | None,
     pixel_mm: float | None,
     camera: CameraModel | None,

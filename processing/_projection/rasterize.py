@@ -6,7 +6,6 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -16,11 +15,7 @@ from processing._projection.mesh_kernels import half_edges
 from processing._projection.mesh_read import neighbours
 from processing._projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int32]
-Index = npt.NDArray[np.int64]
+from rig.arrays import Bool, Float32, Float64, Floating, Int32, Int64
 
 # The usual crease angle. Another one is chosen if the edges of a part leave no gap around it.
 _USUAL_DEG: Final = 40
@@ -50,18 +45,18 @@ _STEPS = 5
 class Drawn(NamedTuple):
     """Normals ``(H, W, 3)``, 0 outside the object; heights in mm, NaN outside; warnings."""
 
-    normals: Float
-    height: Float
+    normals: Float32
+    height: Float32
     warnings: tuple[Notice, ...]
 
 
 def draw_mesh(
-    vertices_mm: Double,
-    faces: Whole,
+    vertices_mm: Float64,
+    faces: Int32,
     raster: Raster,
     *,
     smooth: bool = True,
-    given: npt.NDArray[np.floating] | None = None,
+    given: Floating | None = None,
     on_progress: Progress = no_progress,
 ) -> Drawn:
     """Draw the nearest face at each pixel's centre.
@@ -162,8 +157,8 @@ def draw_mesh(
 
 
 def _normals_of_corners(
-    vertices: Double, faces: Whole, blended: Float, given: npt.NDArray[np.floating] | None
-) -> tuple[Float, Whole, list[Notice]]:
+    vertices: Float64, faces: Int32, blended: Float32, given: Floating | None
+) -> tuple[Float32, Int32, list[Notice]]:
     """Return unit normals, their numbers at the corners of the faces, and notices."""
     notices = []
     corners = faces
@@ -190,7 +185,7 @@ def _normals_of_corners(
     return used.reshape(-1, 3), np.arange(used.size // 3, dtype=np.int32).reshape(-1, 3), notices
 
 
-def crease_angle_deg(vertices: Double, faces: Whole) -> float | None:
+def crease_angle_deg(vertices: Float64, faces: Int32) -> float | None:
     """Return the angle that separates sharp edges from others; None if there is no such angle.
 
     The edges of a part with hard edges turn either by little, within its smooth faces, or by much.
@@ -215,7 +210,7 @@ def crease_angle_deg(vertices: Double, faces: Whole) -> float | None:
     return None
 
 
-def _corners_at_creases(vertices: Double, faces: Whole, crease_deg: float) -> tuple[Whole, int]:
+def _corners_at_creases(vertices: Float64, faces: Int32, crease_deg: float) -> tuple[Int32, int]:
     """Return numbers of normals for the corners of faces; equal ones share a normal.
 
     Returns
@@ -242,8 +237,8 @@ def _corners_at_creases(vertices: Double, faces: Whole, crease_deg: float) -> tu
 
 
 def _faces_at_tips(
-    vertices: Double, faces: Whole, blended: Float, corners: Whole, crease_deg: float
-) -> tuple[Float, Whole]:
+    vertices: Float64, faces: Int32, blended: Float32, corners: Int32, crease_deg: float
+) -> tuple[Float32, Int32]:
     """Replace normals far from those of their faces, as at the tip of a cone, by these.
 
     Parameters
@@ -265,7 +260,7 @@ def _faces_at_tips(
     return np.concatenate([blended, normal[face].astype(np.float32)]), corners
 
 
-def _pairs(faces: Whole, every: int = 1) -> tuple[Index, Index]:
+def _pairs(faces: Int32, every: int = 1) -> tuple[Int64, Int64]:
     """Return the half-edges of edges with two faces."""
     codes, places = half_edges(faces, every)
     first, second = neighbours(codes)
@@ -273,8 +268,8 @@ def _pairs(faces: Whole, every: int = 1) -> tuple[Index, Index]:
 
 
 def _angles(
-    vertices: Double, faces: Whole, first: Index, second: Index
-) -> tuple[Double, npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    vertices: Float64, faces: Int32, first: Int64, second: Int64
+) -> tuple[Float64, Bool, Bool]:
     """Return by how many degrees neighbours turn, which run alike, and which normals are sound."""
     count = len(faces)
     (one, wide), (two, also) = (_face_normals(vertices, faces[h % count]) for h in (first, second))
@@ -283,7 +278,7 @@ def _angles(
     return angle, alike, wide & also
 
 
-def _face_normals(vertices: Double, faces: Whole) -> tuple[Double, npt.NDArray[np.bool_]]:
+def _face_normals(vertices: Float64, faces: Int32) -> tuple[Float64, Bool]:
     a, b, c = (vertices[faces[:, corner]] for corner in range(3))
     cross = np.cross(b - a, c - a)
     longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
@@ -291,14 +286,14 @@ def _face_normals(vertices: Double, faces: Whole) -> tuple[Double, npt.NDArray[n
     return cross / np.maximum(area, 1e-300)[:, None], area * _LONGEST > longest
 
 
-def _angle(a: npt.NDArray[np.floating], b: npt.NDArray[np.floating]) -> Double:
+def _angle(a: Floating, b: Floating) -> Float64:
     crossed = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.asarray(np.arctan2(crossed, (a * b).sum(axis=-1)), np.float64)
 
 
 def _blended_with_given(
-    given: npt.NDArray[np.floating], blended: Float, vertices: Double, faces: Whole
-) -> tuple[Float, float]:
+    given: Floating, blended: Float32, vertices: Float64, faces: Int32
+) -> tuple[Float32, float]:
     """Return the normals of the file where they fit the faces, else blended ones.
 
     Parameters
@@ -319,7 +314,7 @@ def _blended_with_given(
     normal, _ = _face_normals(vertices, faces)
     face = np.repeat(normal[:, None], 3, axis=1)
     given = np.where((given * face).sum(axis=-1, keepdims=True) < 0, -given, given)
-    known = np.isfinite(given).all(axis=-1)
+    known = np.asarray(np.isfinite(given).all(axis=-1))
     if not known.any():
         return blended, 0.0
     off = math.degrees(float(np.median(_angle(given[known], blended[known]))))

@@ -11,12 +11,8 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int32]
-Bands = npt.NDArray[np.int16]
+from rig.arrays import Bool, Float32, Float64, Int16, Int32, Int64
 
 # Number of rows in a band, which one thread draws alone.
 BAND_ROWS = 32
@@ -35,7 +31,7 @@ _NEXT_TO_ZERO = 1e-300
 
 
 @numba.njit(cache=True)
-def turned(points: Double, matrix: Double) -> Double:
+def turned(points: Float64, matrix: Float64) -> Float64:
     """Return ``(N, 3)`` points times a 3 x 3 matrix, ten times as fast as BLAS."""
     out = np.zeros(points.shape, np.float64)
     for v in range(len(points)):
@@ -46,7 +42,7 @@ def turned(points: Double, matrix: Double) -> Double:
 
 
 @numba.njit(cache=True)
-def bounds(points: Double) -> tuple[Double, Double]:
+def bounds(points: Float64) -> tuple[Float64, Float64]:
     """Return the lowest and the highest x, y, z of ``(N, 3)`` points."""
     low, high = points[0].copy(), points[0].copy()
     for v in range(len(points)):
@@ -57,7 +53,9 @@ def bounds(points: Double) -> tuple[Double, Double]:
 
 
 @numba.njit(cache=True)
-def vertex_normals(vertices: Double, faces: Whole, corners: Whole, count: int) -> tuple[Float, int]:
+def vertex_normals(
+    vertices: Float64, faces: Int32, corners: Int32, count: int
+) -> tuple[Float32, int]:
     """Return area-weighted unit normals ``(count, 3)`` and the number of faces without area.
 
     ``corners`` ``(F, 3)`` are the numbers of the normals at the corners of the faces: `faces`
@@ -87,7 +85,7 @@ def vertex_normals(vertices: Double, faces: Whole, corners: Whole, count: int) -
 
 
 @numba.njit(cache=True)
-def sound_faces(vertices: Double, faces: Whole) -> npt.NDArray[np.bool_]:
+def sound_faces(vertices: Float64, faces: Int32) -> Bool:
     """Return the mask of the faces that have an area."""
     sound = np.zeros(len(faces), np.bool_)
     for f in range(len(faces)):
@@ -99,7 +97,7 @@ def sound_faces(vertices: Double, faces: Whole) -> npt.NDArray[np.bool_]:
 
 
 @numba.njit(cache=True)
-def _cross(vertices: Double, a: int, b: int, c: int) -> tuple[float, float, float]:
+def _cross(vertices: Float64, a: int, b: int, c: int) -> tuple[float, float, float]:
     ux, uy, uz = (
         vertices[b, 0] - vertices[a, 0],
         vertices[b, 1] - vertices[a, 1],
@@ -114,7 +112,7 @@ def _cross(vertices: Double, a: int, b: int, c: int) -> tuple[float, float, floa
 
 
 @numba.njit(cache=True)
-def _longest2(vertices: Double, a: int, b: int, c: int) -> float:
+def _longest2(vertices: Float64, a: int, b: int, c: int) -> float:
     longest = 0.0
     for p, q in ((a, b), (b, c), (c, a)):
         length2 = 0.0
@@ -125,7 +123,7 @@ def _longest2(vertices: Double, a: int, b: int, c: int) -> float:
 
 
 @numba.njit(cache=True)
-def snap(pixels: Double, nearness: Double) -> Float:
+def snap(pixels: Float64, nearness: Float64) -> Float32:
     """Return ``(V, 3)``: x and y in pixels on the grid of the z-buffer, and the nearness."""
     screen = np.zeros((len(pixels), 3), np.float32)
     for v in range(len(pixels)):
@@ -136,7 +134,7 @@ def snap(pixels: Double, nearness: Double) -> Float:
 
 
 @numba.njit(cache=True)
-def face_bands(screen: Float, faces: Whole, rows: int, columns: int) -> tuple[Bands, Bands]:
+def face_bands(screen: Float32, faces: Int32, rows: int, columns: int) -> tuple[Int16, Int16]:
     """Return the first and last band of rows that each face may touch; (1, 0) for no band."""
     first, last = np.ones(len(faces), np.int16), np.zeros(len(faces), np.int16)
     for f in range(len(faces)):
@@ -151,7 +149,7 @@ def face_bands(screen: Float, faces: Whole, rows: int, columns: int) -> tuple[Ba
 
 
 @numba.njit(cache=True)
-def sort_into_bands(first: Bands, last: Bands, bands: int) -> tuple[Whole, npt.NDArray[np.int64]]:
+def sort_into_bands(first: Int16, last: Int16, bands: int) -> tuple[Int32, Int64]:
     """Return the indices of the items in each band, ascending, and the start of each band."""
     begin = np.zeros(bands + 1, np.int64)
     for i in range(len(first)):
@@ -179,12 +177,12 @@ def _least(dx: float, dy: float) -> float:
 def draw(
     first_band: int,
     last_band: int,
-    screen: Float,
-    faces: Whole,
-    members: Whole,
-    begin: npt.NDArray[np.int64],
-    nearest: Float,
-    seen: Whole,
+    screen: Float32,
+    faces: Int32,
+    members: Int32,
+    begin: Int64,
+    nearest: Float32,
+    seen: Int32,
 ) -> None:
     """Find the nearest face at each pixel's centre; of equally near faces, the first.
 
@@ -232,20 +230,20 @@ def draw(
 def shade(
     first_row: int,
     last_row: int,
-    seen: Whole,
-    vertices: Double,
-    faces: Whole,
-    vertex_normal: Float,
-    corners: Whole,
+    seen: Int32,
+    vertices: Float64,
+    faces: Int32,
+    vertex_normal: Float32,
+    corners: Int32,
     smooth: bool,
-    x: Double,
-    y: Double,
-    rays: Double,
+    x: Float64,
+    y: Float64,
+    rays: Float64,
     eye_z: float,
-    normals: Float,
-    height: Float,
-    back: Whole,
-    blunt: Whole,
+    normals: Float32,
+    height: Float32,
+    back: Int32,
+    blunt: Int32,
 ) -> None:
     """Fill in normals and heights of visible faces, and two counts for each row.
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
+from rig.arrays import Float64
 
-Double = npt.NDArray[np.float64]
 View = Literal["front", "back", "left", "right", "top", "bottom"]
 
 # Viewing directions with Y up: "left" is the view from -X.
@@ -39,7 +38,7 @@ def view_rotation(
     look: Sequence[float] | None = None,
     up: Literal["y", "z"] = "y",
     rotate_deg: Sequence[float] = (0.0, 0.0, 0.0),
-) -> Double:
+) -> Float64:
     """Return the rotation from a file's axes to the house frame.
 
     Parameters
@@ -89,7 +88,7 @@ def view_rotation(
     toward = -sight / length
     level = math.hypot(toward[0], toward[2])
     right = np.array([toward[2], 0.0, -toward[0]]) / level if level > 1e-9 else np.eye(3)[0]
-    turn: Double = np.stack([right, np.cross(toward, right), toward]) @ to_y_up
+    turn: Float64 = np.stack([right, np.cross(toward, right), toward]) @ to_y_up
     for axis, angle in enumerate(np.radians(rotate_deg)):
         about = np.eye(3)
         i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -137,7 +136,7 @@ class Raster:
         """Height of the centre of projection; 0 for an orthographic view."""
         return 0.0 if self.camera is None else float(self.camera.centre_mm[2])
 
-    def pixels(self, points_mm: Double) -> tuple[Double, Double]:
+    def pixels(self, points_mm: Float64) -> tuple[Float64, Float64]:
         """Return the pixels ``(N, 2)`` of points ``(N, 3)``, and their nearness ``(N,)``.
 
         The nearness increases toward the viewer and is linear over the image of a plane. If there
@@ -155,7 +154,7 @@ class Raster:
         x, y = (points_mm[:, axis] * nearness - origin[axis] for axis in (0, 1))
         return np.stack([row[0] * x + row[1] * y for row in to_pixels], axis=1), nearness
 
-    def sights(self) -> tuple[Double, Double, Double]:
+    def sights(self) -> tuple[Float64, Float64, Float64]:
         """Return the lines of sight: x of the columns, y of the rows, and slopes.
 
         They are explained in `processing._projection.rasterize_kernels.shade`.
@@ -174,7 +173,7 @@ class Raster:
         return np.zeros(width), np.zeros(height), rays
 
     @staticmethod
-    def _pinhole(camera: CameraModel) -> tuple[Double, Double, Double]:
+    def _pinhole(camera: CameraModel) -> tuple[Float64, Float64, Float64]:
         """Return the slope of the first pixel's ray, and its steps to the right and down.
 
         A pinhole camera is linear; the general method takes ten times as long for millions of
@@ -185,7 +184,7 @@ class Raster:
 
 
 def fit_raster(
-    low_mm: Double, high_mm: Double, size: tuple[int, int] | None, pixel_mm: float | None
+    low_mm: Float64, high_mm: Float64, size: tuple[int, int] | None, pixel_mm: float | None
 ) -> Raster:
     """Return the orthographic raster for an image size and a pixel size; None is fitted.
 

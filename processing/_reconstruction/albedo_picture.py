@@ -6,10 +6,10 @@ import functools
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import SRGB, DataError, MapRows
 from rig import short_repr
+from rig.arrays import Bool, Float32, UInt8
 
 # Highlights and wrong pixels may be far brighter than the rest; at most this share is clipped.
 _CLIPPED = 0.001
@@ -31,14 +31,14 @@ class AlbedoPicture(NamedTuple):
         positive and finite.
     """
 
-    pixels: npt.NDArray[np.uint8]
+    pixels: UInt8
     white: float
 
     def __repr__(self) -> str:
         return short_repr(self)
 
 
-def albedo_picture(albedo: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_]) -> AlbedoPicture:
+def albedo_picture(albedo: Float32, mask: Bool) -> AlbedoPicture:
     """Encode an albedo with the sRGB curve (IEC 61966-2-1); the brightest 0.1 % may be clipped.
 
     Parameters
@@ -71,7 +71,7 @@ def albedo_picture(albedo: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_])
     return AlbedoPicture(pixels, white)
 
 
-def albedo_white(albedo: MapRows, mask: npt.NDArray[np.bool_]) -> float:
+def albedo_white(albedo: MapRows, mask: Bool) -> float:
     """Return the albedo at white of `albedo_picture`; the rows of a map are read band by band.
 
     Examples
@@ -97,9 +97,7 @@ def albedo_white(albedo: MapRows, mask: npt.NDArray[np.bool_]) -> float:
     return float(np.quantile(found, 1 - _CLIPPED, method="lower", overwrite_input=True))
 
 
-def albedo_samples(
-    albedo: npt.NDArray[np.float32], mask: npt.NDArray[np.bool_], white: float
-) -> npt.NDArray[np.uint8]:
+def albedo_samples(albedo: Float32, mask: Bool, white: float) -> UInt8:
     """Return rows of the pixels of `albedo_picture`.
 
     Parameters
@@ -125,6 +123,6 @@ def albedo_samples(
 
 
 @functools.cache
-def _table() -> npt.NDArray[np.uint8]:
+def _table() -> UInt8:
     """Return sRGB samples by the square root of light: a power of each value would take long."""
     return np.rint(SRGB.samples((np.arange(_LEVELS + 1) / _LEVELS) ** 2) * 255).astype(np.uint8)

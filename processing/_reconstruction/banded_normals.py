@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Form, Lights, Maps
 from processing._reconstruction.error_bars import (
@@ -34,9 +33,7 @@ from processing._uncertainty.pixel_variances import (
 )
 from processing._uncertainty.reference_solver import ReferenceSolver, row_blocks
 from rig import Progress, no_progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Intp
 
 # Rows around a pixel on which its error bars depend.
 _AROUND = 2
@@ -104,7 +101,7 @@ def solve_bands(
             on_progress("normals", done, total)
 
 
-def check_lights(lights: Lights, points: SurfacePoints | None, mask: Mask) -> None:
+def check_lights(lights: Lights, points: SurfacePoints | None, mask: Bool) -> None:
     """Refuse lights that leave a direction of the normal undetermined, by `EstimateError`."""
     pixels = np.flatnonzero(mask)
     pixels = pixels[:: 1 + len(pixels) // _CHECKED]
@@ -122,7 +119,7 @@ class ShownBySample(NamedTuple):
 class _Part(NamedTuple):
     """Rows of gray images, their law of the noise, and the maps of their solution."""
 
-    rows: npt.NDArray[np.intp]
+    rows: Intp
     frames: Frames
     model: LightModel
     law: NoiseLaw | None
@@ -154,8 +151,8 @@ class GraySolver:
         self._lights, self._points = examined.lights, examined.points
         self._camera, self._method = examined.source.camera, method
         self._depth_error = depth_deviation(examined.near, examined.view, examined.mask)
-        self._law: Float | None = None
-        self._law_of_errors: Float | None = None
+        self._law: Float32 | None = None
+        self._law_of_errors: Float32 | None = None
         self._maps, self._error_bars = maps, ErrorBarMaps(maps)
         self.shown = self._examine(examined.sample())
 
@@ -181,8 +178,8 @@ class GraySolver:
         )
 
     def _estimated(
-        self, part: _Part, pixels: npt.NDArray[np.intp], *, solved: bool = False
-    ) -> tuple[Float, Float, Float | None]:
+        self, part: _Part, pixels: Intp, *, solved: bool = False
+    ) -> tuple[Float32, Float32, Float32 | None]:
         """Write the maps of some pixels; return samples, light vectors and the law of their errors.
 
         Pixels that are ``solved`` have their maps.

@@ -7,16 +7,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from processing._reconstruction.recorded_images import Images
 from processing._reconstruction.views import SurfacePoints
 from rig import short_repr
-
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Float = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32, Float64, Intp
 
 _PIXELS = 3000
 # Darker samples, relative to the brightest of their pixel, are probably in shadow.
@@ -51,11 +47,11 @@ class Samples:
         Usable samples of all cells of the object, as a fraction 0..1.
     """
 
-    values: Double
-    usable: Mask
-    vectors: Double
-    scale: Double
-    pixels: npt.NDArray[np.intp]
+    values: Float64
+    usable: Bool
+    vectors: Float64
+    scale: Float64
+    pixels: Intp
     share: float
 
     __repr__ = short_repr
@@ -104,13 +100,13 @@ def samples_of(cells: Cells, lights: Lights, pixels: int = _PIXELS) -> Samples:
     return Samples(values / size, usable, vectors, scale / size, middles, share)
 
 
-def _distances(lights: Lights, points: Double) -> Double:
+def _distances(lights: Lights, points: Float64) -> Float64:
     """Return the distances ``(P, N)`` from points to lights."""
     positions = np.asarray(lights.positions_mm)
     return np.asarray(np.linalg.norm(points[:, None] - positions[None], axis=2))
 
 
-def _falloff(lights: Lights, points: Double) -> Double:
+def _falloff(lights: Lights, points: Float64) -> Float64:
     """Return the lengths ``(P, N)`` of the light vectors relative to the distances.
 
     A light vector is this factor times the line from the point to the light, which depends
@@ -118,7 +114,7 @@ def _falloff(lights: Lights, points: Double) -> Double:
     """
     strength = np.linalg.norm(lights.vectors_at(points), axis=2).T
     with np.errstate(divide="ignore", invalid="ignore"):
-        factor: Double = np.where(strength > 0, strength / _distances(lights, points), np.nan)
+        factor: Float64 = np.where(strength > 0, strength / _distances(lights, points), np.nan)
     return factor
 
 
@@ -140,18 +136,16 @@ class Cells:
         Row and column of the first pixel of the first cell.
     """
 
-    values: Float
-    mask: Mask
-    points_mm: npt.NDArray[np.float64] | None
+    values: Float32
+    mask: Bool
+    points_mm: Float64 | None
     size: int
     corner: tuple[int, int]
 
     __repr__ = short_repr
 
 
-def cells_of(
-    values: Images, mask: Mask, points_mm: npt.NDArray[np.float64] | SurfacePoints | None
-) -> Cells:
+def cells_of(values: Images, mask: Bool, points_mm: Float64 | SurfacePoints | None) -> Cells:
     """Average a stack over cells, so that about `CELLS` of them cover the object.
 
     A mean over a cell that no shadow edge crosses is linear in the lights as its pixels are, and
@@ -181,7 +175,7 @@ def cells_of(
     return Cells(reduced, inside, middle, size, (top, left))
 
 
-def _mean(image: Float, size: int) -> Float:
+def _mean(image: Float32, size: int) -> Float32:
     if size == 1:
         return np.array(image)
     shape = (image.shape[1] // size, image.shape[0] // size)

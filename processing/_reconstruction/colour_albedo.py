@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights, Source
 from calibration import linear_images, luma
@@ -14,8 +13,7 @@ from processing._reconstruction.views import SurfacePoints
 from processing._stereo.frames import Frames
 from processing._stereo.light_model import LightModel
 from rig import Progress
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32, Float64
 
 _BLOCK = 65536
 # Residuals of noiseless images are rounding errors of about this size, relative to the albedo.
@@ -27,11 +25,11 @@ def colour_albedo(
     ids: Sequence[str],
     lights: Lights,
     normals: NormalMap,
-    albedo: Float,
-    residual: Float,
+    albedo: Float32,
+    residual: Float32,
     points: SurfacePoints | None,
     on_progress: Progress,
-) -> Float | None:
+) -> Float32 | None:
     """Return the albedo of each colour; None for a source without colour.
 
     The colour of a pixel is ``a * sum(w v) / sum(w g)`` over its images: a is the gray albedo, v
@@ -77,7 +75,7 @@ def may_have_colour(source: Source) -> bool:
     return source.cfa is not None or len(source.frames[0].shape) == 3
 
 
-def coloured(image: Float) -> bool:
+def coloured(image: Float32) -> bool:
     """Return whether the channels of an image, or of rows of it, differ."""
     return not (image == image[..., :1]).all(where=np.isfinite(image))
 
@@ -98,9 +96,9 @@ class ColourSums:
     def __init__(
         self,
         normal_map: NormalMap,
-        albedo: Float,
-        residual: Float,
-        points_mm: npt.NDArray[np.float64] | None,
+        albedo: Float32,
+        residual: Float32,
+        points_mm: Float64 | None,
     ) -> None:
         self._mask, self._points_mm = normal_map.mask, points_mm
         self._pixels = np.flatnonzero(normal_map.mask)
@@ -109,7 +107,7 @@ class ColourSums:
         self._sums = np.zeros((len(self._pixels), 3), np.float32)
         self._total = np.zeros(len(self._pixels), np.float32)
 
-    def add(self, image: Float, light: Lights, count: int) -> None:
+    def add(self, image: Float32, light: Lights, count: int) -> None:
         """Add an image ``(H, W, 3)``, with its light, of ``count`` in all."""
         gray = Frames(luma(image)[None])
         model = LightModel(light, self._points_mm, self._mask)
@@ -131,7 +129,7 @@ class ColourSums:
             self._sums[part] += weight[:, None] * colour
             self._total[part] += weight * np.where(known, seen, 0)
 
-    def albedo(self) -> Float:
+    def albedo(self) -> Float32:
         """Return the albedo ``(H, W, 3)`` after all images; a pixel without samples stays gray."""
         sums, total = self._sums, self._total
         usable = total > 0

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import MemoryMaps
 from calibration import luma
@@ -38,9 +37,7 @@ from processing._uncertainty.pixel_variances import (
     some_of,
 )
 from processing._uncertainty.sample_kind import Reason, SampleKind
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 
 class ColourSolver:
@@ -110,7 +107,7 @@ class ColourSolver:
         self._solutions.write(band.rows, maps, band.inside)
         variances = variances_of_colours(self._judged(images, maps), self._shown)
         self._error_bars.write(band.rows, variances, band.inside)
-        known: Mask = np.asarray(maps.normals.any(axis=2))
+        known: Bool = np.asarray(maps.normals.any(axis=2))
         values, noise = images.values, images.noise
         law = None if noise is None else NoiseLaw(noise, values.shape[:3])
         above = excess(values, images.model, law, known, maps.normals, luma(maps.albedo))
@@ -151,7 +148,7 @@ def variances_of_colours(given: SolvedStack, shown: Sequence[Shown]) -> PixelVar
     return _averaged(found, given.normals)
 
 
-def _averaged(found: list[PixelVariances], normals: Float) -> PixelVariances:
+def _averaged(found: list[PixelVariances], normals: Float32) -> PixelVariances:
     shape = normals.shape[:2]
     weights = np.zeros((len(found), *shape), np.float32)
     for weight, one in zip(weights, found, strict=True):

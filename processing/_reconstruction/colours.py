@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise, luma
@@ -18,9 +17,7 @@ from processing._stereo.method import Method
 from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
 from rig import no_progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Intp, UInt16
 
 # Red, green, blue.
 _CHANNELS = 3
@@ -43,13 +40,13 @@ class ColourImages:
         Camera, and the rows of its image; None for all.
     """
 
-    values: Float
+    values: Float32
     lights: Lights
-    mask: Mask
-    points_mm: npt.NDArray[np.float64] | None
+    mask: Bool
+    points_mm: Float64 | None
     noise: StackNoise | None
     camera: CameraModel | None = None
-    rows: npt.NDArray[np.intp] | None = None
+    rows: Intp | None = None
 
     @property
     def model(self) -> LightModel:
@@ -75,11 +72,11 @@ class ColourMaps:
         ``(S,)`` bool, whether a solution has any normal.
     """
 
-    normals: Float
-    albedo: Float
-    residual: Float
-    used: npt.NDArray[np.uint16]
-    solved: npt.NDArray[np.bool_]
+    normals: Float32
+    albedo: Float32
+    residual: Float32
+    used: UInt16
+    solved: Bool
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], solutions: int) -> Self:
@@ -100,18 +97,16 @@ class ColourMaps:
         self.used[:, rows] = part.used[:, inside]
         self.solved[:] |= part.solved
 
-    def fewest_used(self) -> npt.NDArray[np.uint16]:
+    def fewest_used(self) -> UInt16:
         """Return the samples of the solution with the fewest.
 
         Solutions that have no normal at all do not count.
         """
-        used: npt.NDArray[np.uint16] = self.used[
-            self.solved if self.solved.any() else slice(0, 1)
-        ].min(axis=0)
+        used: UInt16 = self.used[self.solved if self.solved.any() else slice(0, 1)].min(axis=0)
         return used
 
 
-def laws_of_colours(images: ColourImages, method: Method) -> list[Float | None]:
+def laws_of_colours(images: ColourImages, method: Method) -> list[Float32 | None]:
     """Return the law of each channel that images show, see `law_of_images`, if it is needed."""
     if method == "ls" or images.noise is not None:
         return [None] * _CHANNELS
@@ -122,7 +117,9 @@ def laws_of_colours(images: ColourImages, method: Method) -> list[Float | None]:
     ]
 
 
-def solve_colours(images: ColourImages, method: Method, laws: Sequence[Float | None]) -> ColourMaps:
+def solve_colours(
+    images: ColourImages, method: Method, laws: Sequence[Float32 | None]
+) -> ColourMaps:
     """Solve every channel on its own, and average the normals.
 
     The weight of a channel at a pixel is the inverse relative variance ``s^2 / variance`` of its
@@ -145,7 +142,7 @@ def solve_colours(images: ColourImages, method: Method, laws: Sequence[Float | N
     residual = np.zeros_like(found.albedo)
     for channel, estimated in enumerate(laws):
         stack = np.ascontiguousarray(images.values[..., channel])
-        law: NoiseLaw | Float | None = estimated
+        law: NoiseLaw | Float32 | None = estimated
         if noise is not None:
             law = NoiseLaw(noise.of_colour(channel), stack.shape)
         maps = StereoMaps.empty(mask.shape)
@@ -164,8 +161,8 @@ def solve_colours(images: ColourImages, method: Method, laws: Sequence[Float | N
     return found
 
 
-def _weights(values: Float, noise: StackNoise | None) -> Float:
-    weights: Float = np.zeros(values.shape[1:], np.float32)
+def _weights(values: Float32, noise: StackNoise | None) -> Float32:
+    weights: Float32 = np.zeros(values.shape[1:], np.float32)
     for top in range(0, values.shape[1], _ROWS):
         rows = values[:, top : top + _ROWS]
         measured = np.isfinite(rows)

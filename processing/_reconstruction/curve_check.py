@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import LINEAR, SRGB, Lights, Source, TransferCurve
 from rig import Notice
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float32, Float64, Intp
 
 _PIXELS = 3000
 _FEWEST_PIXELS = 200
@@ -27,10 +25,10 @@ _STEP = 1e-4
 
 def curve_warnings(
     source: Source,
-    values: npt.NDArray[np.float32],
+    values: Float32,
     lights: Lights,
-    mask: npt.NDArray[np.bool_],
-    points_mm: Array | None,
+    mask: Bool,
+    points_mm: Float64 | None,
 ) -> list[Notice]:
     """Return a warning if the images fit the lights much better under another transfer curve.
 
@@ -74,7 +72,7 @@ def curve_warnings(
     return [Notice("transfer-curve-doubtful", text, str(source.path))]
 
 
-def _strength(source: Source, lights: Lights) -> Array:
+def _strength(source: Source, lights: Lights) -> Float64:
     """Return the factors by which `linear_stack` divided the signal of each image."""
     exposures = {
         name: max(
@@ -91,7 +89,7 @@ def _strength(source: Source, lights: Lights) -> Array:
     return np.asarray(relative * np.asarray(lights.intensities, np.float64).mean(axis=1))
 
 
-def _vectors(lights: Lights, points_mm: Array | None, pixels: npt.NDArray[np.intp]) -> Array:
+def _vectors(lights: Lights, points_mm: Float64 | None, pixels: Intp) -> Float64:
     """Return the light vectors ``(P, N, 3)``, or ``(1, N, 3)`` for distant lights."""
     if not lights.near or points_mm is None:
         return lights.unit_directions[None]
@@ -100,7 +98,7 @@ def _vectors(lights: Lights, points_mm: Array | None, pixels: npt.NDArray[np.int
 
 
 def _residuals(
-    light: Array, vectors: Array, assumed: TransferCurve, other: TransferCurve
+    light: Float64, vectors: Float64, assumed: TransferCurve, other: TransferCurve
 ) -> tuple[float, float] | None:
     """Return the medians of the relative residuals under two curves; None without enough pixels."""
     measured = np.isfinite(light) & (light > 0) & (light < 1) & (vectors != 0).any(axis=2)
@@ -120,9 +118,7 @@ def _residuals(
     return float(np.median(mine)), float(np.median(others))
 
 
-def _relative(
-    samples: Array, curve: TransferCurve, vectors: Array, usable: npt.NDArray[np.bool_]
-) -> Array:
+def _relative(samples: Float64, curve: TransferCurve, vectors: Float64, usable: Bool) -> Float64:
     """Return the rms residual of each pixel in samples, relative to the rms of its samples."""
     above, below = samples + _STEP, np.maximum(samples - _STEP, 0)
     slope = (curve.light(above) - curve.light(below)) / (above - below)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, Form, Maps
 from calibration import EstimateError
@@ -15,9 +14,7 @@ from processing._uncertainty.normal_uncertainty import STRUCTURED, sums_of
 from processing._uncertainty.pixel_variances import Origin, PixelVariances, common_error, deviations
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Notice
-
-Mask = npt.NDArray[np.bool_]
-Reasons = npt.NDArray[np.uint8]
+from rig.arrays import Bool, UInt8
 
 _WHY = {
     Reason.SATURATED: "saturated",
@@ -73,7 +70,7 @@ class ErrorBarMaps:
 
 
 def depth_deviation(
-    near: NearHeight | None, view: View | None, mask: Mask
+    near: NearHeight | None, view: View | None, mask: Bool
 ) -> tuple[CameraModel | None, float]:
     """Return a camera, and the relative standard deviation of all depths from it."""
     if view is None or near is None or not math.isfinite(near.mean_height_sigma_mm):
@@ -81,7 +78,7 @@ def depth_deviation(
     return view.depth_error(near.mean_height_sigma_mm, float(near.depth[mask].mean()))
 
 
-def check_any_valid(kept: Mask, reason: Reasons, solved: Mask) -> None:
+def check_any_valid(kept: Bool, reason: UInt8, solved: Bool) -> None:
     """Raise `EstimateError` with the reasons if no solved pixel is kept."""
     if not kept.any():
         raise EstimateError(
@@ -90,7 +87,7 @@ def check_any_valid(kept: Mask, reason: Reasons, solved: Mask) -> None:
         )
 
 
-def _list_of(reasons: Reasons, inside: Mask) -> str:
+def _list_of(reasons: UInt8, inside: Bool) -> str:
     numbers = {reason: np.count_nonzero(inside & (reasons == reason)) for reason in _WHY}
     return ", ".join(
         f"{_WHY[reason]} ({number})"
@@ -100,7 +97,7 @@ def _list_of(reasons: Reasons, inside: Mask) -> str:
 
 
 def validity_notices(
-    reasons: Reasons, mask: Mask, origin: Origin, correlation: float
+    reasons: UInt8, mask: Bool, origin: Origin, correlation: float
 ) -> list[Notice]:
     """Return notices about pixels without a normal, and about the error bars."""
     notices = []

@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Lights, Source
 from calibration import BandedStack, EstimateError, Stack
@@ -30,8 +29,7 @@ from processing._reconstruction.scheme_check import exclusion
 from processing._reconstruction.views import SurfacePoints, View, lights_of, view_of
 from processing._stereo.method import Method
 from rig import Notice, Progress
-
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Intp
 
 # A computed mask beyond these probably contains background.
 _LARGEST_SHARE = 0.8
@@ -117,8 +115,8 @@ def check_facing(source: Source, mean_z: float) -> None:
 
 
 def _object_of(
-    images: RecordedImages, mask: Mask | None, elsewhere: Mask | None, pattern: str | None
-) -> tuple[Mask, list[Notice]]:
+    images: RecordedImages, mask: Bool | None, elsewhere: Bool | None, pattern: str | None
+) -> tuple[Bool, list[Notice]]:
     """Return the mask of the object, computed from the images if no mask is given, and notices.
 
     Parameters
@@ -148,7 +146,7 @@ def _object_of(
     return computed.mask, [Notice("mask-estimated", text), *_mask_warning(computed.mask)]
 
 
-def _mask_warning(mask: Mask) -> list[Notice]:
+def _mask_warning(mask: Bool) -> list[Notice]:
     """Return a warning about a computed mask that probably contains background."""
     share = float(mask.mean())
     touched = sum(bool(border.any()) for border in (mask[0], mask[-1], mask[:, 0], mask[:, -1]))
@@ -187,7 +185,7 @@ class Examination:
         source: Source,
         images: RecordedImages,
         lights: Lights,
-        mask: Mask,
+        mask: Bool,
         heights: Heights,
         points: SurfacePoints | None,
     ) -> None:
@@ -304,7 +302,7 @@ class Examination:
         return quality_of(self.images, self.lights, self.mask, self.points)
 
 
-def lit_images(values: Images, mask: npt.NDArray[np.bool_]) -> list[int]:
+def lit_images(values: Images, mask: Bool) -> list[int]:
     """Return the indices of the images with light on the object.
 
     The other images are black, because of a dead LED or a lost trigger.
@@ -324,9 +322,7 @@ def lit_images(values: Images, mask: npt.NDArray[np.bool_]) -> list[int]:
     return [int(i) for i in np.flatnonzero(bright > _BLACK * np.median(bright))]
 
 
-def _unlit_notices(
-    values: Images, mask: npt.NDArray[np.bool_], ids: Sequence[str], lit: list[int]
-) -> list[Notice]:
+def _unlit_notices(values: Images, mask: Bool, ids: Sequence[str], lit: list[int]) -> list[Notice]:
     """Return warnings about the images that `lit_images` left out.
 
     Noise makes some samples of a black image negative. An image most of whose samples are below
@@ -350,7 +346,7 @@ def _unlit_notices(
     ]
 
 
-def _spread(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+def _spread(mask: Bool) -> Intp:
     """Return flat indices of pixels of the object, at most `_PIXELS`."""
     inside = np.flatnonzero(mask)
     if len(inside) <= _PIXELS:
@@ -358,6 +354,6 @@ def _spread(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
     return inside[np.linspace(0, len(inside) - 1, _PIXELS).astype(np.intp)]
 
 
-def _brightness(image: npt.NDArray[np.float32], pixels: npt.NDArray[np.intp]) -> np.float32:
+def _brightness(image: Float32, pixels: Intp) -> np.float32:
     inside = np.nan_to_num(image.reshape(-1)[pixels], copy=False, nan=1.0)
     return np.float32(np.quantile(inside, 0.99, overwrite_input=True))

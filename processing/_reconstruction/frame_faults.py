@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from calibration import EstimateError
 from processing._reconstruction.cells import Cells
 from processing._stereo.photometric_stereo import photometric_stereo
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float64, Intp
 
 # Cells darker than this share of their albedo may be in shadow.
 _LIT = 0.2
@@ -62,7 +58,7 @@ class PredictedCells:
         If the images have no normals.
     """
 
-    def __init__(self, cells: Cells, lights: Lights, strengths: Double) -> None:
+    def __init__(self, cells: Cells, lights: Lights, strengths: Float64) -> None:
         self._cells = cells
         values = cells.values / strengths[:, None, None].astype(np.float32)
         solved = photometric_stereo(
@@ -102,7 +98,7 @@ class PredictedCells:
             found.append((top + block[0] * size, top + (block[1] + 1) * size - 1))
         return found
 
-    def shifts_px(self) -> Double:
+    def shifts_px(self) -> Float64:
         """Return ``(N, 2)`` shifts right and down in pixels, 0 if an image fits."""
         count = len(self._left)
         shifts, before, after = np.zeros((count, 2)), np.zeros(count), np.zeros(count)
@@ -114,7 +110,7 @@ class PredictedCells:
         found = large & deviates & (after < _EXPLAINED * before)
         return np.where(found[:, None], shifts * self._cells.size, 0.0)
 
-    def _shift(self, i: int) -> tuple[Double, float, float]:
+    def _shift(self, i: int) -> tuple[Float64, float, float]:
         """Return the shift in cells along the slopes of the prediction.
 
         Then come the median absolute deviations before and after.
@@ -137,7 +133,7 @@ class PredictedCells:
         return shift, float(np.median(np.abs(left))), float(np.median(np.abs(after)))
 
 
-def _block(foreign: Mask, quiet: Mask, rows: npt.NDArray[np.intp]) -> tuple[int, int] | None:
+def _block(foreign: Bool, quiet: Bool, rows: Intp) -> tuple[int, int] | None:
     """Return the first and the last row of one block of foreign rows with sharp ends."""
     inside = np.flatnonzero(foreign)
     if not 0 < len(inside) <= _MOST_ROWS * len(rows):
@@ -155,7 +151,7 @@ def _block(foreign: Mask, quiet: Mask, rows: npt.NDArray[np.intp]) -> tuple[int,
     return (first, last) if ends and all(ends) else None
 
 
-def predicted_cells(cells: Cells, lights: Lights, strengths: Double) -> PredictedCells | None:
+def predicted_cells(cells: Cells, lights: Lights, strengths: Float64) -> PredictedCells | None:
     """Return the prediction; None if the images have no normals."""
     try:
         return PredictedCells(cells, lights, strengths)

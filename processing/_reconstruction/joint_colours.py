@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -18,10 +18,7 @@ from processing._stereo.method import Method
 from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
 from rig import no_progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Double = npt.NDArray[np.float64]
+from rig.arrays import AnyArray, Bool, Float32, Float64, Floating
 
 _ROWS = 64
 # Residuals of noiseless images are rounding errors of about this size, relative to the albedo.
@@ -37,7 +34,7 @@ _WEAK = 0.1
 _ENOUGH: dict[Method, int] = {"trimmed": 8, "best": 16}
 
 
-def _over_colours(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _over_colours(values: AnyArray) -> AnyArray:
     """Return the sums over the last axis, of length 3; `numpy.sum` takes ten times as long."""
     return np.asarray(values[..., 0] + values[..., 1] + values[..., 2])
 
@@ -54,11 +51,11 @@ class JointNoise(StackNoise):
         ``(N, H, W, 3)`` the stack, which says which of its samples were measured.
     """
 
-    colours: Float = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
-    values: Float = field(default_factory=lambda: np.zeros((0, 0, 0, 3), np.float32))
+    colours: Float32 = field(default_factory=lambda: np.zeros((0, 0, 3), np.float32))
+    values: Float32 = field(default_factory=lambda: np.zeros((0, 0, 0, 3), np.float32))
 
     @classmethod
-    def of(cls, noise: StackNoise, colours: Float, values: Float) -> JointNoise:
+    def of(cls, noise: StackNoise, colours: Float32, values: Float32) -> JointNoise:
         """Return the law of the combined samples of a stack with this noise."""
         return cls(**vars(noise), colours=colours, values=values)
 
@@ -67,7 +64,7 @@ class JointNoise(StackNoise):
         """The shares of the colours change with the signal."""
         return False
 
-    def variance(self, image: int, values: npt.ArrayLike, first_row: int = 0) -> Double:
+    def variance(self, image: int, values: npt.ArrayLike, first_row: int = 0) -> Float64:
         """Return the variance of combined samples ``(R, W)``; see `StackNoise.variance`."""
         signal = np.asarray(values, np.float64)
         rows = slice(first_row, first_row + len(signal))
@@ -93,7 +90,7 @@ class JointNoise(StackNoise):
         )
 
 
-def law_of_joint_samples(images: ColourImages, method: Method) -> Float | None:
+def law_of_joint_samples(images: ColourImages, method: Method) -> Float32 | None:
     """Return the law of the noise of combined samples, see `law_of_images`, if it is needed."""
     if method == "ls":
         return None
@@ -101,7 +98,7 @@ def law_of_joint_samples(images: ColourImages, method: Method) -> Float | None:
     return law_of_images(Frames(samples), images.model, images.mask)
 
 
-def solve_jointly(images: ColourImages, method: Method, law: Float | None) -> ColourMaps:
+def solve_jointly(images: ColourImages, method: Method, law: Float32 | None) -> ColourMaps:
     """Solve one normal and one albedo per colour from the samples of all colours.
 
     For a pixel of colours a, light i gives the sample ``luma(a) sum(a v / var) / sum(a^2 / var)``
@@ -138,7 +135,7 @@ def solve_jointly(images: ColourImages, method: Method, law: Float | None) -> Co
         found = _colours(values[:, rows], samples[:, rows], lit, first, rows)
         colours[rows] = np.where(known[rows, :, None], found, colours[rows])
         _combine(values, rows, colours, lit, noise, intensities, samples, enough)
-    of_samples: NoiseLaw | Float | None = law
+    of_samples: NoiseLaw | Float32 | None = law
     if noise is not None:
         of_samples = NoiseLaw(JointNoise.of(noise, colours, values), samples.shape)
     maps = StereoMaps.empty(mask.shape)
@@ -151,7 +148,7 @@ def solve_jointly(images: ColourImages, method: Method, law: Float | None) -> Co
     return ColourMaps(maps.normals, albedo, maps.residual, maps.used[None], solved)
 
 
-def _combined(images: ColourImages, enough: int | None) -> tuple[Float, Float]:
+def _combined(images: ColourImages, enough: int | None) -> tuple[Float32, Float32]:
     """Return samples ``(N, H, W)`` that are combined with the mean colours, and these."""
     values, mask = images.values, images.mask
     colours = np.zeros((*mask.shape, 3), np.float32)
@@ -163,11 +160,11 @@ def _combined(images: ColourImages, enough: int | None) -> tuple[Float, Float]:
     return samples, colours
 
 
-def _bands(mask: Mask) -> Iterator[slice]:
+def _bands(mask: Bool) -> Iterator[slice]:
     return (slice(top, top + _ROWS) for top in range(0, len(mask), _ROWS))
 
 
-def _mean_colours(values: Float) -> Double:
+def _mean_colours(values: Float32) -> Float64:
     """Return the mean colours ``(R, W, 3)``, of the lights that have all colours if they show any.
 
     Other lights would weight the colours differently. Where one colour is always saturated, the
@@ -183,8 +180,8 @@ def _mean_colours(values: Float) -> Double:
 
 
 def _colours(
-    values: Float, samples: Float, shades: Double, first: StereoMaps, rows: slice
-) -> Double:
+    values: Float32, samples: Float32, shades: Float64, first: StereoMaps, rows: slice
+) -> Float64:
     """Return the colours ``(R, W, 3)`` that explain the samples of some rows best.
 
     As in `colour_albedo`, a sample has little weight if it differs from the first solution.
@@ -202,13 +199,13 @@ def _colours(
 
 
 def _combine(
-    values: Float,
+    values: Float32,
     rows: slice,
-    colours: Float,
-    shades: Double | None,
+    colours: Float32,
+    shades: Float64 | None,
     noise: StackNoise | None,
-    intensities: npt.NDArray[np.floating],
-    samples: Float,
+    intensities: Floating,
+    samples: Float32,
     enough: int | None,
 ) -> None:
     """Write the combined samples of some rows; NaN where no colour was measured.
@@ -242,12 +239,12 @@ def _combine(
         samples[:, rows][weak & (others >= enough)] = np.nan
 
 
-def _ratio(above: npt.NDArray[np.floating], below: npt.NDArray[np.floating]) -> Double:
+def _ratio(above: Floating, below: Floating) -> Float64:
     """Return the quotient, 0 where the divisor is not positive."""
     return np.asarray(np.divide(above, below, out=np.zeros(below.shape), where=below > 0))
 
 
-def shading(model: LightModel, normals: Float, mask: Mask, rows: slice) -> Double:
+def shading(model: LightModel, normals: Float32, mask: Bool, rows: slice) -> Float64:
     """Return ``max(l . n, 0)`` of some rows, ``(N, R, W)``; 0 outside the mask.
 
     It is 0 too where a near light does not reach the surface.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, LightErrors, Lights
 from calibration import EstimateError, Stack, check_linear
@@ -19,9 +18,7 @@ from processing._reconstruction.strength_fit import (
 from processing._uncertainty.normal_uncertainty import STRUCTURED
 from processing._uncertainty.reference_solver import correlation_of_neighbours
 from rig import Notice, check_type, pluralize, short_repr
-
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Intp
 
 _FEWEST_LIGHTS = 4
 _FEWEST_PIXELS = 100
@@ -57,8 +54,8 @@ class LightStrengths:
     """
 
     lights: Lights
-    factors: Double
-    sigmas: Double
+    factors: Float64
+    sigmas: Float64
     warnings: tuple[Notice, ...]
 
     __repr__ = short_repr
@@ -105,11 +102,11 @@ def with_strengths(given: Lights | None, estimated: Lights) -> Lights | None:
 
 
 def light_strengths(
-    values: npt.NDArray[np.float32],
+    values: Float32,
     lights: Lights,
-    mask: Mask,
+    mask: Bool,
     *,
-    points_mm: npt.NDArray[np.float64] | None = None,
+    points_mm: Float64 | None = None,
 ) -> LightStrengths:
     """Estimate the strengths of lights from images of an object of unknown shape.
 
@@ -207,10 +204,10 @@ def light_strengths(
 
 
 def _check(
-    values: npt.NDArray[np.float32],
+    values: Float32,
     lights: Lights,
-    mask: Mask,
-    points_mm: npt.NDArray[np.float64] | None,
+    mask: Bool,
+    points_mm: Float64 | None,
 ) -> None:
     if values.ndim != 3 or values.shape[1:] != mask.shape:
         raise DataError(
@@ -233,7 +230,7 @@ def _check(
         )
 
 
-def _check_planes(vectors: Double, ids: tuple[str, ...]) -> None:
+def _check_planes(vectors: Float64, ids: tuple[str, ...]) -> None:
     """Refuse lights of which one is the only one outside of a plane."""
     unit = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
     for i, name in enumerate(ids):
@@ -246,7 +243,7 @@ def _check_planes(vectors: Double, ids: tuple[str, ...]) -> None:
             )
 
 
-def _sigmas(fit: StrengthFit, places: npt.NDArray[np.intp], shape: tuple[int, ...]) -> Double:
+def _sigmas(fit: StrengthFit, places: Intp, shape: tuple[int, ...]) -> Float64:
     """Return standard deviations from the scatter between pixels, or parts if they scatter more."""
     rows, columns = np.divmod(places, shape[1])
     tiles = [
@@ -270,7 +267,7 @@ def _relief(fit: StrengthFit) -> float:
     return float(np.sqrt(np.maximum(np.linalg.eigvalsh(left)[1], 0)))
 
 
-def _why_unknown(ids: tuple[str, ...], sigmas: Double) -> str:
+def _why_unknown(ids: tuple[str, ...], sigmas: Float64) -> str:
     worst = int(np.argmax(sigmas))
     return (
         f"the images do not determine the strength of {ids[worst]} (standard deviation "
@@ -278,7 +275,7 @@ def _why_unknown(ids: tuple[str, ...], sigmas: Double) -> str:
     )
 
 
-def _scaled(lights: Lights, factors: Double, sigmas: Double) -> Lights:
+def _scaled(lights: Lights, factors: Float64, sigmas: Float64) -> Lights:
     if lights.intensities is None:
         raise AssertionError("lights have intensities")
     intensities = lights.intensities * factors[:, None]

@@ -9,7 +9,6 @@ from functools import partial
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from calibration import EstimateError
@@ -23,10 +22,7 @@ from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
 from processing._uncertainty.reference_solver import correlation_of_neighbours
 from rig import no_progress, short_repr
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Intp
 
 _STRENGTH_PIXELS = 250
 _STRENGTH_TRIED = 13
@@ -35,7 +31,7 @@ _ACCURACY = 1e-3
 # Light vectors change slowly: this many pixels, averages of blocks, show the shape well enough.
 _PIXELS = 60_000
 # Returns the costs ``(P, N)`` of samples if the surface is higher by some mm, under some lights.
-Costs = Callable[[float, Lights], Double]
+Costs = Callable[[float, Lights], Float64]
 # Pixels that show the mean height.
 _SAMPLED = 2500
 # The albedo and the normal of a pixel explain three samples at any height, and a fourth one hardly
@@ -73,7 +69,7 @@ class HeightWithStrengths:
     """
 
     def __init__(
-        self, values: Images, lights: Lights, mask: Mask, view: View, limits: tuple[float, float]
+        self, values: Images, lights: Lights, mask: Bool, view: View, limits: tuple[float, float]
     ) -> None:
         coarse = coarse_images(values, mask, view)
         places = np.flatnonzero(coarse.mask)
@@ -88,7 +84,7 @@ class HeightWithStrengths:
         self._spacing = (limits[1] - limits[0]) / (_STRENGTH_TRIED - 1)
         self._scale = 0.0
 
-    def best(self, depth: Float, found: float | None) -> float | None:
+    def best(self, depth: Float32, found: float | None) -> float | None:
         """Return the best mean height of a surface of known shape; None if it is at a limit.
 
         Parameters
@@ -104,7 +100,7 @@ class HeightWithStrengths:
         cost = partial(self._cost, shape)
         return _least_cost(cost, self._limits, _STRENGTH_TRIED, around, accuracy)
 
-    def _cost(self, shape: Double, height: float) -> float:
+    def _cost(self, shape: Float64, height: float) -> float:
         depth = self._view.moved(shape, float(shape.mean()), self._view.distance_mm - height)
         points = self._origins + depth[:, None] * self._rays
         fit = fit_strengths(self._values, self._lights.vectors_at(points).transpose(1, 0, 2))
@@ -121,18 +117,18 @@ class HeightWithStrengths:
 class CoarseImages:
     """The images in averages of ``factor x factor`` pixels."""
 
-    values: Float
-    mask: Mask
+    values: Float32
+    mask: Bool
     view: View
-    origins: Double
-    rays: Double
+    origins: Float64
+    rays: Float64
     factor: int
 
-    def points(self, depth: Double) -> Double:
+    def points(self, depth: Float64) -> Float64:
         return np.asarray(self.origins + depth[..., None] * self.rays, np.float64)
 
 
-def coarse_images(values: Images, mask: Mask, view: View) -> CoarseImages:
+def coarse_images(values: Images, mask: Bool, view: View) -> CoarseImages:
     """Average blocks; a block with a missing sample or a pixel outside the mask is left out."""
     factor = max(1, math.isqrt(int(np.count_nonzero(mask)) // _PIXELS))
     while True:
@@ -192,7 +188,7 @@ def common_shift(costs: Costs, lights: Lights, step_mm: float) -> CommonShift:
         Step of the differences.
     """
 
-    def at(height: int, shift: int) -> Double:
+    def at(height: int, shift: int) -> Float64:
         return costs(height * step_mm, raised(lights, shift * step_mm))
 
     here, higher, lower, up, down = at(0, 0), at(1, 0), at(-1, 0), at(0, 1), at(0, -1)
@@ -242,7 +238,7 @@ class MeanHeightSearch:
         # The best mean height so far.
         self._found: float | None = None
 
-    def moved(self, depth: Double) -> tuple[Double, float]:
+    def moved(self, depth: Float64) -> tuple[Float64, float]:
         """Return the depth at the best mean height, and the standard deviation of the height."""
         if len(self._pixels) < _FEWEST_PIXELS:
             return depth, math.inf
@@ -268,7 +264,7 @@ class MeanHeightSearch:
         self._found = height
         return self._view.moved(depth, mean, distance - height), self._sigma(shape, height)
 
-    def _sigma(self, shape: Double, height: float) -> float:
+    def _sigma(self, shape: Float64, height: float) -> float:
         """Return the standard deviation of a minimum.
 
         Slopes of the cost scatter between pixels by noise, and between lights also by errors of the
@@ -293,18 +289,18 @@ class MeanHeightSearch:
         other._found = self._found
         return other
 
-    def neighbour_correlation(self, depth: Double) -> float:
+    def neighbour_correlation(self, depth: Float64) -> float:
         """Return the correlation of the residuals of neighbouring lights at a surface."""
         shape = depth.reshape(-1)[self._pixels]
         middle = self._origins.mean(axis=0) + float(shape.mean()) * self._rays.mean(axis=0)
         residuals = self._residuals(shape, self.mean_height(depth), self.lights)
         return correlation_of_neighbours(np.nan_to_num(residuals), self.lights.vectors_at(middle))
 
-    def mean_height(self, depth: Double) -> float:
+    def mean_height(self, depth: Float64) -> float:
         """Return the mean height of the pixels that show it."""
         return self._view.distance_mm - float(depth.reshape(-1)[self._pixels].mean())
 
-    def common_shift(self, depth: Double) -> CommonShift:
+    def common_shift(self, depth: Float64) -> CommonShift:
         """Return what a shift of all lights would do, at the surface that was found."""
         shape, height = depth.reshape(-1)[self._pixels], self.mean_height(depth)
         return common_shift(
@@ -313,7 +309,7 @@ class MeanHeightSearch:
             _SHIFT * self.light_distance_mm,
         )
 
-    def _costs(self, shape: Double, height: float, lights: Lights | None = None) -> Double:
+    def _costs(self, shape: Float64, height: float, lights: Lights | None = None) -> Float64:
         """Return the cost of each sample ``(P, N)`` at a mean height, 0 where it is missing."""
         ratio = self._residuals(shape, height, lights or self.lights) / self._scale
         measured = np.isfinite(ratio)
@@ -321,7 +317,7 @@ class MeanHeightSearch:
         # A pixel counts alike, however many samples it has.
         return np.asarray(cost / np.maximum(measured.sum(axis=1), 1)[:, None], np.float64)
 
-    def _residuals(self, shape: Double, height: float, lights: Lights) -> Double:
+    def _residuals(self, shape: Float64, height: float, lights: Lights) -> Float64:
         """Return residuals ``(P, N)`` relative to the brightness, NaN where a sample is missing.
 
         Residuals relative to the albedo would be smaller at lower heights, as is the irradiance.
@@ -345,7 +341,7 @@ class MeanHeightSearch:
         return np.asarray(residuals / self._brightness, np.float64)
 
 
-def _lit(samples: Float) -> npt.NDArray[np.intp]:
+def _lit(samples: Float32) -> Intp:
     """Return the number of lights that reach each pixel, from samples ``(N, P)``."""
     bright = np.nan_to_num(samples, nan=0.0, posinf=0.0, neginf=0.0)
     return np.asarray((bright > _LIT * bright.max(axis=0)).sum(axis=0), np.intp)

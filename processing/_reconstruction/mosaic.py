@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from calibration import demosaic, luma
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 
-def blocks_of_sites(mosaic: Float) -> Float:
+def blocks_of_sites(mosaic: Float32) -> Float32:
     """Return an image in which every pixel is the mean of 2 x 2 sites, so one of each block.
 
     Parameters
@@ -23,12 +20,12 @@ def blocks_of_sites(mosaic: Float) -> Float:
     return np.asarray(cv2.boxFilter(np.nan_to_num(mosaic, nan=1.0), -1, (2, 2)), np.float32)
 
 
-def gray_picture(mosaic: Float, pattern: str) -> Float:
+def gray_picture(mosaic: Float32, pattern: str) -> Float32:
     """Return the gray values of a mosaic, for people."""
     return luma(demosaic(mosaic, pattern))
 
 
-def albedo_of_sites(albedo: Float, mask: Mask, pattern: str) -> Float:
+def albedo_of_sites(albedo: Float32, mask: Bool, pattern: str) -> Float32:
     """Return the albedo in three colours from that of each site in the colour of its filter.
 
     Green is interpolated along the direction in which it and the colour of the site vary less
@@ -66,13 +63,13 @@ def albedo_of_sites(albedo: Float, mask: Mask, pattern: str) -> Float:
     return np.maximum(colours, 0)
 
 
-def _green(known: Float, pattern: str) -> Float:
+def _green(known: Float32, pattern: str) -> Float32:
     """Return the green of all sites; NaN where no site around one is known."""
     green = demosaic(known, pattern)[..., 1]
     far = np.pad(known, 2, constant_values=np.nan)
     height, width = known.shape
 
-    def moved(rows: int, columns: int) -> Float:
+    def moved(rows: int, columns: int) -> Float32:
         return far[2 + rows : 2 + rows + height, 2 + columns : 2 + columns + width]
 
     ways = []

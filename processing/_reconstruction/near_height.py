@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
@@ -25,10 +24,7 @@ from processing._stereo.method import Method
 from processing._stereo.photometric_stereo import photometric_stereo
 from processing._uncertainty.normal_uncertainty import STRUCTURED
 from rig import Notice, Progress, short_repr
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64
 
 _MOST_STEPS = 10
 # The iteration ends when the surface moves by less, relative to the distance of the lights.
@@ -96,7 +92,7 @@ class NearHeight:
         Whether the images do not determine the height, or contradict it.
     """
 
-    depth: Float
+    depth: Float32
     mean_height_mm: float
     mean_height_sigma_mm: float
     lowest_mm: float
@@ -109,7 +105,7 @@ class NearHeight:
 def near_height(
     values: Images,
     lights: Lights,
-    mask: Mask,
+    mask: Bool,
     view: View,
     *,
     method: Method = "best",
@@ -214,7 +210,7 @@ def height_limits(lights: Lights, view: View) -> tuple[float, float]:
     return _RANGE[0] * away, highest
 
 
-def _check_reach(coarse: CoarseImages, lights: Lights, depth: Double, height: float) -> None:
+def _check_reach(coarse: CoarseImages, lights: Lights, depth: Float64, height: float) -> None:
     """Refuse a surface of which a part is behind the lights."""
     pixels = np.flatnonzero(coarse.mask)
     some = pixels[:: max(1, len(pixels) // _CHECKED)]
@@ -229,8 +225,8 @@ def _check_reach(coarse: CoarseImages, lights: Lights, depth: Double, height: fl
 
 
 def _surface(
-    coarse: CoarseImages, lights: Lights, depth: Double, method: Method
-) -> tuple[Double, Mask]:
+    coarse: CoarseImages, lights: Lights, depth: Float64, method: Method
+) -> tuple[Float64, Bool]:
     stereo = photometric_stereo(
         coarse.values,
         lights,
@@ -243,7 +239,7 @@ def _surface(
     return coarse.view.surface(stereo.normal_map, mean)
 
 
-def _filled(depth: Double, inside: Mask) -> Double:
+def _filled(depth: Float64, inside: Bool) -> Float64:
     """Return a depth for all pixels: outside, that of the nearest one inside."""
     whole = np.zeros(inside.shape)
     whole[inside] = depth
@@ -254,7 +250,7 @@ def _filled(depth: Double, inside: Mask) -> Double:
     return np.asarray(whole[rows, columns], np.float64)
 
 
-def _enlarged(depth: Double, factor: int, shape: tuple[int, ...]) -> Float:
+def _enlarged(depth: Float64, factor: int, shape: tuple[int, ...]) -> Float32:
     """Interpolate averages of blocks to all pixels."""
     if factor == 1:
         return depth.astype(np.float32)
@@ -267,7 +263,7 @@ def _enlarged(depth: Double, factor: int, shape: tuple[int, ...]) -> Float:
     return np.asarray(whole, np.float32)
 
 
-def _common_sigma(search: MeanHeightSearch, depth: Double, method: Method) -> float:
+def _common_sigma(search: MeanHeightSearch, depth: Float64, method: Method) -> float:
     """Return the standard deviation of the mean height if all lights share their stated errors.
 
     Calibrations do not state which part of their errors is common, for instance that of the
@@ -306,7 +302,7 @@ def _doubts(shift: CommonShift, light_distance: float) -> tuple[Notice, ...]:
     return (Notice("height-doubtful", text),)
 
 
-def _contradiction(search: MeanHeightSearch, depth: Double, method: Method) -> tuple[Notice, ...]:
+def _contradiction(search: MeanHeightSearch, depth: Float64, method: Method) -> tuple[Notice, ...]:
     """Return a notice if the images show that the object is lower than stated.
 
     A broad highlight makes an object look higher by up to 20 mm, and may leave no residual. So an
@@ -331,7 +327,7 @@ def _contradiction(search: MeanHeightSearch, depth: Double, method: Method) -> t
     return (Notice("height-contradicted", text),)
 
 
-def _not_determined(mask: Mask, depth: float, sigma: float) -> NearHeight:
+def _not_determined(mask: Bool, depth: float, sigma: float) -> NearHeight:
     """Return a plane, with a notice."""
     text = (
         "the images do not determine how high the object is: its normals are those of points in a "
@@ -346,7 +342,7 @@ class Heights:
     """Where the surface is, from the images."""
 
     view: View | None
-    mask: npt.NDArray[np.bool_]
+    mask: Bool
     height_mm: float | None
     rests_on_plane: bool
     method: Method

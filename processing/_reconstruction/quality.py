@@ -6,7 +6,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from processing._reconstruction.cells import Cells, Samples, cells_of, samples_of
@@ -25,9 +24,8 @@ from processing._reconstruction.views import SurfacePoints
 from processing._stereo.photometric_stereo import photometric_stereo
 from processing._surface.integrability import Integrability, integrability
 from rig import Notice, pluralize, short_repr
+from rig.arrays import Bool, Float64
 
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 _TURNS: dict[str, tuple[int, int]] = {
     "upside down": (-1, -1),
     "mirrored left to right": (1, -1),
@@ -89,7 +87,7 @@ def _duplicates(samples: Samples, ids: Sequence[str]) -> list[Notice]:
 
 
 def _turned_images(
-    factors: Factors, samples: Samples, images: Images, mask: Mask, suspects: Iterable[int]
+    factors: Factors, samples: Samples, images: Images, mask: Bool, suspects: Iterable[int]
 ) -> dict[int, str]:
     """Return the images that fit the others much better if they are turned, and how.
 
@@ -128,7 +126,7 @@ def _turned_notice(turned: dict[int, str], ids: Sequence[str]) -> Notice:
     return Notice("image-turned", text, ", ".join(ids[i] for i in turned))
 
 
-def _turned(i: int, factors: Factors, samples: Samples, images: Images, mask: Mask) -> str | None:
+def _turned(i: int, factors: Factors, samples: Samples, images: Images, mask: Bool) -> str | None:
     """Return how an image must be turned to fit the others; None if that does not help."""
     image = images[i]
     size = np.array(mask.shape)
@@ -145,7 +143,7 @@ def _turned(i: int, factors: Factors, samples: Samples, images: Images, mask: Ma
     return best if left[best] < _BETTER * left["as it is"] else None
 
 
-def _left(values: Double, usable: Mask, normals: Double) -> float:
+def _left(values: Float64, usable: Bool, normals: Float64) -> float:
     """Return the median deviation of one image from a linear function of the normals."""
     weight = usable.astype(np.float64)
     for _ in range(8):
@@ -175,8 +173,8 @@ class _LightCheck:
     """
 
     consistency: float
-    error_deg: Double
-    gain: Double
+    error_deg: Float64
+    gain: Float64
     factors: Factors | None = None
     shuffled: Notice | None = None
 
@@ -262,9 +260,9 @@ class ImageQuality:
     residual: float
     consistency: float
     used: float
-    image_residual: Double
-    light_error_deg: Double
-    light_gain: Double
+    image_residual: Float64
+    light_error_deg: Float64
+    light_gain: Float64
     curl: float
     scheme: SchemeCheck = field(repr=False)
     ids: tuple[str, ...]
@@ -276,9 +274,9 @@ class ImageQuality:
 def image_quality(
     values: Images,
     lights: Lights,
-    mask: Mask,
+    mask: Bool,
     *,
-    points_mm: npt.NDArray[np.float64] | None = None,
+    points_mm: Float64 | None = None,
 ) -> ImageQuality:
     """Test whether images, lights and the normals that follow from them agree.
 
@@ -327,8 +325,8 @@ def image_quality(
 def quality_of(
     values: Images,
     lights: Lights,
-    mask: Mask,
-    points_mm: npt.NDArray[np.float64] | SurfacePoints | None,
+    mask: Bool,
+    points_mm: Float64 | SurfacePoints | None,
 ) -> ImageQuality:
     """Return `image_quality` with surface points of any form."""
     cells = cells_of(values, mask, points_mm)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import (
     BandStore,
@@ -56,8 +55,7 @@ from processing._stereo.photometric_stereo import check_solved
 from processing._surface.integration import integrate
 from processing._uncertainty.sample_kind import Reason
 from rig import Notice, Progress, check_type, no_progress, pluralize
-
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 # The interpreter, libraries and compiled kernels, and buffers of the threads.
 _FIXED = 450_000_000
@@ -420,7 +418,7 @@ def _colours(source: Source, stack: BandedStack, examined: Examination) -> Bande
 
 def _albedo_in_colour(
     maps: MemoryMaps | BandStore, colours: BandedStack, examined: Examination, rows: slice
-) -> npt.NDArray[np.float32]:
+) -> Float32:
     """Return rows of the albedo in colour, from the rows of the other maps."""
     normals, albedo, residual = (maps[name][rows] for name in ("normals", "albedo", "residual"))
     valid = (albedo > 0) & (maps["reason"][rows] == Reason.VALID)
@@ -432,7 +430,7 @@ def _albedo_in_colour(
     return sums.albedo()
 
 
-def _valid_pixels(maps: MemoryMaps | BandStore, examined: Examination) -> tuple[Mask, list[Notice]]:
+def _valid_pixels(maps: MemoryMaps | BandStore, examined: Examination) -> tuple[Bool, list[Notice]]:
     """Return the pixels that have a normal, and notices about others."""
     mask = examined.mask
     solved, reason = np.zeros(mask.shape, np.bool_), maps["reason"][:]
@@ -447,18 +445,18 @@ def _valid_pixels(maps: MemoryMaps | BandStore, examined: Examination) -> tuple[
     return valid, list(notices)
 
 
-def _sum_of_z(normals: MapRows, valid: Mask) -> float:
+def _sum_of_z(normals: MapRows, valid: Bool) -> float:
     return sum(float(normals[rows][..., 2].sum(dtype=np.float64)) for rows in _bands(valid, 12))
 
 
-def _error(source: Source, normals: MapRows, valid: Mask, mask: Mask) -> AngularError | None:
+def _error(source: Source, normals: MapRows, valid: Bool, mask: Bool) -> AngularError | None:
     # True normals are in memory, so these can be, too.
     if source.normals_truth is None:
         return None
     return angular_error(NormalMap(normals[:], valid), source.normals_truth, mask)
 
 
-def _bands(mask: Mask, pixel_bytes: int) -> list[slice]:
+def _bands(mask: Bool, pixel_bytes: int) -> list[slice]:
     height, width = mask.shape
     return rows_in_bands(height, pixel_bytes * width, _READ)
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import (
     BandStore,
@@ -29,10 +27,7 @@ from processing._uncertainty.normal_uncertainty import NormalUncertainty, in_deg
 from processing._uncertainty.pixel_variances import Origin
 from processing._uncertainty.sample_kind import SampleKind
 from rig import Notice
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Rows = npt.NDArray[Any]
+from rig.arrays import AnyArray, Bool, Float32, UInt16
 
 # Bytes of rows that are finished at once.
 _BAND = 32_000_000
@@ -81,8 +76,8 @@ class Reconstruction:
 
     source: Source
     lights: Lights
-    mask: Mask
-    valid: Mask
+    mask: Bool
+    valid: Bool
     maps: Mapping[str, MapRows]
     noise: Origin
     neighbour_correlation: float
@@ -102,27 +97,27 @@ class Reconstruction:
         return NormalMap.of_unit_vectors(self.maps["normals"][:], self.valid)
 
     @property
-    def albedo(self) -> Float:
+    def albedo(self) -> Float32:
         """``(H, W, 3)`` float32 linear RGB if the images have colour, else ``(H, W)``."""
         return self.maps["albedo"][:]
 
     @property
-    def gray_albedo(self) -> Float:
+    def gray_albedo(self) -> Float32:
         """``(H, W)`` float32 gray albedo, see `photometric_stereo`."""
         return self.maps["gray_albedo"][:]
 
     @property
-    def residual(self) -> Float:
+    def residual(self) -> Float32:
         """``(H, W)`` float32 residual of the gray images, see `photometric_stereo`."""
         return self.maps["residual"][:]
 
     @property
-    def used(self) -> npt.NDArray[np.uint16]:
+    def used(self) -> UInt16:
         """``(H, W)`` uint16, number of samples of each pixel."""
         return self.maps["used"][:]
 
     @property
-    def specular(self) -> Float:
+    def specular(self) -> Float32:
         """``(H, W)`` float32 mean light above a matte surface, see `specular_residual`."""
         return self.maps["specular"][:]
 
@@ -154,7 +149,7 @@ class Reconstruction:
 
 
 def finished_maps(
-    store: MemoryMaps | BandStore, valid: Mask, common: np.float32, origin: Origin
+    store: MemoryMaps | BandStore, valid: Bool, common: np.float32, origin: Origin
 ) -> dict[str, MapRows]:
     """Return the maps of a result from what the solver wrote.
 
@@ -172,7 +167,7 @@ def finished_maps(
         Where the law of the noise is from.
     """
 
-    def finished(name: str, finish: Callable[[Rows, slice], Rows]) -> MapRows:
+    def finished(name: str, finish: Callable[[AnyArray, slice], AnyArray]) -> MapRows:
         file = store[name]
         if isinstance(store, BandStore):
             return ComputedRows(file.shape, file.dtype, lambda rows: finish(file[rows], rows))
@@ -182,14 +177,14 @@ def finished_maps(
         return file
 
     def where_valid(name: str) -> MapRows:
-        def finish(values: Rows, rows: slice) -> Rows:
+        def finish(values: AnyArray, rows: slice) -> AnyArray:
             inside = valid[rows]
             return np.where(inside[..., None] if values.ndim == 3 else inside, values, 0)
 
         return finished(name, finish)
 
     def deviations(name: str, besides: np.float32) -> MapRows:
-        def finish(values: Rows, rows: slice) -> Rows:
+        def finish(values: AnyArray, rows: slice) -> AnyArray:
             variances = values + besides
             in_degrees(variances, valid_reasons(store["reason"][rows], origin))
             return variances

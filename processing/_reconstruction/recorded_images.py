@@ -6,14 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from calibration import BandedStack, Stack, StackNoise, luma
 from processing._reconstruction.views import SurfacePoints
 from rig import Notice
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Intp
 
 # Pixels of a sample, and rows that are next to each other in it. An even number, so that each group
 # of rows of a mosaic begins with the colours of the first row.
@@ -39,12 +36,12 @@ class RowSample:
         The law of their noise; None if it is unknown.
     """
 
-    rows: npt.NDArray[np.intp]
-    values: Float
-    mask: Mask
+    rows: Intp
+    values: Float32
+    mask: Bool
     noise: StackNoise | None
 
-    def of(self, points: SurfacePoints | None) -> npt.NDArray[np.float64] | None:
+    def of(self, points: SurfacePoints | None) -> Float64 | None:
         """Return the points of these rows in mm."""
         return None if points is None else points.of(self.rows)
 
@@ -98,13 +95,13 @@ class RecordedImages:
     def __len__(self) -> int:
         return len(self._kept)
 
-    def __getitem__(self, index: int) -> Float:
+    def __getitem__(self, index: int) -> Float32:
         at = self._kept[index]
         stack = self._stack
         image = stack.values[at] if isinstance(stack, Stack) else stack.image(at)
         return luma(image) if self.in_colour else image
 
-    def __iter__(self) -> Iterator[Float]:
+    def __iter__(self) -> Iterator[Float32]:
         return (self[i] for i in range(len(self)))
 
     def take(self, indices: Sequence[int]) -> RecordedImages:
@@ -123,7 +120,7 @@ class RecordedImages:
 
     def bands(
         self,
-        mask: Mask,
+        mask: Bool,
         around: int,
         rows: int | None = None,
         part: slice = slice(None),
@@ -150,7 +147,7 @@ class RecordedImages:
                 sample = RowSample(numbers, stack.values, mask[above:below], stack.noise)
                 yield Band(slice(first, last), inner, sample)
 
-    def sample(self, mask: Mask, *, colour: bool = False) -> RowSample:
+    def sample(self, mask: Bool, *, colour: bool = False) -> RowSample:
         """Return rows with pixels of the mask: all of a small object, else groups of 8 rows.
 
         They do not depend on bands.
@@ -172,7 +169,7 @@ class RecordedImages:
 
 
 # The same images as an array.
-Images = Float | RecordedImages
+Images = Float32 | RecordedImages
 
 
 def _joined(laws: Sequence[StackNoise | None]) -> StackNoise | None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from processing._reconstruction.cells import Cells
@@ -21,9 +20,8 @@ from processing._reconstruction.strength_fit import (
     solve_normals,
 )
 from rig import Notice, pluralize, short_repr
+from rig.arrays import Bool, Float64
 
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Kind = Literal["brightness", "moved", "swapped", "clipped", "striped", "shifted", "foreign"]
 _CODES: dict[Kind, str] = {
     "swapped": "images-swapped",
@@ -117,15 +115,15 @@ class _ImagePrediction:
         ``(N,)`` brightness of the brightest parts relative to the rest, 1 as predicted.
     """
 
-    vectors: Double
-    sigma_deg: Double
-    left: Double
-    top: Double
+    vectors: Float64
+    sigma_deg: Float64
+    left: Float64
+    top: Float64
 
     __repr__ = short_repr
 
 
-def _predict_images(fit: StrengthFit, middle: Double) -> _ImagePrediction:
+def _predict_images(fit: StrengthFit, middle: Float64) -> _ImagePrediction:
     """Predict each image from normals of the others.
 
     Parameters
@@ -166,7 +164,7 @@ def _predict_images(fit: StrengthFit, middle: Double) -> _ImagePrediction:
     return _ImagePrediction(shown, sigma, left, top)
 
 
-def _top(expected: Double, seen: Double) -> float:
+def _top(expected: Float64, seen: Float64) -> float:
     ratio = seen / expected
     brightest = expected >= np.quantile(expected, 1 - _TOP)
     if brightest.all():
@@ -174,7 +172,7 @@ def _top(expected: Double, seen: Double) -> float:
     return float(np.median(ratio[brightest]) / max(float(np.median(ratio[~brightest])), 1e-6))
 
 
-def _light(slopes: Double, target: Double, seen: Double) -> tuple[Double, float, float]:
+def _light(slopes: Float64, target: Float64, seen: Float64) -> tuple[Float64, float, float]:
     """Return the light that explains most samples, the sd of its direction, and the deviation."""
     weight = np.ones(len(target))
     for _ in range(_STEPS):
@@ -281,7 +279,7 @@ def check_scheme(cells: Cells, lights: Lights) -> SchemeCheck:
     return SchemeCheck(disagreeing, undecided, True)
 
 
-def _frame_faults(cells: Cells, lights: Lights, strengths: Double) -> list[Disagreement]:
+def _frame_faults(cells: Cells, lights: Lights, strengths: Float64) -> list[Disagreement]:
     predicted = predicted_cells(cells, lights, strengths)
     found: list[Disagreement] = []
     if predicted is None:
@@ -298,7 +296,7 @@ def _frame_faults(cells: Cells, lights: Lights, strengths: Double) -> list[Disag
     return found
 
 
-def _plateaus(cells: Cells) -> Mask:
+def _plateaus(cells: Cells) -> Bool:
     """Return the images of which a larger part than of others has the largest value."""
     share = np.zeros(len(cells.values))
     for i, image in enumerate(cells.values):
@@ -310,7 +308,7 @@ def _plateaus(cells: Cells) -> Mask:
 
 
 def _light_faults(
-    fit: StrengthFit, middle: Double, ids: Sequence[str], plateaus: Mask
+    fit: StrengthFit, middle: Float64, ids: Sequence[str], plateaus: Bool
 ) -> list[Disagreement]:
     seen = _predict_images(fit, middle)
     mapped = align(seen.vectors, middle)
@@ -347,7 +345,7 @@ def _light_faults(
     return found
 
 
-def _brightness_faults(fit: StrengthFit, left: Double) -> list[Disagreement]:
+def _brightness_faults(fit: StrengthFit, left: Float64) -> list[Disagreement]:
     typical = _spread(left)
     sigma = np.sqrt(np.maximum(np.diag(fit.covariance()), 0))
     # The tilt explains three of few deviations.
@@ -362,7 +360,7 @@ def _brightness_faults(fit: StrengthFit, left: Double) -> list[Disagreement]:
     return found
 
 
-def _tilt(fit: StrengthFit, middle: Double) -> Double:
+def _tilt(fit: StrengthFit, middle: Float64) -> Float64:
     """Return the part of the logarithms that a common tilt of all normals explains.
 
     If all normals m are tilted to m', strengths change by ``(l . m) / (l . m')``.
@@ -375,7 +373,7 @@ def _tilt(fit: StrengthFit, middle: Double) -> Double:
     return np.asarray(design @ _most_agree(design, fit.logarithms))
 
 
-def _most_agree(design: Double, values: Double) -> Double:
+def _most_agree(design: Float64, values: Float64) -> Float64:
     """Return the coefficients of least Geman-McClure cost: the best of many triples, refined.
 
     Deviations that no limit names cost little. The tightest half would be a worse choice: gloss
@@ -389,14 +387,14 @@ def _most_agree(design: Double, values: Double) -> Double:
     tried = np.linalg.solve(design[triples], values[triples][..., None])[..., 0]
     off = ((values - tried @ design.T) / _HALF_COST) ** 2
     cost = (off / (1 + off)).sum(axis=1)
-    found: Double = tried[int(np.argmin(cost))]
+    found: Float64 = tried[int(np.argmin(cost))]
     for _ in range(20):
         root = 1 / (1 + ((values - design @ found) / _HALF_COST) ** 2)
         found = np.asarray(np.linalg.lstsq(root[:, None] * design, root * values, rcond=None)[0])
     return found
 
 
-def _spread(left: Double) -> float:
+def _spread(left: Float64) -> float:
     """Return the standard deviation of the values that agree, if these are more than half."""
     return float(np.quantile(np.abs(left), _AGREEING)) / _NORMAL_QUANTILE
 

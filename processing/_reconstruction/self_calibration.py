@@ -5,12 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from rig import short_repr
-
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float64
 
 _ROUNDS = 25
 _PLAIN_ROUNDS = 8
@@ -35,15 +32,15 @@ class Factors:
         Root mean square contributions of the three components to a sample, descending.
     """
 
-    lights: Double
-    normals: Double
-    deviation: Double
-    strengths: Double
+    lights: Float64
+    normals: Float64
+    deviation: Float64
+    strengths: Float64
 
     __repr__ = short_repr
 
 
-def factorise(samples: Double, usable: Mask) -> Factors:
+def factorise(samples: Float64, usable: Bool) -> Factors:
     """Find lights and normals whose products are the samples of matte pixels.
 
     The images of a matte surface without shadows under N distant lights are linear combinations of
@@ -81,7 +78,7 @@ def factorise(samples: Double, usable: Mask) -> Factors:
     return Factors(lights, normals, deviation, spread / np.sqrt(samples.shape[1]))
 
 
-def solve(weight: Double, samples: Double, factors: Double) -> Double:
+def solve(weight: Float64, samples: Float64, factors: Float64) -> Float64:
     """Return the weighted least squares solutions ``(P, 3)`` of ``samples = x @ factors.T``."""
     products = (factors[:, :, None] * factors[:, None, :]).reshape(-1, 9)
     normal = (weight @ products).reshape(-1, 3, 3)
@@ -90,7 +87,7 @@ def solve(weight: Double, samples: Double, factors: Double) -> Double:
     return np.asarray(np.linalg.solve(normal + ridge * np.eye(3), target[..., None])[..., 0])
 
 
-def align(found: Double, given: Double) -> Double:
+def align(found: Float64, given: Float64) -> Float64:
     """Map the lights that the images show to the given ones, by the linear map that fits most.
 
     The map follows from triples of lights, by the least median of the angles, and is refined by
@@ -118,7 +115,7 @@ def align(found: Double, given: Double) -> Double:
     # A map from three lights fits these exactly: judge it by the best two thirds of all.
     quantile = np.quantile(angles, 0.67, axis=1)
     best = int(np.argmin(quantile))
-    mapped: Double = found @ maps[best]
+    mapped: Float64 = found @ maps[best]
     length = np.linalg.norm(given, axis=1)
     for _ in range(10):
         deviation = np.linalg.norm(mapped - given, axis=1) / length
@@ -128,7 +125,7 @@ def align(found: Double, given: Double) -> Double:
     return mapped
 
 
-def explained(mapped: Double, given: Double) -> bool:
+def explained(mapped: Float64, given: Float64) -> bool:
     """Return whether the images follow the lights along all three axes of their places.
 
     On a surface that is curved along one axis only (steps, a cylinder), a third component may come
@@ -140,12 +137,12 @@ def explained(mapped: Double, given: Double) -> bool:
     return bool(np.all(off < _UNEXPLAINED * np.median(np.abs(given @ axes), axis=0)))
 
 
-def angles_deg(a: Double, b: Double) -> Double:
+def angles_deg(a: Float64, b: Float64) -> Float64:
     """Return the angles between vectors along the last axis."""
     return np.degrees(_angles(a, b))
 
 
-def _angles(a: Double, b: Double) -> Double:
+def _angles(a: Float64, b: Float64) -> Float64:
     cosine = np.sum(a * b, axis=-1)
     one, other = np.broadcast_arrays(a, b)
     sine = np.linalg.norm(np.cross(one, other), axis=-1)

@@ -14,11 +14,9 @@ from processing._stereo.light_model import LightModel
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, law_or_alike
 from rig import check_type, in_threads
+from rig.arrays import Bool, Float32
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 _BLOCK = 16384
 # Where the noise is known, smaller residuals may be noise: 1 in 700 samples of a matte surface.
@@ -32,7 +30,7 @@ def specular_residual(
     *,
     points_mm: npt.ArrayLike | None = None,
     noise: StackNoise | None = None,
-) -> Float:
+) -> Float32:
     """Return the mean light that each pixel reflects above a matte surface.
 
     This is the mean over the measured samples of ``max(v - a max(l . n, 0), 0)`` with the albedo a
@@ -94,13 +92,13 @@ def specular_residual(
 
 
 def excess(
-    stack: Float,
+    stack: Float32,
     model: LightModel,
     law: NoiseLaw | None,
-    mask: Mask,
-    normals: Float,
-    albedo: Float,
-) -> Float:
+    mask: Bool,
+    normals: Float32,
+    albedo: Float32,
+) -> Float32:
     """Return `specular_residual` of the pixels of a mask."""
     lights = len(stack)
     scaled = (normals * albedo[..., None]).reshape(-1, 3)
@@ -119,7 +117,9 @@ def excess(
     return residual.reshape(mask.shape)
 
 
-def mean_excess(samples: Float, vectors: Float, law: Float | None, scaled: Float) -> Float:
+def mean_excess(
+    samples: Float32, vectors: Float32, law: Float32 | None, scaled: Float32
+) -> Float32:
     """Return `specular_residual` of P pixels with scaled normals ``(P, 3)``; see `Estimator`.
 
     It is 0 for pixels without a normal.
@@ -131,7 +131,9 @@ def mean_excess(samples: Float, vectors: Float, law: Float | None, scaled: Float
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def _mean_excess(values: Float, vectors: Float, law: Float, known: bool, scaled: Float) -> float:
+def _mean_excess(
+    values: Float32, vectors: Float32, law: Float32, known: bool, scaled: Float32
+) -> float:
     total, count = 0.0, np.int32(0)
     zero, sigmas = np.float32(0), np.float32(_SIGMAS if known else 0.0)
     nx, ny, nz = scaled[0], scaled[1], scaled[2]
@@ -149,8 +151,8 @@ def _mean_excess(values: Float, vectors: Float, law: Float, known: bool, scaled:
 
 @numba.njit(nogil=True, cache=True)
 def _above(
-    first: int, last: int, values: Float, vectors: Float, law: Float, known: bool, scaled: Float,
-    mean: Float,
+    first: int, last: int, values: Float32, vectors: Float32, law: Float32, known: bool,
+    scaled: Float32, mean: Float32,
 ) -> None:  # fmt: skip
     """Write the mean excess of each pixel; see `Estimator` for the parameters."""
     for p in range(first, last):

@@ -5,14 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from processing._reconstruction.cells import Cells
 from rig import short_repr
-
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float64, Intp
 
 _STEPS = 40
 _SETTLED = 1e-5
@@ -63,20 +60,20 @@ class StrengthFit:
         Indices of the P pixels among those given.
     """
 
-    logarithms: Double
-    information: Double
-    scores: Double
-    scaled_normals: Double
-    samples: Double
-    vectors: Double
-    weights: Double
-    residuals: Double
-    spread: Double
-    kept: npt.NDArray[np.intp]
+    logarithms: Float64
+    information: Float64
+    scores: Float64
+    scaled_normals: Float64
+    samples: Float64
+    vectors: Float64
+    weights: Float64
+    residuals: Float64
+    spread: Float64
+    kept: Intp
 
     __repr__ = short_repr
 
-    def covariance(self, scores: Double | None = None) -> Double:
+    def covariance(self, scores: Float64 | None = None) -> Float64:
         """Return the covariance of the logarithms, from the scatter of scores between pixels.
 
         A sandwich estimate (White, 1982), for strengths whose logarithms have the mean 0.
@@ -89,7 +86,7 @@ class StrengthFit:
         return np.asarray(inverse @ (scores.T @ scores) @ inverse)
 
 
-def light_vectors(cells: Cells, lights: Lights, places: npt.NDArray[np.intp]) -> Double:
+def light_vectors(cells: Cells, lights: Lights, places: Intp) -> Float64:
     """Return the light vectors ``(P, N, 3)`` of some cells, ``(1, N, 3)`` of distant lights."""
     if not lights.near or cells.points_mm is None:
         return lights.unit_directions[None]
@@ -98,7 +95,7 @@ def light_vectors(cells: Cells, lights: Lights, places: npt.NDArray[np.intp]) ->
 
 
 def fit_strengths(
-    values: Double, vectors: Double, *, prior_sd: float = _PRIOR_SD
+    values: Float64, vectors: Float64, *, prior_sd: float = _PRIOR_SD
 ) -> StrengthFit | None:
     """Fit ``value = strength * (light vector . scaled normal)`` with Cauchy weights.
 
@@ -173,15 +170,15 @@ def fit_strengths(
     )
 
 
-def project(vectors: Double, normals: Double) -> Double:
+def project(vectors: Float64, normals: Float64) -> Float64:
     """Return ``(P, N)`` products of light vectors and normals."""
-    product: Double = (
+    product: Float64 = (
         (vectors @ normals[:, :, None])[..., 0] if len(vectors) > 1 else (normals @ vectors[0].T)
     )
     return product
 
 
-def solve_normals(samples: Double, weights: Double, vectors: Double) -> tuple[Double, Double]:
+def solve_normals(samples: Float64, weights: Float64, vectors: Float64) -> tuple[Float64, Float64]:
     """Return the weighted least squares normals ``(P, 3)`` and the inverse matrices."""
     if len(vectors) > 1:
         rows = weights[..., None] * vectors
@@ -197,8 +194,8 @@ def solve_normals(samples: Double, weights: Double, vectors: Double) -> tuple[Do
 
 
 def strength_information(
-    weights: Double, predicted: Double, vectors: Double, inverse: Double
-) -> Double:
+    weights: Float64, predicted: Float64, vectors: Float64, inverse: Float64
+) -> Float64:
     """Return the information about the strengths that is left by unknown normals."""
     slope = weights * predicted
     rows = slope[..., None] * vectors
@@ -209,18 +206,20 @@ def strength_information(
     return np.asarray(np.diag(np.sum(slope * predicted, axis=0)) - reduced @ reduced.T)
 
 
-def _step(information: Double, gradient: Double, since_start: Double, prior_sd: float) -> Double:
+def _step(
+    information: Float64, gradient: Float64, since_start: Float64, prior_sd: float
+) -> Float64:
     """Return the step of the logarithms whose sum is 0."""
     count = len(gradient)
     prior = 1 / prior_sd**2
     matrix = information + prior * np.eye(count)
     both = np.linalg.solve(matrix, np.stack([gradient - prior * since_start, np.ones(count)], 1))
     step = both[:, 0] - both[:, 1] * both[:, 0].sum() / both[:, 1].sum()
-    clipped: Double = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+    clipped: Float64 = np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
     return np.asarray(clipped - clipped.mean())
 
 
-def _brightness(values: Double, measured: Mask) -> Double:
+def _brightness(values: Float64, measured: Bool) -> Float64:
     """Return strengths for a start: brightness of the images relative to the mean of a pixel."""
     strength = np.ones(values.shape[1])
     for _ in range(5):
@@ -232,7 +231,7 @@ def _brightness(values: Double, measured: Mask) -> Double:
     return strength
 
 
-def _median(values: Double, axis: int) -> Double:
+def _median(values: Float64, axis: int) -> Float64:
     """Return medians of what is not NaN, 1 where there is nothing."""
     known = np.isfinite(values)
     order = np.sort(np.where(known, values, np.inf), axis=axis)
@@ -241,11 +240,11 @@ def _median(values: Double, axis: int) -> Double:
     return np.asarray(np.where(np.isfinite(middle), middle, 1.0))
 
 
-def _bright(samples: Double) -> Double:
+def _bright(samples: Float64) -> Float64:
     return np.maximum(np.quantile(samples, _BRIGHT, axis=1), 1e-12)
 
 
-def _spread(residuals: Double, usable: Mask) -> Double:
+def _spread(residuals: Float64, usable: Bool) -> Float64:
     """Return the standard deviations ``(P,)``, with the degrees of freedom of 3 unknowns."""
     middle = _median(np.where(usable, np.abs(residuals), np.nan), axis=1)
     count = usable.sum(axis=1)

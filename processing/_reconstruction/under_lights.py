@@ -7,16 +7,12 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from processing._reconstruction.cells import Cells, Samples, samples_of
 from processing._reconstruction.self_calibration import solve
 from rig import pluralize, short_repr
-
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Order = npt.NDArray[np.intp]
+from rig.arrays import Bool, Float64, Intp
 
 _FEWEST_IMAGES = 6
 # Enough to compare orders, few enough to compare many.
@@ -42,7 +38,7 @@ class Fit:
     """
 
     residual: float
-    per_image: Double
+    per_image: Float64
 
     __repr__ = short_repr
 
@@ -82,7 +78,7 @@ def fit(samples: Samples) -> Fit:
     return Fit(relative_residual(deviation, samples.usable), np.array(each))
 
 
-def relative_residual(deviation: Double, usable: Mask) -> float:
+def relative_residual(deviation: Float64, usable: Bool) -> float:
     """Return the median over pixels of the rms deviation; samples have the rms 1."""
     rms = np.sqrt(np.sum(deviation**2, axis=1) / np.maximum(usable.sum(axis=1), 1))
     return float(np.median(rms))
@@ -108,7 +104,7 @@ def remedy(cells: Cells, lights: Lights, found: Fit) -> Remedy | None:
     return best
 
 
-def _trials(count: int, per_image: Double) -> Iterator[tuple[str, tuple[int, ...], Order]]:
+def _trials(count: int, per_image: Float64) -> Iterator[tuple[str, tuple[int, ...], Intp]]:
     worst = np.argsort(-np.nan_to_num(per_image), kind="stable")[:_WORST]
     for i, j in combinations(sorted(int(k) for k in worst), 2):
         order = np.arange(count)

@@ -12,10 +12,9 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError, Lights, Source
 from processing._normal_map import NormalMap
 from processing._surface.integration import integrate
+from rig.arrays import Bool, Float32, Float64, Intp
 
-Double = npt.NDArray[np.float64]
-Rows = slice | npt.NDArray[np.intp]
-Mask = npt.NDArray[np.bool_]
+Rows = slice | Intp
 
 # Rays of a camera that is so far away are parallel.
 _FAR_MM = 1e6
@@ -35,16 +34,16 @@ class SurfacePoints(NamedTuple):
     """
 
     view: View
-    depth: npt.NDArray[np.float32] | float
+    depth: Float32 | float
     size: tuple[int, ...]
 
-    def of(self, rows: Rows = slice(None)) -> Double:
+    def of(self, rows: Rows = slice(None)) -> Float64:
         """Return the points ``(R, W, 3)`` of some rows."""
         numbers = np.arange(self.size[0])[rows]
         depth = self.depth if isinstance(self.depth, float) else self.depth[rows]
         return self.view.points_of(numbers, depth)
 
-    def at(self, pixels: npt.NDArray[np.intp]) -> Double:
+    def at(self, pixels: Intp) -> Float64:
         """Return the points ``(P, 3)`` of pixels, indices into the flat image."""
         rows, columns = np.divmod(pixels, self.size[1])
         found = [self.of(np.array([row]))[0, columns[rows == row]] for row in np.unique(rows)]
@@ -72,16 +71,16 @@ class Perspective:
         """Height that all points are below."""
         return self.distance_mm
 
-    def rays(self) -> tuple[Double, Double]:
+    def rays(self) -> tuple[Float64, Float64]:
         """Return origins and directions ``(H, W, 3)``: a point is ``origin + depth * ray``."""
         rays = self.camera.pixel_rays()
         return np.broadcast_to(self.camera.centre_mm, rays.shape), rays
 
-    def points_at(self, depth_mm: npt.ArrayLike) -> Double:
+    def points_at(self, depth_mm: npt.ArrayLike) -> Float64:
         """Return the points ``(H, W, 3)`` of all pixels."""
         return self.points_of(np.arange(self.camera.height), depth_mm)
 
-    def points_of(self, rows: npt.NDArray[np.intp], depth_mm: npt.ArrayLike) -> Double:
+    def points_of(self, rows: Intp, depth_mm: npt.ArrayLike) -> Float64:
         """Return the points ``(R, W, 3)`` of rows with depths ``(R, W)``."""
         x, y = np.meshgrid(np.arange(self.camera.width), rows)
         points = self.camera.rays(np.stack([x, y], axis=-1))
@@ -92,11 +91,11 @@ class Perspective:
     def downscaled(self, factor: int) -> Perspective:
         return replace(self, camera=self.camera.downscaled(factor))
 
-    def moved(self, depth: Double, before: float, after: float) -> Double:
+    def moved(self, depth: Float64, before: float, after: float) -> Float64:
         """Return the surface of the same normals whose depth is ``after`` where it was before."""
         return np.asarray(depth * (after / before), np.float64)
 
-    def surface(self, normal_map: NormalMap, mean_depth: float) -> tuple[Double, Mask]:
+    def surface(self, normal_map: NormalMap, mean_depth: float) -> tuple[Float64, Bool]:
         """Return the depths ``(P,)`` of a surface, and its pixels."""
         camera = replace(self.camera, working_distance_mm=mean_depth)
         found = integrate(normal_map, camera=camera)
@@ -129,16 +128,16 @@ class Parallel:
     distance_mm = 0.0
     highest_mm = math.inf
 
-    def rays(self) -> tuple[Double, Double]:
+    def rays(self) -> tuple[Float64, Float64]:
         """Return origins and directions ``(H, W, 3)``: a point is ``origin + depth * ray``."""
         origins = self.points_at(0.0)
         return origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)
 
-    def points_at(self, depth_mm: npt.ArrayLike) -> Double:
+    def points_at(self, depth_mm: npt.ArrayLike) -> Float64:
         """Return the points ``(H, W, 3)`` of all pixels."""
         return self.points_of(np.arange(self.size[0]), depth_mm)
 
-    def points_of(self, rows: npt.NDArray[np.intp], depth_mm: npt.ArrayLike) -> Double:
+    def points_of(self, rows: Intp, depth_mm: npt.ArrayLike) -> Float64:
         """Return the points ``(R, W, 3)`` of rows with depths ``(R, W)``."""
         across, down = np.meshgrid(np.arange(self.size[1]), rows)
         x, y = (across - self.axis_px[0]), (self.axis_px[1] - down)
@@ -151,11 +150,11 @@ class Parallel:
         x, y = ((at - (factor - 1) / 2) / factor for at in self.axis_px)
         return Parallel(self.pixel_mm * factor, (height // factor, width // factor), (x, y))
 
-    def moved(self, depth: Double, before: float, after: float) -> Double:
+    def moved(self, depth: Float64, before: float, after: float) -> Float64:
         """Return the surface of the same normals whose depth is ``after`` where it was before."""
         return np.asarray(depth + (after - before), np.float64)
 
-    def surface(self, normal_map: NormalMap, mean_depth: float) -> tuple[Double, Mask]:
+    def surface(self, normal_map: NormalMap, mean_depth: float) -> tuple[Float64, Bool]:
         """Return the depths ``(P,)`` of a surface, and its pixels."""
         found = integrate(normal_map, pixel_mm=self.pixel_mm)
         return mean_depth - found.height[found.mask].astype(np.float64), found.mask

@@ -8,16 +8,13 @@ from typing import Literal, NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import SRGB
 from calibration import EstimateError, luma
 from processing._relight.relightable_image import TERMS, LightBasis, RelightableImage
 from rig import Progress, in_threads
+from rig.arrays import Float32, Float64, Intp
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Index = npt.NDArray[np.intp]
 RelightColours = Literal["lrgb", "rgb"]
 RelightValues = Literal["display", "linear"]
 
@@ -48,8 +45,8 @@ class Samples(NamedTuple):
         ``(1, N, K)`` values of the basis that all pixels share, or ``(P, N, K)``.
     """
 
-    values: Float
-    weights: Double
+    values: Float32
+    weights: Float64
 
 
 class RelightFit(NamedTuple):
@@ -71,8 +68,8 @@ class RelightFit(NamedTuple):
     """
 
     image: RelightableImage
-    residual: Float
-    directions: Double
+    residual: Float32
+    directions: Float64
     white: float
     without_samples: int
 
@@ -80,7 +77,7 @@ class RelightFit(NamedTuple):
 def fit_rows(
     rows: Callable[[int, int], Samples],
     size: tuple[int, int],
-    directions: Double,
+    directions: Float64,
     channels: int,
     *,
     basis: LightBasis,
@@ -143,7 +140,7 @@ def fit_rows(
     return RelightFit(image, residual, directions, white, missing)
 
 
-def _one_function(gray: Float, shown: Float, weights: Double) -> tuple[Float, Float]:
+def _one_function(gray: Float32, shown: Float32, weights: Float64) -> tuple[Float32, Float32]:
     """Return coefficients of the gray values, scaled to about 1, and the colour of each pixel."""
     found = fitted(gray, weights)
     known = np.isfinite(gray) & np.isfinite(shown).all(axis=-1)
@@ -155,7 +152,7 @@ def _one_function(gray: Float, shown: Float, weights: Double) -> tuple[Float, Fl
     return found / peak, tint * peak
 
 
-def _rms(left: Float) -> Float:
+def _rms(left: Float32) -> Float32:
     """Return the rms over lights and colours of ``(N, P, C)``; NaN without a finite value."""
     known = np.isfinite(left)
     count = np.sum(known, axis=(0, 2))
@@ -181,12 +178,12 @@ def _white(rows: Callable[[int, int], Samples], size: tuple[int, int]) -> float:
     return float(np.quantile(found, 1 - _CLIPPED, method="lower"))
 
 
-def _curve() -> Float:
+def _curve() -> Float32:
     roots = np.linspace(0, np.sqrt(_BRIGHTEST), _LEVELS + 1)
     return np.asarray(SRGB.samples(roots**2), np.float32)
 
 
-def _encoded(linear: Float, table: Float | None) -> Float:
+def _encoded(linear: Float32, table: Float32 | None) -> Float32:
     """Return light relative to white as samples of a curve; light below 0 becomes 0."""
     if table is None:
         return linear
@@ -195,12 +192,12 @@ def _encoded(linear: Float, table: Float | None) -> Float:
     place = np.sqrt(light) * np.float32(_LEVELS / np.sqrt(_BRIGHTEST))
     index = np.minimum(place.astype(np.int32), _LEVELS - 1)
     lower = table[index]
-    samples: Float = lower + (place - index).astype(np.float32) * (table[index + 1] - lower)
+    samples: Float32 = lower + (place - index).astype(np.float32) * (table[index + 1] - lower)
     samples[~known] = np.nan
     return samples
 
 
-def fitted(values: Float, weights: Double) -> Float:
+def fitted(values: Float32, weights: Float64) -> Float32:
     """Return the coefficients that reproduce samples best.
 
     They minimise ``sum (v - w . c)^2 + 1e-4 n |c|^2`` over the n finite samples of a pixel.
@@ -234,7 +231,7 @@ def fitted(values: Float, weights: Double) -> Float:
     return coefficients
 
 
-def _predicted(coefficients: Float, weights: Double) -> Float:
+def _predicted(coefficients: Float32, weights: Float64) -> Float32:
     """Return the ``(N, P)`` samples that coefficients give."""
     if len(weights) == 1:
         return np.asarray(weights[0].astype(np.float32) @ coefficients.T)
@@ -243,7 +240,7 @@ def _predicted(coefficients: Float, weights: Double) -> Float:
 
 @numba.njit(nogil=True, cache=True)
 def _fit(
-    first: int, last: int, pixels: Index, values: Float, weights: Double, coefficients: Float
+    first: int, last: int, pixels: Intp, values: Float32, weights: Float64, coefficients: Float32
 ) -> None:
     """Solve the normal equations of each pixel by a Cholesky decomposition."""
     lights, terms = weights.shape[1], weights.shape[2]

@@ -17,13 +17,9 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from rig import in_threads
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Byte = npt.NDArray[np.uint8]
+from rig.arrays import Float32, Float64, UInt8
 
 # Shares of the pixels outside the ranges whose relations the six scales have; the best one counts.
 _OUTSIDE = (1e-5, 1e-4, 1e-3)
@@ -57,14 +53,14 @@ class PtmBytes(NamedTuple):
         ``(P,)`` limit of the deviation from the values under any light.
     """
 
-    samples: Byte
-    colour: Byte
-    scale: Double
-    bias: Double
-    bound: Float
+    samples: UInt8
+    colour: UInt8
+    scale: Float64
+    bias: Float64
+    bound: Float32
 
 
-def ptm_bytes(coefficients: Float, colour: Float | None) -> PtmBytes:
+def ptm_bytes(coefficients: Float32, colour: Float32 | None) -> PtmBytes:
     """Round functions ``(P, 6)`` of the basis ``ptm`` and their ``(P, 3)`` colours.
 
     Without colours, each function is rounded as it is, and its colour is white.
@@ -88,8 +84,8 @@ def ptm_bytes(coefficients: Float, colour: Float | None) -> PtmBytes:
 
 
 def _scales(
-    extremes: tuple[Float, Float], ends: tuple[Float, Float], fixed: bool
-) -> tuple[Double, Double]:
+    extremes: tuple[Float32, Float32], ends: tuple[Float32, Float32], fixed: bool
+) -> tuple[Float64, Float64]:
     """Return scales and biases with the relations of `ends`, so that no pixel is out of range."""
     low = np.minimum(ends[0].astype(np.float64), 0)
     high = np.maximum(ends[1].astype(np.float64), 0)
@@ -110,7 +106,7 @@ def _scales(
 
 
 def _rounded(
-    coefficients: Float, tint: Float, scale: Double, bias: Double, fixed: bool
+    coefficients: Float32, tint: Float32, scale: Float64, bias: Float64, fixed: bool
 ) -> PtmBytes:
     count = len(coefficients)
     samples, colour = np.zeros((count, 6), np.uint8), np.zeros((count, 3), np.uint8)
@@ -124,14 +120,14 @@ def _rounded(
 def _round(
     first: int,
     last: int,
-    coefficients: Float,
-    tint: Float,
-    scale: Double,
-    bias: Double,
+    coefficients: Float32,
+    tint: Float32,
+    scale: Float64,
+    bias: Float64,
     fixed: bool,
-    samples: Byte,
-    colour: Byte,
-    bound: Float,
+    samples: UInt8,
+    colour: UInt8,
+    bound: Float32,
 ) -> None:
     """Try colours of each pixel, and keep the bytes whose largest deviation is smallest."""
     place = np.zeros(6)
@@ -189,7 +185,7 @@ def _round(
 
 
 @numba.njit(nogil=True, cache=True)
-def _nearest(place: Double, scale: Double, found: Double) -> None:
+def _nearest(place: Float64, scale: Float64, found: Float64) -> None:
     """Round the even coefficients so that the largest deviation over all lights is small."""
     smallest = np.inf
     for choice in range(8):
@@ -217,7 +213,7 @@ def _extremes(a: float, b: float, c: float) -> tuple[float, float]:
 
 @numba.njit(nogil=True, cache=True)
 def _largest(
-    place: Double, found: Double, scale: Double, bias: Double, byte: float, exact: float
+    place: Float64, found: Float64, scale: Float64, bias: Float64, byte: float, exact: float
 ) -> float:
     """Limit the deviation of one colour over all lights."""
     e0 = (byte * (found[0] - bias[0]) - exact * (place[0] - bias[0])) * scale[0]

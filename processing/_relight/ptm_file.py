@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, MissingPathError, write_pieces
 from processing._relight.ptm_bytes import ptm_bytes
@@ -29,9 +28,7 @@ from rig import (
     check_type,
     read_bounded,
 )
-
-Float = npt.NDArray[np.float32]
-Byte = npt.NDArray[np.uint8]
+from rig.arrays import Float32, UInt8
 
 # Where the terms of the basis ptm (1, u, v, u², uv, v²) are in the file, and the reverse.
 _TO_FILE: Final = [3, 5, 4, 1, 2, 0]
@@ -228,7 +225,7 @@ def _image(data: bytes, header: _Header, max_pixels: int) -> RelightableImage:
     return RelightableImage("ptm", _coefficients(samples, header), tint)
 
 
-def _coefficients(samples: Byte, header: _Header) -> Float:
+def _coefficients(samples: UInt8, header: _Header) -> Float32:
     scale = np.array(header.scale, np.float32)[_FROM_FILE] / np.float32(_WHITE)
     bias = np.array(header.bias, np.float32)[_FROM_FILE]
     return (samples[..., _FROM_FILE].astype(np.float32) - bias) * scale

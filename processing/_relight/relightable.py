@@ -17,9 +17,7 @@ from processing._relight.fit import RelightColours, RelightFit, RelightValues, S
 from processing._relight.relightable_image import LightBasis, light_basis
 from processing._stereo.light_model import LightModel
 from rig import Progress, check_type, no_progress
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 # Bytes of a stack that is read at once, as in `reconstruct`.
 _IN_MEMORY = 1_000_000_000
@@ -194,7 +192,7 @@ def fit_normals(
     )  # fmt: skip
 
 
-def _depth(depth_mm: npt.ArrayLike | None, plane: float, size: tuple[int, int]) -> Double:
+def _depth(depth_mm: npt.ArrayLike | None, plane: float, size: tuple[int, int]) -> Float64:
     depth = np.full(size, plane)
     if depth_mm is not None:
         known = np.asarray(depth_mm, np.float64)
@@ -204,7 +202,7 @@ def _depth(depth_mm: npt.ArrayLike | None, plane: float, size: tuple[int, int]) 
     return depth
 
 
-def _near(linear: Float, vectors: Double, basis: LightBasis) -> Samples:
+def _near(linear: Float32, vectors: Float64, basis: LightBasis) -> Samples:
     """Divide samples by the irradiance at their points, and evaluate the basis there."""
     strength = np.linalg.norm(vectors, axis=1).T
     reached = strength > 0
@@ -215,7 +213,7 @@ def _near(linear: Float, vectors: Double, basis: LightBasis) -> Samples:
     return Samples(divided, light_basis(directions, basis))
 
 
-def _hemisphere() -> Double:
+def _hemisphere() -> Float64:
     """Return directions at equal distances, from the lowest height to the pole (golden spiral)."""
     steps = (np.arange(_DIRECTIONS) + 0.5) / _DIRECTIONS
     w = _LOWEST + (1 - _LOWEST) * steps

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig.arrays import Float32, Float64
 
 LightBasis = Literal["ptm", "hsh4", "hsh9"]
-Float = npt.NDArray[np.float32]
 
 TERMS: dict[LightBasis, int] = {"ptm": 6, "hsh4": 4, "hsh9": 9}
 
@@ -37,8 +37,8 @@ class RelightableImage:
     """
 
     basis: LightBasis
-    coefficients: Float
-    colour: Float | None = None
+    coefficients: Float32
+    colour: Float32 | None = None
 
     def __post_init__(self) -> None:
         terms = TERMS.get(self.basis)
@@ -62,7 +62,7 @@ class RelightableImage:
         """Height and width in pixels."""
         return self.coefficients.shape[0], self.coefficients.shape[1]
 
-    def relit(self, direction: npt.ArrayLike) -> Float:
+    def relit(self, direction: npt.ArrayLike) -> Float32:
         """Return the image under a distant light.
 
         Parameters
@@ -99,7 +99,7 @@ class RelightableImage:
         return np.asarray((self.coefficients @ weights)[..., None] * self.colour)
 
 
-def light_basis(directions: npt.ArrayLike, basis: LightBasis) -> npt.NDArray[np.float64]:
+def light_basis(directions: npt.ArrayLike, basis: LightBasis) -> Float64:
     """Return the values of the basis functions for some directions.
 
     Parameters

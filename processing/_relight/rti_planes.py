@@ -21,10 +21,7 @@ import numpy.typing as npt
 from acquisition import DataError, Identity, StorageError, write_durably
 from processing._relight.relightable_image import RelightableImage
 from rig import check_type
-
-Float = npt.NDArray[np.float32]
-Byte = npt.NDArray[np.uint8]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64, UInt8
 
 # Coefficients of few pixels, for example of those with few samples, may be far from all others: at
 # most this share is clipped at either end.
@@ -48,16 +45,16 @@ class _Coded(NamedTuple):
         ``(K,)`` whole numbers, 0 to 255.
     """
 
-    samples: Byte
-    scale: Double
-    bias: Double
+    samples: UInt8
+    scale: Float64
+    bias: Float64
 
-    def decoded(self) -> Float:
+    def decoded(self) -> Float32:
         """Return the coefficients that the samples stand for."""
         return ((self.samples.astype(np.float32) - self.bias) * self.scale).astype(np.float32)
 
 
-def _coded(coefficients: Float) -> _Coded:
+def _coded(coefficients: Float32) -> _Coded:
     """Round coefficients ``(H, W, K)`` to 8 bits; 0 is always among the values of the samples."""
     terms = coefficients.shape[2]
     flat = coefficients.reshape(-1, terms)
@@ -163,7 +160,7 @@ def write_rti_planes(
     return written, _image(np.concatenate(stored, axis=2), image)
 
 
-def _planes(image: RelightableImage) -> Float:
+def _planes(image: RelightableImage) -> Float32:
     """Return all coefficients ``(H, W, 3 M)`` in the order of the planes."""
     height, width = image.size
     if image.colour is None:
@@ -174,14 +171,14 @@ def _planes(image: RelightableImage) -> Float:
     return np.concatenate([np.clip(image.colour, 0, 1), image.coefficients, empty], axis=2)
 
 
-def _image(planes: Float, like: RelightableImage) -> RelightableImage:
+def _image(planes: Float32, like: RelightableImage) -> RelightableImage:
     if like.colour is None:
         return RelightableImage(like.basis, planes.reshape(like.coefficients.shape))
     terms = like.coefficients.shape[2]
     return RelightableImage(like.basis, planes[..., 3 : 3 + terms], planes[..., :3])
 
 
-def _jpeg(samples: npt.NDArray[np.uint8], quality: int, path: Path) -> bytes:
+def _jpeg(samples: UInt8, quality: int, path: Path) -> bytes:
     options = [
         cv2.IMWRITE_JPEG_QUALITY,
         quality,

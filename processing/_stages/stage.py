@@ -6,13 +6,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
 from acquisition import Form, MapRows, Maps, MemoryMaps
 from rig import Progress, no_progress
+from rig.arrays import Bool
 
-Mask = npt.NDArray[np.bool_]
 Size = tuple[int, int]
 
 
@@ -69,7 +66,7 @@ class NormalRows(Protocol):
         """``(H, W, 3)`` float32 unit vectors, 0 outside the mask."""
 
     @property
-    def mask(self) -> Mask:
+    def mask(self) -> Bool:
         """``(H, W)`` bool."""
 
 

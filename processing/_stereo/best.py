@@ -7,14 +7,11 @@ from functools import lru_cache
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.cauchy import cauchy_pixel
 from processing._stereo.pixel_algebra import (
     ANY_ORDER,
     IN_PLACE,
-    Double,
-    Float,
     count_up_to,
     ranked,
     reweighted,
@@ -24,12 +21,12 @@ from processing._stereo.pixel_algebra import (
     weighted_solution,
 )
 from processing._stereo.reflectance_fit import reflectance_fit
+from rig.arrays import Float32, Float64, Int64
 
-# Compiled in: processing/_stereo/cauchy.py 7d6abe045ad8
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-# Compiled in: processing/_stereo/reflectance_fit.py 047fdfacecd8
+# Compiled in: processing/_stereo/cauchy.py 916fc331ab97
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/_stereo/reflectance_fit.py 06a16d158a85
 
-Triples = npt.NDArray[np.int64]
 # Candidates per pixel, and the number of triples that are drawn to find as many.
 _CANDIDATES = 40
 _DRAWN = 120
@@ -49,8 +46,8 @@ _FEWEST = 16
 
 
 def best(
-    values: Float, vectors: Float, law: Float | None = None, view: Float | None = None
-) -> tuple[Double, Double]:
+    values: Float32, vectors: Float32, law: Float32 | None = None, view: Float32 | None = None
+) -> tuple[Float64, Float64]:
     """Solve by least trimmed squares, then fit ``v = max(l . n, 0) (c0 + c1 (h . n)^2)``.
 
     Pixels whose residuals are noise keep the Lambertian model; those with fewer than 16 samples are
@@ -65,8 +62,8 @@ def best(
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def _best_pixel(
-    count: int, usable: Float, known: bool, view: Float, triples: Triples, bright: Float,
-    scratch: Float, gram: Double,
+    count: int, usable: Float32, known: bool, view: Float32, triples: Int64, bright: Float32,
+    scratch: Float32, gram: Float64,
 ) -> tuple[bool, float, float, float]:  # fmt: skip
     if count < _FEWEST:
         solved, m0, m1, m2 = cauchy_pixel(count, usable, known, scratch)
@@ -110,8 +107,8 @@ def _best_pixel(
 @numba.njit(nogil=True, cache=True)
 def _solve_pixels(
     first: int, last: int,
-    values: Float, vectors: Float, law: Float, known: bool, view: Float, triples: Triples,
-    scaled: Double, rms: Double,
+    values: Float32, vectors: Float32, law: Float32, known: bool, view: Float32, triples: Int64,
+    scaled: Float64, rms: Float64,
 ) -> None:  # fmt: skip
     lights = values.shape[1]
     usable = np.zeros((6, lights), np.float32)
@@ -131,14 +128,14 @@ def _solve_pixels(
 
 
 @lru_cache(maxsize=8)
-def _light_triples(lights: int) -> Triples:
+def _light_triples(lights: int) -> Int64:
     """Return ``(T, 3)`` fixed random triples of different lights."""
     rng = np.random.default_rng(0)
     return np.argsort(rng.uniform(size=(_DRAWN, lights)), axis=1)[:, :3].astype(np.int64)
 
 
 @numba.njit(**IN_PLACE)
-def _bright_samples(count: int, usable: Float, bright: Float) -> int:
+def _bright_samples(count: int, usable: Float32, bright: Float32) -> int:
     """Copy the samples that show light, in the form of `usable_samples`; return their number.
 
     A dark sample would agree with every normal that faces away from its light, so that a normal
@@ -164,7 +161,7 @@ def _rank_of_spread(count: int) -> int:
 
 @numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
 def _deviations(
-    count: int, usable: Float, m0: float, m1: float, m2: float, deviation: Float
+    count: int, usable: Float32, m0: float, m1: float, m2: float, deviation: Float32
 ) -> None:
     x, y, z, zero = np.float32(m0), np.float32(m1), np.float32(m2), np.float32(0)
     v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
@@ -174,7 +171,7 @@ def _deviations(
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def _least_trimmed(
-    count: int, usable: Float, triples: Triples, scratch: Float, m0: float, m1: float, m2: float
+    count: int, usable: Float32, triples: Int64, scratch: Float32, m0: float, m1: float, m2: float
 ) -> tuple[float, float, float, np.float32]:
     """Return the solution with the smallest spread of the residuals, and this spread.
 

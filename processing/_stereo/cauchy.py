@@ -10,8 +10,6 @@ import numpy as np
 from processing._stereo.pixel_algebra import (
     IN_PLACE,
     MAD_TO_SIGMA,
-    Double,
-    Float,
     ranked,
     reweighted,
     rms_residual,
@@ -19,8 +17,9 @@ from processing._stereo.pixel_algebra import (
     usable_samples,
     weighted_solution,
 )
+from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).
@@ -30,8 +29,8 @@ _SCALE_FLOOR = 1e-6
 
 
 def cauchy(
-    values: Float, vectors: Float, law: Float | None = None, view: Float | None = None
-) -> tuple[Double, Double]:
+    values: Float32, vectors: Float32, law: Float32 | None = None, view: Float32 | None = None
+) -> tuple[Float64, Float64]:
     """Solve ``value = max(vector . m, 0)`` by reweighted least squares.
 
     The iteration starts at the least-squares solution. It takes up to 10 steps with the weight
@@ -46,7 +45,13 @@ def cauchy(
 
 @numba.njit(**IN_PLACE)
 def _iterated(
-    count: int, usable: Float, shading: Float, deviation: Float, m0: float, m1: float, m2: float
+    count: int,
+    usable: Float32,
+    shading: Float32,
+    deviation: Float32,
+    m0: float,
+    m1: float,
+    m2: float,
 ) -> tuple[float, float, float]:
     """Refine the least-squares solution (m0, m1, m2) of ``v = max(l . m, 0)``.
 
@@ -84,7 +89,7 @@ def _iterated(
 
 @numba.njit(**IN_PLACE)
 def cauchy_pixel(
-    count: int, usable: Float, known: bool, scratch: Float
+    count: int, usable: Float32, known: bool, scratch: Float32
 ) -> tuple[bool, float, float, float]:
     """Return whether the samples of one pixel determine the scaled normal, and its components.
 
@@ -107,12 +112,12 @@ def cauchy_pixel(
 def _solve_pixels(
     first: int,
     last: int,
-    values: Float,
-    vectors: Float,
-    law: Float,
+    values: Float32,
+    vectors: Float32,
+    law: Float32,
     known: bool,
-    scaled: Double,
-    rms: Double,
+    scaled: Float64,
+    rms: Float64,
 ) -> None:
     lights = values.shape[1]
     usable = np.zeros((6, lights), np.float32)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
@@ -15,20 +13,20 @@ from processing._stereo.method import METHODS, Method
 from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
 from rig import check_type, no_progress, pluralize
+from rig.arrays import AnyArray, Bool, Float32, Float64
 
-Mask = npt.NDArray[np.bool_]
 Region = tuple[int, int, int, int]
 
 
 def normals_of_frames(
-    frames: npt.NDArray[Any],
+    frames: AnyArray,
     lights: Lights,
     *,
     dark: npt.ArrayLike = 0.0,
     gain: npt.ArrayLike = 1.0,
     saturation: float = np.inf,
     region: Region | None = None,
-    mask: Mask | None = None,
+    mask: Bool | None = None,
     method: Method = "ls",
     points_mm: npt.ArrayLike | None = None,
     out: StereoMaps | None = None,
@@ -130,11 +128,11 @@ def _size(shape: tuple[int, ...]) -> str:
 
 
 def _check(
-    frames: npt.NDArray[Any],
+    frames: AnyArray,
     lights: Lights,
-    dark: npt.NDArray[np.float32],
+    dark: Float32,
     saturation: float,
-    mask: Mask | None,
+    mask: Bool | None,
     method: str,
 ) -> None:
     if method not in METHODS:
@@ -163,7 +161,7 @@ def _check(
         )
 
 
-def _factors(gain: npt.ArrayLike, lights: int) -> npt.NDArray[np.float64]:
+def _factors(gain: npt.ArrayLike, lights: int) -> Float64:
     factor = np.asarray(gain, np.float64)
     if factor.shape not in ((), (lights,)):
         raise DataError(f"a gain of shape {factor.shape} does not fit {pluralize(lights, 'frame')}")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numba
 import numpy as np
 import numpy.typing as npt
 
 from rig import in_threads
+from rig.arrays import AnyArray, Float32, Int64, Intp
 
-Float = npt.NDArray[np.float32]
-Index = npt.NDArray[np.int64]
-Samples = npt.NDArray[Any]
-Flat = tuple[Samples, ...]
+Flat = tuple[AnyArray, ...]
 
 # Pixels that are solved together. Their samples fit into the second-level cache.
 TILE = 2048
@@ -41,7 +37,7 @@ class Frames:
 
     def __init__(
         self,
-        images: Samples,
+        images: AnyArray,
         *,
         gain: npt.ArrayLike | None = None,
         dark: npt.ArrayLike = 0.0,
@@ -85,7 +81,7 @@ class Frames:
     def __len__(self) -> int:
         return len(self.gain)
 
-    def of_pixels(self, pixels: npt.NDArray[np.intp]) -> Float:
+    def of_pixels(self, pixels: Intp) -> Float32:
         """Return the samples ``(P, N)`` of some pixels, indices into the flat image."""
         values = np.zeros((len(pixels), len(self)), np.float32)
         in_threads(
@@ -99,7 +95,7 @@ class Frames:
 def _gather(
     first: int, end: int,
     flat: Flat, image_step: int, row_step: int, width: int,
-    gain: Float, dark: Float, limit: np.float32, pixels: Index, values: Float,
+    gain: Float32, dark: Float32, limit: np.float32, pixels: Int64, values: Float32,
 ) -> None:  # fmt: skip
     at, shift = np.zeros(256, np.int64), np.zeros(256, np.float32)
     for block in range(first, end):
@@ -121,7 +117,7 @@ def _gather(
 
 @numba.njit(cache=True)
 def _gather_image(
-    image: Samples, at: Index, shift: Float, gain: np.float32, limit: np.float32, out: Float
+    image: AnyArray, at: Int64, shift: Float32, gain: np.float32, limit: np.float32, out: Float32
 ) -> None:
     for k in range(len(out)):
         raw = np.float32(image[at[k]])
@@ -131,7 +127,7 @@ def _gather_image(
 @numba.njit()
 def load_tile(
     flat: Flat, image_step: int, row_step: int, width: int,
-    gain: Float, dark: Float, limit: np.float32, first: int, count: int, tile: Float,
+    gain: Float32, dark: Float32, limit: np.float32, first: int, count: int, tile: Float32,
 ) -> None:  # fmt: skip
     """Write the samples of ``count`` consecutive pixels from ``first`` on into ``(N, TILE)``."""
     shift = np.zeros(TILE, np.float32)
@@ -156,7 +152,9 @@ def load_tile(
 
 
 @numba.njit()
-def _load_row(raw: Samples, dark: Float, gain: np.float32, limit: np.float32, out: Float) -> None:
+def _load_row(
+    raw: AnyArray, dark: Float32, gain: np.float32, limit: np.float32, out: Float32
+) -> None:
     for k in range(len(out)):
         value = np.float32(raw[k])
         out[k] = (value - dark[k]) * gain if value < limit else np.float32(np.nan)

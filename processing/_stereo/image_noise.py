@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from calibration import StackNoise
@@ -13,10 +12,7 @@ from processing._stereo.least_squares import least_squares
 from processing._stereo.light_model import LightModel
 from processing._stereo.pixel_algebra import MAD_TO_SIGMA
 from rig import pluralize
-
-Double = npt.NDArray[np.float64]
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Intp
 
 # Pairs of neighbours that are compared, and the fewest that show the noise.
 _PAIRS = 3000
@@ -68,7 +64,7 @@ class NoiseLaw:
                 f"{pluralize(images, 'image')}"
             )
         self._noise = noise
-        self._linear: Double | None = None
+        self._linear: Float64 | None = None
         if noise.linear:
             tile = np.zeros((2, 2))
             floor, unit = (
@@ -79,7 +75,7 @@ class NoiseLaw:
             np.all(self._linear == self._linear[..., :1, :1])
         )
 
-    def of(self, pixels: npt.NDArray[np.intp], values: Float, vectors: Float) -> Float:
+    def of(self, pixels: Intp, values: Float32, vectors: Float32) -> Float32:
         """Return the law of some samples, ``(1, 2, N)`` or ``(P, 2, N)``, see `Estimator`.
 
         The law of merged exposures or colours is not linear: its variance at the signal that least
@@ -112,7 +108,7 @@ class NoiseLaw:
         return law
 
 
-def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None:
+def law_of_images(frames: Frames, model: LightModel, mask: Bool) -> Float32 | None:
     """Estimate the law of the noise from the images, None if they do not show it.
 
     The samples of two neighbours differ by their albedo and their normal, which is linear in the
@@ -174,7 +170,9 @@ def law_of_images(frames: Frames, model: LightModel, mask: Mask) -> Float | None
     return np.asarray(law * min(largest, 1.0) ** 2, np.float32)
 
 
-def _parts(vectors: Float, lit: Mask, signal: Double, intensities: Double) -> tuple[Double, Double]:
+def _parts(
+    vectors: Float32, lit: Bool, signal: Float64, intensities: Float64
+) -> tuple[Float64, Float64]:
     """Return what the residuals of least squares show of the noise of one sensor.
 
     With the hat matrix H, the residual of sample i has ``(1 - H)_ij^2`` of the variance of each
@@ -192,7 +190,7 @@ def _parts(vectors: Float, lit: Mask, signal: Double, intensities: Double) -> tu
     solving = np.linalg.inv(of_lit @ transposed) @ of_lit
     leverage = np.einsum("pin,pin->pn", of_lit, solving)
 
-    def mixed(variances: Double) -> Double:
+    def mixed(variances: Float64) -> Float64:
         of_all = (of_lit * variances[:, None]) @ transposed
         others = np.einsum("pin,pin->pn", solving, of_all @ solving)
         return np.asarray(((1 - 2 * leverage) * variances + others) * intensities**2)
@@ -202,7 +200,7 @@ def _parts(vectors: Float, lit: Mask, signal: Double, intensities: Double) -> tu
     return shares, np.divide(levels, shares, out=np.zeros_like(levels), where=shares > 0)
 
 
-def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
+def _fitted(signal: Float64, noise: Float64, intensities: Float64) -> Float32 | None:
     """Return the law from samples of signal and noise."""
     order = np.argsort(signal, kind="stable")
     bins = np.array_split(order, _BINS)
@@ -218,7 +216,7 @@ def _fitted(signal: Double, noise: Double, intensities: Double) -> Float | None:
     return np.stack([floor / intensities**2, slope / intensities])[None].astype(np.float32)
 
 
-def _not_negative(terms: Double, values: Double) -> tuple[float, float]:
+def _not_negative(terms: Float64, values: Float64) -> tuple[float, float]:
     """Return the least-squares solution ``(2,)`` that is not negative; terms are ``(N, 2)``."""
     both = np.linalg.lstsq(terms, values, rcond=None)[0]
     if (both >= 0).all():

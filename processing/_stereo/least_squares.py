@@ -10,21 +10,20 @@ import numpy as np
 from processing._stereo.pixel_algebra import (
     ANY_ORDER,
     IN_PLACE,
-    Double,
-    Float,
     reweighted,
     rms_residual,
     solved_pixels,
     usable_samples,
     weighted_solution,
 )
+from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 
 def least_squares(
-    values: Float, vectors: Float, law: Float | None = None, view: Float | None = None
-) -> tuple[Double, Double]:
+    values: Float32, vectors: Float32, law: Float32 | None = None, view: Float32 | None = None
+) -> tuple[Float64, Float64]:
     """Solve ``value = vector . m`` by least squares, attached shadows included.
 
     If the law of the noise is known, pixels whose residuals are noise are solved again with its
@@ -42,7 +41,7 @@ def least_squares(
 
 
 @numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
-def _sums(values: Float, vectors: Float) -> tuple[float, float, float, float]:
+def _sums(values: Float32, vectors: Float32) -> tuple[float, float, float, float]:
     """Return the sums of ``x v``, ``y v``, ``z v`` and ``v v``; NaN if a sample is missing."""
     bx = by = bz = vv = 0.0
     for i in range(len(values)):
@@ -56,8 +55,8 @@ def _sums(values: Float, vectors: Float) -> tuple[float, float, float, float]:
 
 @numba.njit(**IN_PLACE)
 def _pixel(
-    values: Float, vectors: Float, law: Float, known: bool, inverse: Double, usable: Float,
-    scratch: Float,
+    values: Float32, vectors: Float32, law: Float32, known: bool, inverse: Float64, usable: Float32,
+    scratch: Float32,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Return the scaled normal of one pixel and the rms residual."""
     if not known and len(inverse):
@@ -81,8 +80,8 @@ def _pixel(
 @numba.njit(nogil=True, cache=True)
 def _solve_pixels(
     first: int, last: int,
-    values: Float, vectors: Float, law: Float, known: bool, inverse: Double,
-    scaled: Double, rms: Double,
+    values: Float32, vectors: Float32, law: Float32, known: bool, inverse: Float64,
+    scaled: Float64, rms: Float64,
 ) -> None:  # fmt: skip
     lights = values.shape[1]
     usable = np.zeros((6, lights), np.float32)

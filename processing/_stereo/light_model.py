@@ -11,12 +11,9 @@ from calibration import EstimateError
 from processing._stereo.frames import Frames
 from processing._stereo.pixel_algebra import IN_PLACE, MAX_CONDITION
 from rig import in_threads, pluralize
+from rig.arrays import Bool, Float32, Float64, Intp
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 _FAST = {"contract", "nsz"}
 
@@ -40,9 +37,9 @@ class LightModel:
         If near lights have no points, or the points do not fit the mask or are not finite in it.
     """
 
-    def __init__(self, lights: Lights, points_mm: npt.ArrayLike | None, mask: Mask) -> None:
+    def __init__(self, lights: Lights, points_mm: npt.ArrayLike | None, mask: Bool) -> None:
         self._lights = lights
-        self._points: Double | None = None
+        self._points: Float64 | None = None
         if not lights.near:
             return
         if points_mm is None:
@@ -58,15 +55,15 @@ class LightModel:
         self._points = points.reshape(-1, 3)
 
     @property
-    def intensities(self) -> Double:
+    def intensities(self) -> Float64:
         """``(N,)`` mean intensities over the colours."""
         return np.asarray(np.mean(np.asarray(self._lights.intensities), axis=1), np.float64)
 
-    def check(self, mask: Mask) -> None:
+    def check(self, mask: Bool) -> None:
         """Refuse lights that leave a direction of the normal undetermined, by `EstimateError`."""
         _check_lights(self._typical_vectors(mask))
 
-    def _typical_vectors(self, mask: Mask) -> Double:
+    def _typical_vectors(self, mask: Bool) -> Float64:
         """Return the ``(N, 3)`` light vectors in the middle of the object."""
         if self._points is None:
             return self._lights.vectors_at(np.zeros(3))
@@ -77,7 +74,7 @@ class LightModel:
             raise DataError("the surface points inside the mask are not finite: check the camera")
         return self._lights.vectors_at(np.median(finite, axis=0))
 
-    def parameters(self) -> tuple[Double, Float, tuple[Float, Float, Float, Float]]:
+    def parameters(self) -> tuple[Float64, Float32, tuple[Float32, Float32, Float32, Float32]]:
         """Return what a kernel needs to compute light vectors.
 
         Returns
@@ -98,7 +95,7 @@ class LightModel:
         positions, axes, mu, reference = (np.ascontiguousarray(x, np.float32) for x in near)
         return self._points, vectors, (positions, axes, mu, reference)
 
-    def samples(self, frames: Frames, pixels: npt.NDArray[np.intp]) -> tuple[Float, Float]:
+    def samples(self, frames: Frames, pixels: Intp) -> tuple[Float32, Float32]:
         """Return the input of an `Estimator`: the values of some pixels and their light vectors.
 
         Parameters
@@ -120,11 +117,11 @@ class LightModel:
         values = frames.of_pixels(pixels)
         return values, self._vectors(pixels, values)
 
-    def vectors(self, pixels: npt.NDArray[np.intp]) -> Float:
+    def vectors(self, pixels: Intp) -> Float32:
         """Return the light vectors of `samples`; 0 where a light does not reach the point."""
         return self._vectors(pixels, np.zeros((len(pixels), len(self._lights)), np.float32))
 
-    def _vectors(self, pixels: npt.NDArray[np.intp], values: Float) -> Float:
+    def _vectors(self, pixels: Intp, values: Float32) -> Float32:
         if self._points is None:
             directions = self._lights.unit_directions.T[None]
             return np.ascontiguousarray(directions, np.float32)
@@ -138,7 +135,7 @@ class LightModel:
         return vectors
 
 
-def _check_lights(vectors: Double) -> None:
+def _check_lights(vectors: Float64) -> None:
     """Reject lights that leave a direction of the normal undetermined."""
     if len(vectors) < 3:
         raise EstimateError(
@@ -155,7 +152,7 @@ def _check_lights(vectors: Double) -> None:
         )
 
 
-def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:
+def _near_parameters(lights: Lights) -> tuple[Float64, Float64, Float64, Float64]:
     """Return positions, axes, mu and ``r0^2 / cos(t0)^mu``.
 
     The last factor normalises the irradiance at the origin to 1.
@@ -165,12 +162,12 @@ def _near_parameters(lights: Lights) -> tuple[Double, Double, Double, Double]:
     )
     distance = np.linalg.norm(positions, axis=1)
     cosine = -np.sum(positions * axes, axis=1) / distance
-    reference: Double = distance**2 / cosine**mu
+    reference: Float64 = distance**2 / cosine**mu
     return positions, axes, mu, reference
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=_FAST)
-def _gains(near: Float, even: bool, px: float, py: float, pz: float, gain: Float) -> int:
+def _gains(near: Float32, even: bool, px: float, py: float, pz: float, gain: Float32) -> int:
     """Write the factors of vectors from a point to the LEDs, 0 if dark; return how many reach it.
 
     See `Lights` for the irradiance. ``near`` is that of `_write_near_vectors`.
@@ -198,7 +195,7 @@ def _gains(near: Float, even: bool, px: float, py: float, pz: float, gain: Float
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=_FAST)
-def _toward(q: Float, p: float, gain: Float, out: Float) -> None:
+def _toward(q: Float32, p: float, gain: Float32, out: Float32) -> None:
     """Write one component of light vectors."""
     own = np.float32(p)
     for i in range(len(out)):
@@ -207,8 +204,8 @@ def _toward(q: Float, p: float, gain: Float, out: Float) -> None:
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def _write_near_vectors(
-    first: int, last: int, points: Double, pixels: npt.NDArray[np.intp], near: Float, even: bool,
-    values: Float, vectors: Float,
+    first: int, last: int, points: Float64, pixels: Intp, near: Float32, even: bool,
+    values: Float32, vectors: Float32,
 ) -> None:  # fmt: skip
     """Write light vectors ``(P, 3, N)``; the sample of an LED that does not reach a point is NaN.
 

@@ -18,10 +18,7 @@ from processing._stereo.method import METHODS, Method
 from processing._stereo.solve import solve_maps
 from processing._stereo.stereo_maps import StereoMaps
 from rig import Notice, Progress, check_type, no_progress, pluralize, short_repr
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, UInt16
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +43,9 @@ class PhotometricStereoResult:
     """
 
     normal_map: NormalMap
-    albedo: Float
-    residual: Float
-    used: npt.NDArray[np.uint16]
+    albedo: Float32
+    residual: Float32
+    used: UInt16
     warnings: tuple[Notice, ...]
 
     __repr__ = short_repr
@@ -57,7 +54,7 @@ class PhotometricStereoResult:
 def photometric_stereo(
     values: npt.ArrayLike,
     lights: Lights,
-    mask: Mask,
+    mask: Bool,
     *,
     method: Method = "best",
     points_mm: npt.ArrayLike | None = None,
@@ -141,7 +138,7 @@ def photometric_stereo(
     model = LightModel(lights, points_mm, mask)
     model.check(mask)
     frames = Frames(stack)
-    law: NoiseLaw | Float | None = None
+    law: NoiseLaw | Float32 | None = None
     if noise is not None:
         law = NoiseLaw(noise, (len(stack), *mask.shape))
     elif method != "ls":
@@ -151,7 +148,7 @@ def photometric_stereo(
     return stereo_of(maps, mask, stack)
 
 
-def stereo_of(maps: StereoMaps, mask: Mask, images: Iterable[Float]) -> PhotometricStereoResult:
+def stereo_of(maps: StereoMaps, mask: Bool, images: Iterable[Float32]) -> PhotometricStereoResult:
     """Return the result that maps contain; ``images`` show why if they contain none.
 
     Raises
@@ -171,7 +168,7 @@ def stereo_of(maps: StereoMaps, mask: Mask, images: Iterable[Float]) -> Photomet
 
 
 def check_solved(
-    has_normal: Mask, mask: Mask, most_used: int, images: Iterable[Float]
+    has_normal: Bool, mask: Bool, most_used: int, images: Iterable[Float32]
 ) -> tuple[Notice, ...]:
     """Return a notice if pixels of a mask have no normal.
 
@@ -193,7 +190,7 @@ def check_solved(
     return (Notice("pixels-without-normal", text),) if lost else ()
 
 
-def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
+def _check_inputs(stack: Float32, lights: Lights, mask: Bool) -> None:
     if stack.ndim != 3:
         raise DataError(
             f"photometric stereo requires a stack (N, H, W) of one channel, not {stack.shape}"
@@ -212,7 +209,7 @@ def _check_inputs(stack: Float, lights: Lights, mask: Mask) -> None:
         raise DataError("the mask is empty: there is no pixel to compute")
 
 
-def _why_nothing(most_used: int, mask: Mask, images: Iterable[Float]) -> str:
+def _why_nothing(most_used: int, mask: Bool, images: Iterable[Float32]) -> str:
     if most_used < 3:
         return "no pixel of the mask has 3 samples that are not saturated: record shorter exposures"
     if not any(np.nan_to_num(image[mask], posinf=0.0, neginf=0.0).any() for image in images):

@@ -12,13 +12,10 @@ from typing import Any
 
 import numba
 import numpy as np
-import numpy.typing as npt
 from numba.core.options import DefaultOptions
 
 from rig import in_threads
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 _STEPS = 2
 # Samples beyond this many standard deviations are outliers, and at most this share may be.
@@ -56,8 +53,8 @@ if hasattr(DefaultOptions, "_nrt"):
 
 
 def solved_pixels(
-    kernel: Callable[..., None], values: Float, vectors: Float, law: Float | None, *more: Any
-) -> tuple[Double, Double]:
+    kernel: Callable[..., None], values: Float32, vectors: Float32, law: Float32 | None, *more: Any
+) -> tuple[Float64, Float64]:
     """Return the scaled normals and residuals that a kernel writes; see `Estimator`."""
     scaled, rms = np.zeros((len(values), 3)), np.zeros(len(values))
     of_noise = law_or_alike(law, values.shape[1])
@@ -65,7 +62,7 @@ def solved_pixels(
     return scaled, rms
 
 
-def law_or_alike(law: Float | None, lights: int) -> tuple[Float, bool]:
+def law_or_alike(law: Float32 | None, lights: int) -> tuple[Float32, bool]:
     """Return a law of the noise and whether it is known; an unknown one weights all samples alike.
 
     See `Estimator`.
@@ -78,7 +75,7 @@ def law_or_alike(law: Float | None, lights: int) -> tuple[Float, bool]:
 
 
 @numba.njit(**IN_PLACE)
-def usable_samples(values: Float, vectors: Float, law: Float, usable: Float) -> int:
+def usable_samples(values: Float32, vectors: Float32, law: Float32, usable: Float32) -> int:
     """Copy the finite samples of one pixel, their light vectors and noise; return their number.
 
     ``values`` is ``(N,)``, ``vectors`` ``(3, N)``, ``law`` ``(2, N)``, and ``usable`` ``(6, N)``:
@@ -135,7 +132,9 @@ def _solve(
 
 
 @numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
-def weighted_solution(count: int, usable: Float, weight: Float) -> tuple[bool, float, float, float]:
+def weighted_solution(
+    count: int, usable: Float32, weight: Float32
+) -> tuple[bool, float, float, float]:
     """Solve ``v = l . m`` by weighted least squares over the first ``count`` samples.
 
     Returns whether the lights determine ``m``, and its three components. Sums are float64.
@@ -159,7 +158,7 @@ def weighted_solution(count: int, usable: Float, weight: Float) -> tuple[bool, f
 
 
 @numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
-def rms_residual(count: int, usable: Float, m0: float, m1: float, m2: float) -> float:
+def rms_residual(count: int, usable: Float32, m0: float, m1: float, m2: float) -> float:
     """Return the root mean square of ``v - l . m`` over the first ``count`` samples."""
     total = 0.0
     for k in range(count):
@@ -169,7 +168,7 @@ def rms_residual(count: int, usable: Float, m0: float, m1: float, m2: float) -> 
 
 
 @numba.njit(**IN_PLACE)
-def count_up_to(values: Float, count: int, limit: np.float32) -> int:
+def count_up_to(values: Float32, count: int, limit: np.float32) -> int:
     """Return how many of the first ``count`` values do not exceed a limit."""
     found = np.int32(0)
     for k in range(count):
@@ -179,7 +178,7 @@ def count_up_to(values: Float, count: int, limit: np.float32) -> int:
 
 @numba.njit(**IN_PLACE)
 def _count_up_to_three(
-    values: Float, count: int, a: np.float32, b: np.float32, c: np.float32
+    values: Float32, count: int, a: np.float32, b: np.float32, c: np.float32
 ) -> tuple[int, int, int]:
     """Return how many of the first ``count`` values do not exceed each of three limits."""
     below_a = below_b = below_c = np.int32(0)
@@ -191,7 +190,7 @@ def _count_up_to_three(
 
 
 @numba.njit(**IN_PLACE)
-def ranked(values: Float, count: int, rank: int, guess: np.float32) -> np.float32:
+def ranked(values: Float32, count: int, rank: int, guess: np.float32) -> np.float32:
     """Return a limit that slightly more than ``rank`` of the values, all positive, do not exceed.
 
     The search starts at a guess above 0 and divides the range by four in each pass. The code
@@ -217,7 +216,7 @@ def ranked(values: Float, count: int, rank: int, guess: np.float32) -> np.float3
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def reweighted(
-    count: int, usable: Float, scratch: Float, m0: float, m1: float, m2: float
+    count: int, usable: Float32, scratch: Float32, m0: float, m1: float, m2: float
 ) -> tuple[bool, float, float, float]:
     """Refine a solution of ``v = max(l . m, 0)`` where the residuals are noise.
 

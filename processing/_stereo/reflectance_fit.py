@@ -7,9 +7,10 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, Double, Float, ranked
+from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, ranked
+from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 _ITERATIONS = 12
 # In the first iterations samples up to this multiple of the spread have weight 1, others 0.
@@ -26,7 +27,7 @@ _STEP = 3e-4
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def _half_vectors(count: int, usable: Float, view: Float, half: Float) -> None:
+def _half_vectors(count: int, usable: Float32, view: Float32, half: Float32) -> None:
     """Write the unit vectors between the lights and the direction of the camera."""
     vx, vy, vz = view[0], view[1], view[2]
     for k in range(count):
@@ -39,10 +40,10 @@ def _half_vectors(count: int, usable: Float, view: Float, half: Float) -> None:
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def _linearized(
-    count: int, usable: Float, half: Float,
+    count: int, usable: Float32, half: Float32,
     n0: np.float32, n1: np.float32, n2: np.float32, c0: np.float32, c1: np.float32,
     t0: np.float32, t1: np.float32, t2: np.float32, s0: np.float32, s1: np.float32, s2: np.float32,
-    model: Float,
+    model: Float32,
 ) -> None:  # fmt: skip
     """Write the derivatives by c0, c1 and the steps along t and s, the residuals, and ``|r|``."""
     v, lx, ly, lz = usable[0], usable[1], usable[2], usable[3]
@@ -67,7 +68,7 @@ def _linearized(
 
 
 @numba.njit(**IN_PLACE, fastmath=ANY_ORDER)
-def _normal_equations(count: int, model: Float, weight: Float, gram: Double) -> None:
+def _normal_equations(count: int, model: Float32, weight: Float32, gram: Float64) -> None:
     """Write the lower triangle of the weighted 4 x 4 matrix, and the right-hand side as row 4."""
     a, b, c, d, r = model[0], model[1], model[2], model[3], model[4]
     g00 = g10 = g20 = g30 = g11 = g21 = g31 = g22 = g32 = g33 = 0.0
@@ -95,7 +96,7 @@ def _normal_equations(count: int, model: Float, weight: Float, gram: Double) -> 
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def _solve_in_place(gram: Double) -> bool:
+def _solve_in_place(gram: Float64) -> bool:
     """Replace row 4 by the solution (Cholesky); return False if the matrix is not definite."""
     for i in range(5):
         for j in range(min(i + 1, 4)):
@@ -117,8 +118,8 @@ def _solve_in_place(gram: Double) -> bool:
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def reflectance_fit(
-    count: int, usable: Float, view: Float, rank: int, spread: np.float32, scratch: Float,
-    gram: Double, m0: float, m1: float, m2: float,
+    count: int, usable: Float32, view: Float32, rank: int, spread: np.float32, scratch: Float32,
+    gram: Float64, m0: float, m1: float, m2: float,
 ) -> tuple[float, float, float]:  # fmt: skip
     """Fit ``v = max(l . n, 0) (c0 + c1 (h . n)^2)`` from a Lambertian solution; return a new one.
 

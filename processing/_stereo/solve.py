@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from processing._stereo.best import best
@@ -19,10 +18,7 @@ from processing._stereo.stereo_maps import StereoMaps
 from processing._stereo.tile_least_squares import tile_least_squares
 from processing._stereo.trimmed import trimmed
 from rig import Progress, no_progress
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Intp
 
 # Number of pixels that are estimated together. Their samples approximately fit into the
 # second-level cache, and the cost of starting the threads is small in comparison.
@@ -38,8 +34,13 @@ class Estimator(Protocol):
     """
 
     def __call__(
-        self, values: Float, vectors: Float, law: Float | None = None, view: Float | None = None, /
-    ) -> tuple[Double, Double]:
+        self,
+        values: Float32,
+        vectors: Float32,
+        law: Float32 | None = None,
+        view: Float32 | None = None,
+        /,
+    ) -> tuple[Float64, Float64]:
         """Return the scaled normals and the residuals of P pixels under N lights.
 
         Parameters
@@ -78,13 +79,13 @@ ESTIMATORS: dict[Method, Estimator] = {
 def solve_maps(
     frames: Frames,
     model: LightModel,
-    mask: Mask,
-    law: NoiseLaw | Float | None,
+    mask: Bool,
+    law: NoiseLaw | Float32 | None,
     method: Method,
     maps: StereoMaps,
     camera: CameraModel | None,
     on_progress: Progress,
-    rows: npt.NDArray[np.intp] | None = None,
+    rows: Intp | None = None,
 ) -> None:
     """Estimate the pixels of a mask and write their maps, which are 0 before.
 
@@ -107,11 +108,11 @@ def solve_maps(
 
 
 def write_solutions(
-    pixels: npt.NDArray[np.intp],
-    samples: Float,
-    vectors: Float,
-    law: Float | None,
-    view: Float | None,
+    pixels: Intp,
+    samples: Float32,
+    vectors: Float32,
+    law: Float32 | None,
+    view: Float32 | None,
     method: Method,
     maps: StereoMaps,
 ) -> None:
@@ -130,10 +131,10 @@ def write_solutions(
 
 def toward_camera(
     camera: CameraModel,
-    pixels: npt.NDArray[np.intp],
+    pixels: Intp,
     width: int,
-    of_rows: npt.NDArray[np.intp] | None = None,
-) -> Float:
+    of_rows: Intp | None = None,
+) -> Float32:
     """Return unit vectors ``(P, 3)`` from the surface at some pixels toward the camera.
 
     ``of_rows`` are the rows of the image of the camera, if the pixels are in a part of it.

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from rig import short_repr
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32, UInt16
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +32,10 @@ class StereoMaps:
     (480, 640, 3)
     """
 
-    normals: Float
-    albedo: Float
-    residual: Float
-    used: npt.NDArray[np.uint16]
+    normals: Float32
+    albedo: Float32
+    residual: Float32
+    used: UInt16
 
     __repr__ = short_repr
 

@@ -11,13 +11,11 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.frames import TILE
+from rig.arrays import Float32
 
-# Compiled in: processing/_stereo/frames.py 9b25e6c75c60
-
-Float = npt.NDArray[np.float32]
+# Compiled in: processing/_stereo/frames.py 2d8f4408ee98
 
 _FAST = {"contract", "nsz"}
 # Least determinant of normal equations, relative to the cubed trace, that sums in float32 solve: a
@@ -26,13 +24,13 @@ _LEAST_DETERMINANT = 1e-4
 
 
 @numba.njit(error_model="numpy")
-def row(flat: Float, first: int) -> Float:
+def row(flat: Float32, first: int) -> Float32:
     """Return the row that begins at an index."""
     return flat[first : first + TILE]
 
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
-def add_six(out: Float, flat: Float, first: int, step: int, p: Float) -> None:
+def add_six(out: Float32, flat: Float32, first: int, step: int, p: Float32) -> None:
     """Add six rows times the factors p; they begin at ``first``, each ``step`` after the last."""
     p0, p1, p2, p3, p4, p5 = p[0], p[1], p[2], p[3], p[4], p[5]
     v0, v1, v2 = row(flat, first), row(flat, first + step), row(flat, first + 2 * step)
@@ -43,7 +41,7 @@ def add_six(out: Float, flat: Float, first: int, step: int, p: Float) -> None:
 
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
-def add_one(out: Float, v: Float, p: np.float32) -> None:
+def add_one(out: Float32, v: Float32, p: np.float32) -> None:
     """Add a row times a factor."""
     for k in range(TILE):
         out[k] += p * v[k]
@@ -51,7 +49,14 @@ def add_one(out: Float, v: Float, p: np.float32) -> None:
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
 def add_four_squares(
-    out: Float, flat: Float, first: int, step: int, x: Float, y: Float, z: Float, of: Float
+    out: Float32,
+    flat: Float32,
+    first: int,
+    step: int,
+    x: Float32,
+    y: Float32,
+    z: Float32,
+    of: Float32,
 ) -> None:
     """Add the squared residuals of four rows, see `add_six`; ``of`` is ``(3, 4)``, their lights."""
     v0, v1 = row(flat, first), row(flat, first + step)
@@ -67,7 +72,7 @@ def add_four_squares(
 
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
-def add_square(out: Float, v: Float, x: Float, y: Float, z: Float, of: Float) -> None:
+def add_square(out: Float32, v: Float32, x: Float32, y: Float32, z: Float32, of: Float32) -> None:
     """Add the squared residuals of a row under the light vector ``of``."""
     a, b, c = of[0], of[1], of[2]
     for k in range(TILE):
@@ -76,28 +81,28 @@ def add_square(out: Float, v: Float, x: Float, y: Float, z: Float, of: Float) ->
 
 
 @numba.njit(error_model="numpy")
-def clear(out: Float) -> None:
+def clear(out: Float32) -> None:
     """Write 0."""
     for k in range(TILE):
         out[k] = 0
 
 
 @numba.njit(error_model="numpy")
-def multiply(out: Float, by: Float) -> None:
+def multiply(out: Float32, by: Float32) -> None:
     """Multiply two rows."""
     for k in range(TILE):
         out[k] *= by[k]
 
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
-def add_products(out: Float, a: Float, b: Float) -> None:
+def add_products(out: Float32, a: Float32, b: Float32) -> None:
     """Add the products of two rows."""
     for k in range(TILE):
         out[k] += a[k] * b[k]
 
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
-def add_two_products(out: Float, a: Float, b: Float, c: Float, d: Float) -> None:
+def add_two_products(out: Float32, a: Float32, b: Float32, c: Float32, d: Float32) -> None:
     """Add the products of two pairs of rows."""
     for k in range(TILE):
         out[k] += a[k] * b[k] + c[k] * d[k]
@@ -105,7 +110,7 @@ def add_two_products(out: Float, a: Float, b: Float, c: Float, d: Float) -> None
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
 def subtract_scalar_product(
-    out: Float, a: Float, b: Float, c: Float, x: Float, y: Float, z: Float
+    out: Float32, a: Float32, b: Float32, c: Float32, x: Float32, y: Float32, z: Float32
 ) -> None:
     """Subtract ``(a, b, c) . (x, y, z)``."""
     for k in range(TILE):
@@ -114,7 +119,7 @@ def subtract_scalar_product(
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
 def add_scalar_product(
-    out: Float, a: Float, b: Float, c: Float, x: Float, y: Float, z: Float
+    out: Float32, a: Float32, b: Float32, c: Float32, x: Float32, y: Float32, z: Float32
 ) -> None:
     """Add ``(a, b, c) . (x, y, z)``."""
     for k in range(TILE):
@@ -122,7 +127,7 @@ def add_scalar_product(
 
 
 @numba.njit(error_model="numpy")
-def keep_measured(v: Float, gain: Float) -> None:
+def keep_measured(v: Float32, gain: Float32) -> None:
     """Set samples that are not finite, or without light, to 0, and their gain to 0, else to 1."""
     for k in range(TILE):
         measured = gain[k] > 0 and abs(v[k]) < np.float32(np.inf)
@@ -132,8 +137,8 @@ def keep_measured(v: Float, gain: Float) -> None:
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
 def irradiance(
-    out: Float, px: Float, py: Float, pz: Float, position: Float, axis: Float, reference: float,
-    mu: float,
+    out: Float32, px: Float32, py: Float32, pz: Float32, position: Float32, axis: Float32,
+    reference: float, mu: float,
 ) -> None:  # fmt: skip
     """Write the factor of the vectors from points to an LED, as `LightModel` does; 0 if dark."""
     qx, qy, qz, ax, ay, az = position[0], position[1], position[2], axis[0], axis[1], axis[2]
@@ -156,14 +161,14 @@ def irradiance(
 
 
 @numba.njit(fastmath=_FAST, error_model="numpy")
-def toward(out: Float, p: Float, q: np.float32, gain: Float) -> None:
+def toward(out: Float32, p: Float32, q: np.float32, gain: Float32) -> None:
     """Write one component of light vectors."""
     for k in range(TILE):
         out[k] = (q - p[k]) * gain[k]
 
 
 @numba.njit(error_model="numpy")
-def invert(sums: Float) -> None:
+def invert(sums: Float32) -> None:
     """Replace the sums a00, a01, a02, a11, a12, a22 by the inverse; NaN if ill-conditioned."""
     for k in range(TILE):
         a00, a01, a02 = float(sums[0, k]), float(sums[1, k]), float(sums[2, k])

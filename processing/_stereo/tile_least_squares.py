@@ -6,7 +6,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.frames import TILE, Flat, Frames, load_tile
 from processing._stereo.light_model import LightModel
@@ -29,15 +28,10 @@ from processing._stereo.tile_kernels import (
     toward,
 )
 from rig import Progress
+from rig.arrays import Bool, Float32, Float64, Intp, UInt16
 
-# Compiled in: processing/_stereo/frames.py 9b25e6c75c60
-# Compiled in: processing/_stereo/tile_kernels.py e17237315fb8
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-
-Used = npt.NDArray[np.uint16]
+# Compiled in: processing/_stereo/frames.py 2d8f4408ee98
+# Compiled in: processing/_stereo/tile_kernels.py 68432269dcc9
 
 # Pixels that share buffers and a thread.
 _BLOCK = 32 * TILE
@@ -51,8 +45,8 @@ _ROWS = ((0, 1, 2), (1, 3, 4), (2, 4, 5))
 
 
 def tile_least_squares(
-    frames: Frames, model: LightModel, mask: Mask, maps: StereoMaps, on_progress: Progress
-) -> npt.NDArray[np.intp]:
+    frames: Frames, model: LightModel, mask: Bool, maps: StereoMaps, on_progress: Progress
+) -> Intp:
     """Solve ``value = vector . m`` by least squares and write the maps.
 
     Sums are float32. Where lights or samples differ between pixels, one step of refinement makes
@@ -114,7 +108,7 @@ def tile_least_squares(
 
 @numba.njit(error_model="numpy")
 def _shared_tile(
-    flat: Float, first: int, step: int, vectors: Float, inverse: Float, found: Float
+    flat: Float32, first: int, step: int, vectors: Float32, inverse: Float32, found: Float32
 ) -> None:
     """Write x, y, z of the scaled normals and the sums of squared residuals, ``(4, TILE)``.
 
@@ -139,7 +133,7 @@ def _shared_tile(
 
 
 @numba.njit(error_model="numpy")
-def _own_tile(of: Float, sums: Float, found: Float) -> None:
+def _own_tile(of: Float32, sums: Float32, found: Float32) -> None:
     """Write the same as `_shared_tile`, where each pixel has its own light vectors.
 
     ``of`` is ``(4, N, TILE)``: light vectors and samples, 0 where there is no sample. The samples
@@ -170,8 +164,8 @@ def _own_tile(of: Float, sums: Float, found: Float) -> None:
 
 @numba.njit(error_model="numpy")
 def _vectors_of_tile(
-    vectors: Float, point: Float, positions: Float, axes: Float, mu: Float, reference: Float,
-    of: Float, gain: Float, count: Float,
+    vectors: Float32, point: Float32, positions: Float32, axes: Float32, mu: Float32,
+    reference: Float32, of: Float32, gain: Float32, count: Float32,
 ) -> None:  # fmt: skip
     """Write the light vectors and the number of samples; clear other samples, see `_own_tile`."""
     clear(count)
@@ -195,8 +189,8 @@ def _vectors_of_tile(
 
 @numba.njit(error_model="numpy")
 def _write(
-    n: int, found: Float, count: Float, length: Float, per: Float, wanted: Mask,
-    normals: Float, albedo: Float, residual: Float, used: Used, left: Mask,
+    n: int, found: Float32, count: Float32, length: Float32, per: Float32, wanted: Bool,
+    normals: Float32, albedo: Float32, residual: Float32, used: UInt16, left: Bool,
 ) -> int:  # fmt: skip
     """Write the maps of n pixels that are wanted; return how many are left without a solution.
 
@@ -232,7 +226,7 @@ def _write(
 
 
 @numba.njit(error_model="numpy")
-def _any(wanted: Mask, first: int, last: int) -> bool:
+def _any(wanted: Bool, first: int, last: int) -> bool:
     found = False
     for k in range(first, last):
         found |= wanted[k]
@@ -241,10 +235,10 @@ def _any(wanted: Mask, first: int, last: int) -> bool:
 
 @numba.njit(cache=True, nogil=True)
 def _solve_shared(
-    flat: Flat, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
-    limit: np.float32, vectors: Float, inverse: Float, in_place: bool, tile: Float, samples: Float,
-    first: int, last: int, mask: Mask,
-    normals: Float, albedo: Float, residual: Float, used: Used, left: Mask,
+    flat: Flat, image_step: int, row_step: int, width: int, gain: Float32, dark: Float32,
+    limit: np.float32, vectors: Float32, inverse: Float32, in_place: bool, tile: Float32,
+    samples: Float32, first: int, last: int, mask: Bool,
+    normals: Float32, albedo: Float32, residual: Float32, used: UInt16, left: Bool,
 ) -> int:  # fmt: skip
     """Solve the pixels from ``first`` to before ``last`` from all samples; return those left.
 
@@ -274,10 +268,10 @@ def _solve_shared(
 
 @numba.njit(cache=True, nogil=True)
 def _solve_own(
-    flat: Flat, image_step: int, row_step: int, width: int, gain: Float, dark: Float,
-    limit: np.float32, vectors: Float, points: Double,
-    positions: Float, axes: Float, mu: Float, reference: Float, first: int, last: int, mask: Mask,
-    normals: Float, albedo: Float, residual: Float, used: Used, left: Mask,
+    flat: Flat, image_step: int, row_step: int, width: int, gain: Float32, dark: Float32,
+    limit: np.float32, vectors: Float32, points: Float64,
+    positions: Float32, axes: Float32, mu: Float32, reference: Float32, first: int, last: int,
+    mask: Bool, normals: Float32, albedo: Float32, residual: Float32, used: UInt16, left: Bool,
 ) -> None:  # fmt: skip
     """Solve the pixels from their measured samples; the mask may be the array of those left."""
     of = np.zeros((4, len(gain), TILE), np.float32)

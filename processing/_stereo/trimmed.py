@@ -7,8 +7,6 @@ import numpy as np
 
 from processing._stereo.pixel_algebra import (
     IN_PLACE,
-    Double,
-    Float,
     ranked,
     reweighted,
     rms_residual,
@@ -16,8 +14,9 @@ from processing._stereo.pixel_algebra import (
     usable_samples,
     weighted_solution,
 )
+from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 # Share of the samples that is left out on either side.
 _TRIMMED = 0.2
@@ -26,8 +25,8 @@ _FEWEST = 8
 
 
 def trimmed(
-    values: Float, vectors: Float, law: Float | None = None, view: Float | None = None
-) -> tuple[Double, Double]:
+    values: Float32, vectors: Float32, law: Float32 | None = None, view: Float32 | None = None
+) -> tuple[Float64, Float64]:
     """Solve ``value = vector . m`` without the darkest and the brightest fifth of the samples.
 
     The darkest samples are shadows, and the brightest are highlights, if there are any. A pixel
@@ -41,7 +40,7 @@ def trimmed(
 
 
 @numba.njit(**IN_PLACE)
-def _keep_the_middle(count: int, values: Float, above: Float, weight: Float) -> None:
+def _keep_the_middle(count: int, values: Float32, above: Float32, weight: Float32) -> None:
     """Write the weight 1 for samples of middle brightness and 0 for others.
 
     The ranks are located to 1/64 of the range. Samples so close to the darkest are left out with
@@ -63,7 +62,7 @@ def _keep_the_middle(count: int, values: Float, above: Float, weight: Float) -> 
 
 @numba.njit(**IN_PLACE)
 def _trimmed_pixel(
-    count: int, usable: Float, known: bool, scratch: Float
+    count: int, usable: Float32, known: bool, scratch: Float32
 ) -> tuple[bool, float, float, float]:
     solved, m0, m1, m2 = False, 0.0, 0.0, 0.0
     if count >= _FEWEST:
@@ -81,12 +80,12 @@ def _trimmed_pixel(
 def _solve_pixels(
     first: int,
     last: int,
-    values: Float,
-    vectors: Float,
-    law: Float,
+    values: Float32,
+    vectors: Float32,
+    law: Float32,
     known: bool,
-    scaled: Double,
-    rms: Double,
+    scaled: Float64,
+    rms: Float64,
 ) -> None:
     lights = values.shape[1]
     usable = np.zeros((6, lights), np.float32)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import MapRows
 from processing._detail.rotation import rotate_from_z
@@ -20,9 +19,8 @@ from processing._normal_map import NormalMap
 from processing._superres.method import PixelSampling
 from processing._superres.model import Domain
 from processing._superres.network import Network
+from rig.arrays import Bool, Float32
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 Window = tuple[slice, slice]
 
 # How far the functions here depend on the surroundings of a pixel.
@@ -86,7 +84,7 @@ def spans(length: int, side: int, halo: int) -> list[Span]:
     return made
 
 
-def tiles(reach: npt.NDArray[np.bool_], rows: slice, side: int, halo: int) -> Iterator[_Tile]:
+def tiles(reach: Bool, rows: slice, side: int, halo: int) -> Iterator[_Tile]:
     """Yield the tiles of one row of tiles that contain pixels of a mask.
 
     Parameters
@@ -126,11 +124,11 @@ class _Blend(NamedTuple):
         ``(H, W)`` mean-square error in radians squared.
     """
 
-    normals: Float
-    variance: Float
+    normals: Float32
+    variance: Float32
 
 
-def _roughness_gate(low: Float) -> Float:
+def _roughness_gate(low: Float32) -> Float32:
     """Return, per pixel of a low resolution, the weight of a network where it is reliable, 0 to 1.
 
     Where a map is smooth, its fourth differences vanish, interpolation is exact, and there is
@@ -150,7 +148,9 @@ def _roughness_gate(low: Float) -> Float:
     return np.asarray(energy / (energy + _HALF**2), np.float32)
 
 
-def blend(smooth: Float, sharp: Float, square: Float, errors: Float, gate: Float) -> _Blend:
+def blend(
+    smooth: Float32, sharp: Float32, square: Float32, errors: Float32, gate: Float32
+) -> _Blend:
     """Blend an interpolation and the result of a network.
 
     The weight of the network is 1, less where it expects to be worse than bicubic interpolation
@@ -198,21 +198,21 @@ class LowMap:
         ``(h, w)`` where the result may have pixels: the mask and its neighbours.
     """
 
-    normals: Float
-    shape: Float
-    detail: Float
-    central: Float
-    given: Float
+    normals: Float32
+    shape: Float32
+    detail: Float32
+    central: Float32
+    given: Float32
     side: int
-    gate: Float
-    mask: Mask
-    reach: Mask
+    gate: Float32
+    mask: Bool
+    reach: Bool
 
     @classmethod
     def of(
         cls,
         normals: MapRows,
-        mask: Mask,
+        mask: Bool,
         rows: slice,
         scale: int,
         halo: int,
@@ -246,7 +246,7 @@ def margin_rows(halo: int) -> int:
     return halo + halo_rows(ShapeFilter()) + 2 * REACH_PX
 
 
-def reached(mask: Mask) -> Mask:
+def reached(mask: Bool) -> Bool:
     """Return where a result may have pixels: a mask of the low resolution and its neighbours."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
 
@@ -264,18 +264,18 @@ class HighTile(NamedTuple):
         ``(H, W)`` angles between interpolation without a network and the map, and the shape.
     """
 
-    normals: Float
-    mask: Mask
-    variance: Float | None
-    added_deg: Float
-    detail_deg: Float
+    normals: Float32
+    mask: Bool
+    variance: Float32 | None
+    added_deg: Float32
+    detail_deg: Float32
 
 
 def enlarge(
     low: LowMap,
     tile: _Tile,
     scale: int,
-    wanted: Mask | None,
+    wanted: Bool | None,
     network: Network | None,
     domain: Domain,
     self_ensemble: bool,
@@ -322,7 +322,7 @@ def enlarge(
     )
 
 
-def _mask(low: LowMap, tile: _Tile, scale: int, wanted: Mask | None) -> Mask:
+def _mask(low: LowMap, tile: _Tile, scale: int, wanted: Bool | None) -> Bool:
     if wanted is None:
         inside = _enlarged_window(tile.inside, scale)
         return _enlarged_mask(low.mask[tile.around], scale)[inside]
@@ -338,7 +338,7 @@ def _within(rows: slice, outer: slice) -> slice:
     return slice(rows.start - outer.start, rows.stop - outer.start)
 
 
-def _components(normal_map: NormalMap) -> tuple[Float, Float]:
+def _components(normal_map: NormalMap) -> tuple[Float32, Float32]:
     """Return shape and detail; a map that is smaller than the filter's window is padded."""
     shape_filter = ShapeFilter()
     least = 2 * shape_filter.w + 1
@@ -367,7 +367,7 @@ def means_of_points(normal_map: NormalMap, scale: int) -> NormalMap:
     return NormalMap.of_unit_vectors(np.where(mask[..., None], means, np.float32(0)), mask)
 
 
-def with_given(high: Float, low: Float, mask: Mask, side: int) -> Float:
+def with_given(high: Float32, low: Float32, mask: Bool, side: int) -> Float32:
     """Turn the normals of each large pixel alike, so that the mean of the inner ones is as given.
 
     Small errors that all normals of a pixel have in common add up to large errors of heights. The
@@ -395,7 +395,7 @@ def with_given(high: Float, low: Float, mask: Mask, side: int) -> Float:
     return units((blocks + difference[:, None, :, None]).reshape(high.shape))
 
 
-def filled_outwards(vectors: Float, mask: Mask, rings: int) -> Float:
+def filled_outwards(vectors: Float32, mask: Bool, rings: int) -> Float32:
     """Continue unit vectors beyond their mask, ring by ring.
 
     Each ring consists of the neighbours of the known pixels and takes the mean direction of those
@@ -432,7 +432,7 @@ def filled_outwards(vectors: Float, mask: Mask, rings: int) -> Float:
     return filled
 
 
-def bicubic(values: Float, scale: int) -> Float:
+def bicubic(values: Float32, scale: int) -> Float32:
     """Interpolate an image bicubically with a = -0.75, as OpenCV and torch do.
 
     Parameters
@@ -451,7 +451,7 @@ def bicubic(values: Float, scale: int) -> Float:
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_CUBIC), np.float32)
 
 
-def without_averaging(values: Float, scale: int) -> Float:
+def without_averaging(values: Float32, scale: int) -> Float32:
     """Return the values at the centres of pixels that are means over their area.
 
     The mean over a square is the value at its centre plus 1/24 of the Laplacian, as far as it is
@@ -468,7 +468,7 @@ def without_averaging(values: Float, scale: int) -> Float:
     return np.asarray(values - np.float32((1 - scale**-2) / 24) * curved, np.float32)
 
 
-def averaged(values: Float, scale: int) -> Float:
+def averaged(values: Float32, scale: int) -> Float32:
     """Return the means over pixels of values at their centres, interpolated as `smoothly` does.
 
     Parameters
@@ -484,7 +484,7 @@ def averaged(values: Float, scale: int) -> Float:
     )
 
 
-def smoothly(values: Float, scale: int) -> Float:
+def smoothly(values: Float32, scale: int) -> Float32:
     """Interpolate an image by cubic convolution over six pixels, which is exact for cubics.
 
     Bicubic interpolation with a = -0.75 is sharper at edges, but not exact even for a ramp. From R.
@@ -512,26 +512,26 @@ def smoothly(values: Float, scale: int) -> Float:
     return out
 
 
-def _enlarged_mask(mask: Mask, scale: int) -> Mask:
+def _enlarged_mask(mask: Bool, scale: int) -> Bool:
     """Return a mask at a higher resolution, with a smooth outline of about the same area."""
     size = (scale * mask.shape[1], scale * mask.shape[0])
     share = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(share >= 0.5)
 
 
-def units(vectors: Float) -> Float:
+def units(vectors: Float32) -> Float32:
     """Return vectors of unit length; those that cancel out face the camera."""
     length = np.linalg.norm(vectors, axis=2, keepdims=True)
     scaled = vectors / np.maximum(length, _LEAST_LENGTH)
     return np.asarray(np.where(length > _LEAST_LENGTH, scaled, _FACING), np.float32)
 
 
-def _kernels(scale: int) -> list[Float]:
+def _kernels(scale: int) -> list[Float32]:
     """Return the weights of cubic convolution at the pixels of the higher resolution."""
     return [_weights((k + 0.5) / scale - 0.5) for k in range(scale)]
 
 
-def _weights(offset: float) -> Float:
+def _weights(offset: float) -> Float32:
     """Return the weights of the seven nearest pixels at an offset from the middle one."""
     away = np.abs(offset - _PLACES)
     pieces = (

@@ -6,12 +6,9 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
-
-Float = npt.NDArray[np.float32]
 
 # A large pixel of which less than this share is known has no normal.
 _LEAST_SHARE = 0.25

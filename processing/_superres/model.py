@@ -13,8 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError
 from rig import UnreadableError, check_text, read_bounded, validation_message
+from rig.arrays import Float32
 
-Float = npt.NDArray[np.float32]
 Domain = Literal["detail", "normals"]
 Scale = Literal[2, 4]
 _Count = Annotated[int, Field(gt=0, le=4096)]
@@ -69,12 +69,12 @@ class Deviations:
         if not (np.isfinite(predicted).all() and np.isfinite(actual).all()):
             raise ValueError("a predicted or actual deviation is not finite")
 
-    def corrected_deg(self, predicted_deg: npt.ArrayLike) -> Float:
+    def corrected_deg(self, predicted_deg: npt.ArrayLike) -> Float32:
         """Return actual deviations in degrees for predicted ones."""
         variance = np.radians(np.asarray(predicted_deg, np.float32)) ** 2
         return np.asarray(np.degrees(np.sqrt(self.corrected(variance))), np.float32)
 
-    def corrected(self, variance: Float) -> Float:
+    def corrected(self, variance: Float32) -> Float32:
         """Return actual for predicted mean-square errors, in radians squared."""
         known, actual = (
             2 * np.log(np.radians(one)) for one in (self.predicted_deg, self.actual_deg)

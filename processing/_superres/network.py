@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._superres.model import SuperResolutionModel
 from processing._superres.trial import try_network
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32
 
 _CHANNELS = 5
 _PROBE_PX = (12, 16)
@@ -50,7 +48,7 @@ class Network:
         probe[..., 2] = 1
         self.run(probe)
 
-    def run(self, low: Float) -> Float:
+    def run(self, low: Float32) -> Float32:
         """Return ``(s h, s w, 5)`` float32 for ``(h, w, 3)`` vectors.
 
         Raises
@@ -75,7 +73,7 @@ class Network:
             raise self._error("its output is not finite")
         return np.asarray(high[0].transpose(1, 2, 0), np.float32)
 
-    def run_turned(self, low: Float) -> Float:
+    def run_turned(self, low: Float32) -> Float32:
         """Run all mirrored and turned copies and return their mean, as `run` does.
 
         The mean-square errors are means, too, which is a limit: that of a mean result is smaller by
@@ -94,7 +92,7 @@ class Network:
         )
 
 
-def turned(vectors: Float, symmetry: int) -> Float:
+def turned(vectors: Float32, symmetry: int) -> Float32:
     """Return one of the 8 mirrored or turned copies of an image, whose x and y follow.
 
     Parameters
@@ -114,7 +112,7 @@ def turned(vectors: Float, symmetry: int) -> Float:
     return image
 
 
-def _turned_back(image: Float, symmetry: int) -> Float:
+def _turned_back(image: Float32, symmetry: int) -> Float32:
     turns, mirrored = symmetry & 3, symmetry & 4
     if mirrored:
         image = image[:, ::-1].copy()
@@ -122,6 +120,6 @@ def _turned_back(image: Float, symmetry: int) -> Float:
     return turned(image, -turns & 3)
 
 
-def _turned_xy(x: Float, y: Float, turns: int) -> Float:
+def _turned_xy(x: Float32, y: Float32, turns: int) -> Float32:
     pairs = ((x, y), (-y, x), (-x, -y), (y, -x))
     return np.stack(pairs[turns], axis=-1)

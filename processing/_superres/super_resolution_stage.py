@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Form, Maps
 from processing._detail.separation import sums_of_rows
@@ -31,9 +30,9 @@ from processing._superres.model import SCALES, SuperResolutionModel, read_superr
 from processing._superres.network import Network
 from processing._uncertainty.normal_uncertainty import UNIFORM_DEG
 from rig import MAX_PIXELS
+from rig.arrays import AnyArray, Bool, Float32, Float64
 
-Mask = npt.NDArray[np.bool_]
-Filled = dict[str, npt.NDArray[Any]]
+Filled = dict[str, AnyArray]
 
 # Side of a tile in pixels of the low resolution, and its least ratio to the halo.
 TILE_PX, _HALOS = 128, 2
@@ -80,7 +79,7 @@ class SuperResolutionStage:
     model: SuperResolutionModel | None = field(repr=False)
     network: Network | None = field(repr=False)
     max_pixels: int = field(default=MAX_PIXELS, repr=False)
-    wanted: Mask | None = field(default=None, repr=False)
+    wanted: Bool | None = field(default=None, repr=False)
 
     @classmethod
     def of(
@@ -91,7 +90,7 @@ class SuperResolutionStage:
         model: str | Path | SuperResolutionModel | None = None,
         self_ensemble: bool | None = None,
         sampling: PixelSampling = "area",
-        mask: Mask | None = None,
+        mask: Bool | None = None,
         max_pixels: int = MAX_PIXELS,
     ) -> SuperResolutionStage:
         """Load the network; parameters and errors are those of `super_resolve`.
@@ -207,7 +206,7 @@ class SuperResolutionStage:
             maps[name][rows] = values
 
 
-def _put(maps: Filled, own: npt.NDArray[np.float32], columns: slice, made: HighTile) -> None:
+def _put(maps: Filled, own: Float32, columns: slice, made: HighTile) -> None:
     """Write a tile into the maps of its rows."""
     part = slice(None), columns
     maps["normals"][part], maps["mask"][part] = made.normals, made.mask
@@ -222,7 +221,7 @@ def _put(maps: Filled, own: npt.NDArray[np.float32], columns: slice, made: HighT
         maps["sigma_deg"][part] = np.where(made.mask, sigma, np.float32(np.nan))
 
 
-def _sums(maps: Filled, own: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+def _sums(maps: Filled, own: Float32) -> Float64:
     mask, added = maps["mask"], maps["added_deg"]
     return np.stack([sums_of_rows(each, mask) for each in (added**2, own**2, added)], axis=1)
 

@@ -8,7 +8,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, MapRows, rows_in_bands
 from processing._normal_map import NormalMap, check_normal_map
@@ -17,9 +16,7 @@ from processing._superres.method import PixelSampling, SuperResolutionMethod
 from processing._superres.model import SuperResolutionModel
 from processing._superres.super_resolution_stage import SuperResolutionStage
 from rig import MAX_PIXELS, Progress, no_progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, UInt32
 
 # Pixels that are read at once.
 _READ = 1 << 20
@@ -49,7 +46,7 @@ class SuperResolution:
         return f"SuperResolution({made}, {self.method}, x{self.scale})"
 
     @cached_property
-    def mask(self) -> npt.NDArray[np.bool_]:
+    def mask(self) -> Bool:
         """``(H, W)`` bool, the pixels with a normal."""
         return self.maps["mask"][:]
 
@@ -59,7 +56,7 @@ class SuperResolution:
         return NormalMap.of_unit_vectors(self.maps["normals"][:], self.mask)
 
     @property
-    def sigma_deg(self) -> Float | None:
+    def sigma_deg(self) -> Float32 | None:
         """``(H, W)`` predicted root mean square angle to the true normal at this resolution.
 
         NaN outside the mask; None for bicubic interpolation, which predicts none.
@@ -67,12 +64,12 @@ class SuperResolution:
         return self.maps["sigma_deg"][:] if "sigma_deg" in self.maps else None
 
     @property
-    def added_deg(self) -> Float:
+    def added_deg(self) -> Float32:
         """``(H, W)`` angle between the map and interpolation without a network, 0 outside."""
         return self.maps["added_deg"][:]
 
     @property
-    def invented(self) -> Float:
+    def invented(self) -> Float32:
         """``(H, W)`` share of the detail of each pixel that the network added.
 
         The square of `added_deg` relative to its sum with the square of the angle between
@@ -120,7 +117,7 @@ class SuperResolution:
         return self.stage.self_ensemble
 
 
-def _median_of_rows(values: MapRows, mask: npt.NDArray[np.bool_]) -> float:
+def _median_of_rows(values: MapRows, mask: Bool) -> float:
     """Return the median of a map over a mask, exactly, from bands of rows.
 
     The bits of positive numbers have the order of the numbers: the upper half of those of the
@@ -157,7 +154,7 @@ def _median_of_rows(values: MapRows, mask: npt.NDArray[np.bool_]) -> float:
     return float(np.median(np.array(middle, np.uint32).view(np.float32)))
 
 
-def _bits(values: MapRows, mask: npt.NDArray[np.bool_]) -> Iterator[npt.NDArray[np.uint32]]:
+def _bits(values: MapRows, mask: Bool) -> Iterator[UInt32]:
     height, width = mask.shape
     for rows in rows_in_bands(height, width, _READ):
         yield values[rows][mask[rows]].view(np.uint32)
@@ -171,7 +168,7 @@ def super_resolve(
     model: str | Path | SuperResolutionModel | None = None,
     self_ensemble: bool | None = None,
     sampling: PixelSampling = "area",
-    mask: Mask | None = None,
+    mask: Bool | None = None,
     max_pixels: int = MAX_PIXELS,
     on_progress: Progress = no_progress,
 ) -> SuperResolution:

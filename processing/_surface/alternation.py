@@ -5,17 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._surface import jump_kernels as kernels
 from processing._surface.anchors import Anchors
 from processing._surface.grid_graph import apply_laplacian, divergence
 from processing._surface.multigrid import solve
+from rig.arrays import Float32, Float64
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Edges = tuple[Float, Float, Double, Double]
-Pair = tuple[Float, Float]
+Edges = tuple[Float32, Float32, Float64, Float64]
+Pair = tuple[Float32, Float32]
 
 _ROUNDS = 15
 # Rounds in which the turn of the normals counts, if it does.
@@ -60,7 +58,7 @@ class Alternated:
         Last width of the residual gate, in pixels.
     """
 
-    u: Double
+    u: Float64
     weights: Pair
     rounds: int
     iterations: int
@@ -74,12 +72,12 @@ class Alternation:
     """The rounds for one map of normals; parameters are those of `solve_with_jumps`."""
 
     edges: Edges
-    facing: Float
+    facing: Float32
     k: float
     scale: float
     factors: Pair | None
     held: Anchors | None
-    start: Double | None
+    start: Float64 | None
 
     def solved(self, even: tuple[Pair, Pair]) -> Alternated:
         """Compute surface and weights in turn; ``even``: factors of the first and last rounds."""
@@ -146,13 +144,13 @@ class Alternation:
         last = self.scale * float(np.median(within))
         return Alternated(u, weights, rounds, iterations, relative, last, width)
 
-    def misfit(self, u: Double, width: float) -> float:
+    def misfit(self, u: Float64, width: float) -> float:
         """Return about how many edges differ from a surface by more than ``width`` pixels."""
         residuals = np.zeros_like(self.edges[0]), np.zeros_like(self.edges[1])
         self._residuals(u, residuals)
         return sum(float(kernels.misfit(residual, width).sum()) for residual in residuals)
 
-    def _residuals(self, u: Double, out: Pair) -> None:
+    def _residuals(self, u: Float64, out: Pair) -> None:
         right, down, to_right, to_down = self.edges
         kernels.residuals(u, right, to_right, 0, self.scale, out[0])
         kernels.residuals(u, down, to_down, 1, self.scale, out[1])

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._surface.grid_graph import apply_laplacian
@@ -15,11 +14,7 @@ from processing._surface.prior import HeightPrior
 from processing._surface.prior_outliers import prior_outliers
 from processing._surface.scale import Scale
 from rig import Notice, Progress, no_progress, pluralize
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Int32
 
 # Heights that are known in fewer pixels do not show in which unit they are; few only if they are
 # alike to this correlation, which 4 unrelated heights are once in 200 times.
@@ -50,29 +45,29 @@ class Anchors:
         Variance of the step along a typical edge, which a weight of 1 means.
     """
 
-    weights: Float
-    target: Double
+    weights: Float32
+    target: Float64
     variance: float = 1.0
 
     @property
-    def spread(self) -> Double:
+    def spread(self) -> Float64:
         """``(H+2, W+2)`` standard deviations of the heights, infinite where they are not known."""
         with np.errstate(divide="ignore"):
             return np.asarray(np.sqrt(self.variance / self.weights.astype(np.float64)), np.float64)
 
     @property
-    def load(self) -> Double:
+    def load(self) -> Float64:
         """What they add to the right-hand side."""
         return self.weights * self.target
 
-    def add(self, u: Double, product: Double) -> None:
+    def add(self, u: Float64, product: Float64) -> None:
         """Add what they add to the product of the Laplacian and ``u``."""
         add_anchors(self.weights, u, product)
 
 
 def anchors(
     prior: HeightPrior,
-    labels: Labels,
+    labels: Int32,
     window: tuple[slice, slice],
     variance: float,
     scale: Scale,
@@ -125,17 +120,17 @@ def anchors(
 
 
 def solve_anchored(
-    right: Float,
-    down: Float,
-    b: Double,
-    labels: Labels,
+    right: Float32,
+    down: Float32,
+    b: Float64,
+    labels: Int32,
     held: Anchors,
     *,
     leave_out: bool,
     tolerance: float = 1e-6,
     max_iterations: int = 500,
     on_progress: Progress = no_progress,
-) -> tuple[Solution, Double, Anchors]:
+) -> tuple[Solution, Float64, Anchors]:
     """Solve L u = b with and without anchors.
 
     The surface without anchors is moved to them, part by part; the change that remains is small and
@@ -177,7 +172,7 @@ def solve_anchored(
     product = np.zeros_like(b)
     load = b + held.load
 
-    def residual(u: Double) -> Double:
+    def residual(u: Float64) -> Float64:
         apply_laplacian(right, down, u, product)
         held.add(u, product)
         return np.asarray(load - product, np.float64)
@@ -210,7 +205,7 @@ def solve_anchored(
 
 
 def doubts_of_prior(
-    prior: HeightPrior, height: Float, unit: str, held: Anchors, used: Mask, free: Double
+    prior: HeightPrior, height: Float32, unit: str, held: Anchors, used: Bool, free: Float64
 ) -> list[Notice]:
     """Return notices about known heights that do not belong to the surface.
 
@@ -257,7 +252,7 @@ def doubts_of_prior(
     return [*notices, *doubts]
 
 
-def _doubtful(held: Anchors, free: Double) -> list[Notice]:
+def _doubtful(held: Anchors, free: Float64) -> list[Notice]:
     """Return a notice if the heights have another sign or unit than the normals."""
     holds = held.weights > 0
     wanted, found = held.target[holds], free[holds]
@@ -282,7 +277,7 @@ def _doubtful(held: Anchors, free: Double) -> list[Notice]:
     return []
 
 
-def _named(off: Float, chosen: Mask, unit: str) -> str:
+def _named(off: Float32, chosen: Bool, unit: str) -> str:
     """Return the places and errors of the chosen heights, the largest first."""
     rows, columns = np.nonzero(chosen)
     order = np.argsort(-np.abs(off[chosen]), kind="stable")[:_NAMED]

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import ComputedRows, DataError, MapRows
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 # Of normals whose deviations are not known, relative to a prior.
 ASSUMED_SIGMA_DEG = 1.0
@@ -18,7 +15,7 @@ _BAND = 256  # rows
 
 
 def variances(
-    sigma_deg: MapRows | None, mask: Mask, *, most: int | None = None
+    sigma_deg: MapRows | None, mask: Bool, *, most: int | None = None
 ) -> tuple[MapRows | None, float]:
     """Return the variances of normals relative to their median, and the median.
 
@@ -68,7 +65,7 @@ def variances(
     if middle == 0:
         return unknown
 
-    def relative(rows: slice) -> Float:
+    def relative(rows: slice) -> Float32:
         values = np.nan_to_num(sigma_deg[rows], nan=largest)
         found = np.square(np.maximum(values, LEAST_SIGMA * middle) / middle)
         return np.where(mask[rows], found, np.float32(1)).astype(np.float32)
@@ -76,7 +73,7 @@ def variances(
     return ComputedRows(mask.shape, np.dtype(np.float32), relative), np.radians(middle) ** 2 / 2
 
 
-def certainties(relative: Float) -> tuple[Float, Float]:
+def certainties(relative: Float32) -> tuple[Float32, Float32]:
     """Return the reciprocal of the mean variance of both normals of each edge.
 
     Parameters

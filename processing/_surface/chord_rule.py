@@ -13,14 +13,10 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel
 from processing._surface.extrapolation import extrapolate
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64
 
 # Edges below this cosine (within 0.6 degree of grazing), or seen from behind, are dropped.
 _GRAZING = 1e-2
@@ -30,7 +26,7 @@ _OPPOSED = 1.0
 
 
 @numba.njit(cache=True)
-def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double, Double]:
+def orthographic_edges(normals: Float32, mask: Bool) -> tuple[Float32, Float32, Float64, Float64]:
     """Return the edges between pixels of a mask and their height steps in pixels.
 
     Parameters
@@ -78,8 +74,8 @@ def orthographic_edges(normals: Float, mask: Mask) -> tuple[Float, Float, Double
 
 @numba.njit(cache=True)
 def perspective_edges(
-    normals: Float, mask: Mask, rays: Double
-) -> tuple[Float, Float, Double, Double]:
+    normals: Float32, mask: Bool, rays: Float64
+) -> tuple[Float32, Float32, Float64, Float64]:
     """Return the edges between pixels of a mask and their steps in logarithmic depth.
 
     With P = C + d r the chord rule is d_j / d_i = (m . r_i) / (m . r_j) with m = n_i + n_j.
@@ -134,7 +130,7 @@ def perspective_edges(
     return right, down, step_right, step_down
 
 
-def facing_cosines(normals: Float, rays: Double) -> Float:
+def facing_cosines(normals: Float32, rays: Float64) -> Float32:
     """Return the ``(H, W)`` float32 dot product of each normal and the line of sight to the camera.
 
     Parameters
@@ -144,7 +140,7 @@ def facing_cosines(normals: Float, rays: Double) -> Float:
     rays
         ``(H, W, 3)`` float64 directions of the pixels from the camera, with z = -1.
     """
-    cosines: Float = -np.einsum("rck,rck->rc", normals, rays).astype(np.float32)
+    cosines: Float32 = -np.einsum("rck,rck->rc", normals, rays).astype(np.float32)
     return cosines
 
 
@@ -167,12 +163,12 @@ class ChordRule:
         self._smooth = smooth
         # Pixels for a step of 1.
         self.step_px = 1.0 if camera is None else camera.focal_px
-        self._rays: Double | None = None
+        self._rays: Float64 | None = None
         if camera is not None:
             y, x = np.mgrid[window]
             self._rays = camera.rays(np.stack([x, y], axis=-1))
 
-    def edges(self, normals: Float, mask: Mask) -> tuple[Float, Float, Double, Double]:
+    def edges(self, normals: Float32, mask: Bool) -> tuple[Float32, Float32, Float64, Float64]:
         """Return weights and steps of the edges to the right and down, in a border of one pixel."""
         if self._rays is None:
             right, down, *steps = orthographic_edges(normals, mask)
@@ -182,7 +178,7 @@ class ChordRule:
             extrapolate(normals, self._rays, (right, down), (steps[0], steps[1]), self.step_px)
         return right, down, steps[0], steps[1]
 
-    def facing(self, normals: Float, mask: Mask) -> Float:
+    def facing(self, normals: Float32, mask: Bool) -> Float32:
         """Return the cosines between normals and lines of sight in a border, 0 outside the mask."""
         cosines = normals[..., 2] if self._rays is None else facing_cosines(normals, self._rays)
         return np.pad(np.where(mask, cosines, np.float32(0)), 1)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._normal_map import check_normal_rows
 from processing._stages.stage import NormalRows
 from processing._surface.integrability import Axes, Integrability, integrability
 from rig import Notice
-
-Double = npt.NDArray[np.float64]
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32, Float64
 
 _EDGES = 20_000
 # Correct maps reach 2.3 degrees (simulated reliefs with one pixel for a detail), and with noise of
@@ -30,7 +27,9 @@ class SampledSteps:
         ``(H+2, W+2)`` steps along the edges.
     """
 
-    def __init__(self, right: Float, down: Float, step_right: Double, step_down: Double) -> None:
+    def __init__(
+        self, right: Float32, down: Float32, step_right: Float64, step_down: Float64
+    ) -> None:
         self._edges = []
         for weights, steps, offset in (
             (right, step_right, 1),
@@ -41,7 +40,7 @@ class SampledSteps:
             edges = edges[:: max(1, -(-len(edges) // _EDGES))].copy()
             self._edges.append((edges, edges + offset, steps.ravel()[edges]))
 
-    def disagreement_deg(self, u: Double, scale: float) -> float:
+    def disagreement_deg(self, u: Float64, scale: float) -> float:
         """Return the median angle between the slopes of the normals and of the surface.
 
         Parameters
@@ -57,7 +56,7 @@ class SampledSteps:
         return angle_between_deg(scale * wanted, scale * found)
 
 
-def angle_between_deg(slopes: Double, others: Double) -> float:
+def angle_between_deg(slopes: Float64, others: Float64) -> float:
     """Return the median angle between slopes and others at the same places; NaN without any."""
     if not len(slopes):
         return float("nan")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, MapRows, MapToFill
 from processing._normal_map import check_normal_rows
@@ -13,9 +12,7 @@ from processing._stages.stage import NormalRows, size_of
 from processing._surface.chord_rule import ChordRule
 from processing._surface.height_map import HeightMap
 from rig import Notice, short_repr
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 # Rows at a time: the steps of all pixels would take much memory.
 _BAND = 256
@@ -130,7 +127,7 @@ def normal_curl(
     return NormalCurl(curl_deg, spread, excess)
 
 
-def _curl_between(normals: Float, mask: Mask, rows: slice, camera: CameraModel | None) -> Float:
+def _curl_between(normals: Float32, mask: Bool, rows: slice, camera: CameraModel | None) -> Float32:
     """Return the ``(h-1, W-1)`` curl between the pixels of rows, NaN without one."""
     chords = ChordRule((rows, slice(0, mask.shape[1])), camera)
     right, down, step_right, step_down = chords.edges(normals, mask)
@@ -145,12 +142,12 @@ def _curl_between(normals: Float, mask: Mask, rows: slice, camera: CameraModel |
     # Of errors of one variance s^2 in each tangent direction, the variance of the sum is
     # s^2 (1 + c^2) / c^4 with the cosine c.
     angle = np.degrees(closure * square * np.sqrt(2 / (1 + square)))
-    found: Float = np.where(inside, angle, np.nan).astype(np.float32)
+    found: Float32 = np.where(inside, angle, np.nan).astype(np.float32)
     return found
 
 
-def _mean_of_four(values: Float) -> Float:
-    mean: Float = values[:-1, :-1] + values[:-1, 1:] + values[1:, :-1] + values[1:, 1:]
+def _mean_of_four(values: Float32) -> Float32:
+    mean: Float32 = values[:-1, :-1] + values[:-1, 1:] + values[1:, :-1] + values[1:, 1:]
     return mean * np.float32(0.25)
 
 

@@ -12,20 +12,18 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 # Larger errors, in pixels, are those of jumps and folds, which more normals do not explain.
 _LARGEST_PX = 0.1
 
 
 def extrapolate(
-    normals: Float,
-    rays: Double | None,
-    edges: tuple[Float, Float],
-    steps: tuple[Double, Double],
+    normals: Float32,
+    rays: Float64 | None,
+    edges: tuple[Float32, Float32],
+    steps: tuple[Float64, Float64],
     step_px: float,
 ) -> None:
     """Correct the steps of the chord rule where the edges before and after exist.
@@ -52,7 +50,7 @@ def extrapolate(
 
 
 @numba.njit(cache=True)
-def _chord(normals: Float, rays: Double, r: int, c: int, q: int, d: int) -> float:
+def _chord(normals: Float32, rays: Float64, r: int, c: int, q: int, d: int) -> float:
     """Return the step between two pixels by the chord rule; NaN if it is seen from behind."""
     x = float(normals[r, c, 0]) + float(normals[q, d, 0])
     y = float(normals[r, c, 1]) + float(normals[q, d, 1])
@@ -66,7 +64,7 @@ def _chord(normals: Float, rays: Double, r: int, c: int, q: int, d: int) -> floa
 
 @numba.njit(parallel=True, cache=True)
 def _extrapolate(
-    normals: Float, rays: Double, edges: Float, vertical: int, largest: float, steps: Double
+    normals: Float32, rays: Float64, edges: Float32, vertical: int, largest: float, steps: Float64
 ) -> None:
     rows, columns = normals.shape[:2]
     down, right = vertical, 1 - vertical

@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int32]
-Counts = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
-Kinds = npt.NDArray[np.uint8]
+from rig.arrays import Bool, Float32, Int32, Int64, UInt8
 
 # Kinds of triangles, by the corners of a square, a and b above d and e: a d b, b d e, a d e, a e b.
 KINDS = 4
 
 
 def faces_of(
-    parts: Ints, vertices: Float, cut_right: Mask | None = None, cut_down: Mask | None = None
-) -> Ints:
+    parts: Int32, vertices: Float32, cut_right: Bool | None = None, cut_down: Bool | None = None
+) -> Int32:
     """Return the triangles of a surface.
 
     Parameters
@@ -42,8 +37,8 @@ def faces_of(
 
 
 def kinds_of_triangles(
-    parts: Ints, vertices: Float, cut_right: Mask | None = None, cut_down: Mask | None = None
-) -> Kinds:
+    parts: Int32, vertices: Float32, cut_right: Bool | None = None, cut_down: Bool | None = None
+) -> UInt8:
     """Return the kinds of triangles of each square ``(H, W)``: bit 0 for a d b, and so on.
 
     The parameters are those of `faces_of`. The pixel of a square is its upper left one.
@@ -53,7 +48,7 @@ def kinds_of_triangles(
     return _kinds(parts, right, down, vertices)
 
 
-def faces_of_kind(kinds: Kinds, inside: Mask, kind: int, first: int = 0) -> Ints:
+def faces_of_kind(kinds: UInt8, inside: Bool, kind: int, first: int = 0) -> Int32:
     """Return the triangles of one kind in reading order; those of the last row need a next one.
 
     Parameters
@@ -74,7 +69,7 @@ def faces_of_kind(kinds: Kinds, inside: Mask, kind: int, first: int = 0) -> Ints
 
 
 @numba.njit(cache=True)
-def _distance2(vertices: Float, one: int, other: int) -> np.float32:
+def _distance2(vertices: Float32, one: int, other: int) -> np.float32:
     x = vertices[one, 0] - vertices[other, 0]
     y = vertices[one, 1] - vertices[other, 1]
     z = vertices[one, 2] - vertices[other, 2]
@@ -83,7 +78,7 @@ def _distance2(vertices: Float, one: int, other: int) -> np.float32:
 
 @numba.njit(cache=True)
 def _square(
-    parts: Ints, right: Mask, down: Mask, vertices: Float, r: int, c: int, above: int, below: int
+    parts: Int32, right: Bool, down: Bool, vertices: Float32, r: int, c: int, above: int, below: int
 ) -> tuple[bool, bool, bool, bool]:
     """Return which triangles the square has whose pixel a is (r, c).
 
@@ -109,7 +104,7 @@ def _square(
 
 
 @numba.njit(cache=True)
-def _kinds(parts: Ints, right: Mask, down: Mask, vertices: Float) -> Kinds:
+def _kinds(parts: Int32, right: Bool, down: Bool, vertices: Float32) -> UInt8:
     rows, columns = parts.shape
     kinds = np.zeros((rows, columns), np.uint8)
     above = 0
@@ -126,7 +121,7 @@ def _kinds(parts: Ints, right: Mask, down: Mask, vertices: Float) -> Kinds:
 
 
 @numba.njit(cache=True)
-def _fill(kinds: Kinds, inside: Mask, first: Counts, kind: int, faces: Ints) -> None:
+def _fill(kinds: UInt8, inside: Bool, first: Int64, kind: int, faces: Int32) -> None:
     """Write the triangles of a kind; ``first`` is the number of the first vertex of each row."""
     rows, columns = kinds.shape
     place = 0

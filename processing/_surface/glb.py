@@ -7,10 +7,10 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import StorageError
 from processing._surface.mesh import Mesh
+from rig.arrays import AnyArray, UInt8
 
 # The unit of glTF is the metre.
 _METRES = 1e-3
@@ -21,8 +21,8 @@ _CLAMP, _LINEAR = 33071, 9729
 
 def glb(
     mesh: Mesh,
-    texture: npt.NDArray[np.uint8] | None = None,
-    normals: npt.NDArray[np.uint8] | None = None,
+    texture: UInt8 | None = None,
+    normals: UInt8 | None = None,
 ) -> list[bytes | memoryview]:
     """Return the parts of a .glb file.
 
@@ -47,7 +47,7 @@ def glb(
     views: list[tuple[memoryview, int]] = []
     accessors: list[dict[str, Any]] = []
 
-    def add(array: npt.NDArray[Any], target: int, **form: object) -> int:
+    def add(array: AnyArray, target: int, **form: object) -> int:
         flat = np.ascontiguousarray(array).reshape(-1)
         views.append((flat.view(np.uint8).data, target))
         accessors.append({"bufferView": len(views) - 1, **form})
@@ -124,7 +124,7 @@ def _material(first_view: int, painted: bool, bumpy: bool) -> dict[str, Any]:
     }
 
 
-def _png(texture: npt.NDArray[np.uint8]) -> bytes:
+def _png(texture: UInt8) -> bytes:
     image = texture if texture.ndim == 2 else cv2.cvtColor(texture, cv2.COLOR_RGB2BGR)
     done, encoded = cv2.imencode(".png", image)
     if not done:

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
+from rig.arrays import Float32, Float64, Int32
 
 
 @numba.njit(cache=True)
-def _find(parent: Labels, node: int) -> int:
+def _find(parent: Int32, node: int) -> int:
     while parent[node] != node:
         parent[node] = parent[parent[node]]
         node = parent[node]
@@ -25,7 +22,7 @@ def _find(parent: Labels, node: int) -> int:
 
 
 @numba.njit(cache=True)
-def label_parts(right: Float, down: Float) -> tuple[Labels, int]:
+def label_parts(right: Float32, down: Float32) -> tuple[Int32, int]:
     """Label the connected parts of a graph by union-find.
 
     Parameters
@@ -68,7 +65,7 @@ def label_parts(right: Float, down: Float) -> tuple[Labels, int]:
     return labels, count
 
 
-def divergence(right: Float, down: Float, step_right: Double, step_down: Double) -> Double:
+def divergence(right: Float32, down: Float32, step_right: Float64, step_down: Float64) -> Float64:
     """Return the right-hand side of the least-squares problem for steps g along the edges.
 
     The minimum of sum w (u_j - u_i - g)^2 over the edges solves L u = b with the graph Laplacian L.
@@ -97,7 +94,7 @@ def divergence(right: Float, down: Float, step_right: Double, step_down: Double)
 
 
 @numba.njit(parallel=True, cache=True)
-def apply_laplacian(right: Float, down: Float, u: Double, out: Double) -> Double:
+def apply_laplacian(right: Float32, down: Float32, u: Float64, out: Float64) -> Float64:
     """Write the graph Laplacian of `u` to `out` and return the products u . out of each row."""
     rows, columns = right.shape
     sums = np.zeros(rows, np.float64)

@@ -6,18 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._surface.anchors import Anchors
 from processing._surface.chord_rule import ChordRule
 from processing._surface.grid_graph import divergence
 from processing._surface.multigrid import coarsened, solve
 from rig import Progress, short_repr
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Int32, Intp
 
 # Simulated surfaces: a deviation of this many has an error of 1 / sqrt(2 * 24) = 14 %.
 _SAMPLES = 24
@@ -46,7 +41,7 @@ class HeightUncertainty:
         the same part at each of these distances: root mean square over the surface.
     """
 
-    sigma: Float
+    sigma: Float32
     distances_px: tuple[int, ...]
     difference_sigma: tuple[float, ...]
 
@@ -71,25 +66,25 @@ class Deviations:
         ``(H, W)`` float32, by errors that all pixels share, such as those of the lights.
     """
 
-    own: Float
-    common: Float
+    own: Float32
+    common: Float32
 
     @classmethod
-    def split(cls, variance: Float, common_deg: Float) -> Deviations:
+    def split(cls, variance: Float32, common_deg: Float32) -> Deviations:
         """Return them for variances in rad^2, of which some angle in degrees is common."""
         common = np.minimum(np.square(np.radians(common_deg)) / 2, variance)
         return cls(np.sqrt(variance - common), np.sqrt(common))
 
 
 def simulate_errors(
-    normals: Float,
-    mask: Mask,
+    normals: Float32,
+    mask: Bool,
     rule: ChordRule,
-    steps: tuple[Double, Double],
-    weights: tuple[Float, Float],
-    labels: Labels,
+    steps: tuple[Float64, Float64],
+    weights: tuple[Float32, Float32],
+    labels: Int32,
     *,
-    factor: Float | float,
+    factor: Float32 | float,
     deviations: Deviations,
     variance: float,
     held: Anchors | None,
@@ -166,7 +161,7 @@ def simulate_errors(
     return HeightUncertainty(deviation, *pairs.deviations())
 
 
-def _shared_turns() -> Float:
+def _shared_turns() -> Float32:
     """Return a turn of all normals for each sample, ``(24, 3)``; the mean of their squares is 1.
 
     Few random numbers have other variances, by 15 %, and pixels do not average them.
@@ -179,8 +174,8 @@ def _shared_turns() -> Float:
 class _Pairs:
     """Pairs of pixels of the same part in a row or column, at several distances."""
 
-    def __init__(self, parts: Labels) -> None:
-        self._pairs: list[tuple[int, npt.NDArray[np.intp], npt.NDArray[np.intp]]] = []
+    def __init__(self, parts: Int32) -> None:
+        self._pairs: list[tuple[int, Intp, Intp]] = []
         number = np.arange(parts.size).reshape(parts.shape)
         for distance in _DISTANCES:
             near, far = [], []
@@ -199,7 +194,7 @@ class _Pairs:
         self._squares = np.zeros(len(self._pairs))
         self._samples = 0
 
-    def add(self, error: Double) -> None:
+    def add(self, error: Float64) -> None:
         """Add the errors of one sample."""
         flat = error.ravel()
         self._samples += 1

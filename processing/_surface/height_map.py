@@ -9,14 +9,12 @@ from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, MapRows, rows_in_bands
 from processing._surface.height_errors import HeightUncertainty
 from processing._surface.jumps import Jumps
 from rig import Notice
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32, Int32
 
 # Values that are read at once.
 _READ = 4_000_000
@@ -77,7 +75,7 @@ class HeightMap:
     """
 
     maps: Mapping[str, MapRows]
-    mask: npt.NDArray[np.bool_]
+    mask: Bool
     unit: Literal["mm", "px"]
     pixel_size: float
     camera: CameraModel | None
@@ -95,7 +93,7 @@ class HeightMap:
         return f"HeightMap({shape} in {self.unit}, pixel size {self.pixel_size:.4g} {self.unit})"
 
     @property
-    def height(self) -> Float:
+    def height(self) -> Float32:
         """``(H, W)`` float32 along +Z toward the camera, in `unit`, NaN outside the mask.
 
         Without a camera the mean over each part is 0; with a camera the height is the working
@@ -104,7 +102,7 @@ class HeightMap:
         return self.maps["height"][:]
 
     @property
-    def depth(self) -> Float | None:
+    def depth(self) -> Float32 | None:
         """``(H, W)`` float32 distance from the camera along the optical axis, in `unit`.
 
         NaN outside the mask; None for an orthographic surface.
@@ -112,7 +110,7 @@ class HeightMap:
         return self.maps["depth"][:] if "depth" in self.maps else None
 
     @property
-    def parts(self) -> npt.NDArray[np.int32]:
+    def parts(self) -> Int32:
         """``(H, W)`` int32 number of the connected part of each pixel, from 0; -1 outside the mask.
 
         The heights of parts relative to each other are not known.
@@ -138,7 +136,7 @@ class HeightMap:
         height, width = self.mask.shape
         return rows_in_bands(height, width, _READ)
 
-    def points(self, rows: slice = slice(None)) -> Float:
+    def points(self, rows: slice = slice(None)) -> Float32:
         """Return the surface points ``(H, W, 3)`` float32 in the house frame, NaN outside.
 
         Parameters

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import ComputedRows, MapRows
 from processing._surface.height_map import HeightMap
 from rig import check_type, short_repr
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32, UInt16
 
 _TOP = 65535
 
@@ -61,7 +59,7 @@ def height_picture(height_map: HeightMap) -> HeightPicture:
     return HeightPicture(pixels, base, step)
 
 
-def _samples(height: Float, base: float, step: float) -> npt.NDArray[np.uint16]:
+def _samples(height: Float32, base: float, step: float) -> UInt16:
     inside = np.isfinite(height)
     pixels = np.zeros(height.shape, np.uint16)
     samples = np.rint(1 + (height[inside].astype(np.float64) - (base + step)) / step)

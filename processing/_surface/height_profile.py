@@ -6,14 +6,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._surface.height_map import HeightMap
 from rig import check_type, short_repr
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64, Intp
 
 _WINDOW_PX = 5
 
@@ -37,11 +34,11 @@ class HeightProfile:
         to which region of the surface a branch of the profile belongs.
     """
 
-    target: Float
-    result: Float
-    smoothed: Float
+    target: Float32
+    result: Float32
+    smoothed: Float32
     unit: str
-    difference: Float
+    difference: Float32
 
     __repr__ = short_repr
 
@@ -60,7 +57,7 @@ class HeightProfile:
         """Difference between the highest and the lowest pixel of the target."""
         return float(np.ptp(self.target))
 
-    def ranks(self, most: int = 4000) -> npt.NDArray[np.intp]:
+    def ranks(self, most: int = 4000) -> Intp:
         """Return evenly spaced indices into the profile, including both ends, to plot or list."""
         count = len(self.target)
         return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.intp))
@@ -120,10 +117,10 @@ def height_profile(target: HeightMap, result: HeightMap) -> HeightProfile:
     )
 
 
-def _average(image: Double) -> Double:
+def _average(image: Float64) -> Float64:
     size = (_WINDOW_PX, _WINDOW_PX)
     return np.asarray(cv2.blur(image, size, borderType=cv2.BORDER_CONSTANT), np.float64)
 
 
-def _rms(a: Float, b: Float) -> float:
+def _rms(a: Float32, b: Float32) -> float:
     return float(np.sqrt(np.mean((a.astype(np.float64) - b) ** 2)))

@@ -7,13 +7,11 @@ from typing import Final, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import MapRows
 from rig import short_repr
+from rig.arrays import Bool, Float64
 
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 Axes = Literal["right", "mirrored", "turned", "swapped"]
 
 # The slopes of steeper normals vary too much with their errors.
@@ -36,7 +34,7 @@ _LIKE_A_SURFACE = 0.65
 
 # The slopes (p, q) of a map with these axes are `matrix @ (p, q)` of a map with the right ones.
 # Turns by 180 degrees do not change the curl.
-_AXES: Final[dict[Axes, Double]] = {
+_AXES: Final[dict[Axes, Float64]] = {
     "right": np.array([[1.0, 0.0], [0.0, 1.0]]),
     "mirrored": np.array([[-1.0, 0.0], [0.0, 1.0]]),
     "turned": np.array([[0.0, -1.0], [1.0, 0.0]]),
@@ -70,7 +68,7 @@ class Integrability:
     __repr__ = short_repr
 
 
-def integrability(normals: MapRows, mask: Mask) -> Integrability:
+def integrability(normals: MapRows, mask: Bool) -> Integrability:
     """Compare the mixed second derivatives that normals imply, under four choices of their axes.
 
     The slopes p = dz/dx and q = dz/dy of a surface satisfy dp/dy = dq/dx. Mirroring the normals
@@ -101,7 +99,7 @@ def integrability(normals: MapRows, mask: Mask) -> Integrability:
     return min(found, key=lambda one: one.other_curl)
 
 
-def _judged(jacobian: Double) -> Integrability:
+def _judged(jacobian: Float64) -> Integrability:
     """Compare the mixed derivatives under all choices of the axes.
 
     Parameters
@@ -121,7 +119,7 @@ def _judged(jacobian: Double) -> Integrability:
     return Integrability(curl=curls["right"][1], axes=axes, other_curl=curls[axes][1])
 
 
-def _curl(jacobian: Double, least: float) -> tuple[float, float]:
+def _curl(jacobian: Float64, least: float) -> tuple[float, float]:
     """Return the mean absolute difference of the mixed derivatives, as it is and relative."""
     a, b = jacobian[:, 0, 1], jacobian[:, 1, 0]
     difference = float(np.mean(np.abs(a - b)))
@@ -130,13 +128,13 @@ def _curl(jacobian: Double, least: float) -> tuple[float, float]:
     return difference, difference / float(np.mean(np.abs(a) + np.abs(b)))
 
 
-def _jacobians(normals: MapRows, mask: Mask) -> list[Double]:
+def _jacobians(normals: MapRows, mask: Bool) -> list[Float64]:
     """Return the derivatives of the slopes at each scale that has enough of them.
 
     Each scale is the one before, smoothed by a Gaussian and reduced to half: means over squares
     would turn the sign of derivatives of detail that is finer than the squares.
     """
-    scales: list[list[Double]] = []
+    scales: list[list[Float64]] = []
     for tile in _tiles(mask):
         vectors, share = normals[tile[0]][:, tile[1]], mask[tile].astype(np.float32)
         for scale in range(max(vectors.shape).bit_length()):
@@ -153,7 +151,7 @@ def _jacobians(normals: MapRows, mask: Mask) -> list[Double]:
     return [jacobian for jacobian in together if len(jacobian) >= _FEWEST_CORNERS]
 
 
-def _tiles(mask: Mask) -> list[tuple[slice, slice]]:
+def _tiles(mask: Bool) -> list[tuple[slice, slice]]:
     """Return the tiles of a map with the most normals."""
     rows, columns = (range(0, side, _TILE_PX) for side in mask.shape)
     tiles = [(slice(r, r + _TILE_PX), slice(c, c + _TILE_PX)) for r in rows for c in columns]
@@ -161,7 +159,7 @@ def _tiles(mask: Mask) -> list[tuple[slice, slice]]:
     return tiles[:_TILES]
 
 
-def _derivatives(vectors: Double, inside: Mask) -> Double:
+def _derivatives(vectors: Float64, inside: Bool) -> Float64:
     """Return the derivatives of the slopes around the corners of four pixels."""
     inside = inside & (vectors[..., 2] > _LEAST_NZ)
     z = np.where(inside, vectors[..., 2], 1.0)

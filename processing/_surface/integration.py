@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
@@ -25,9 +24,7 @@ from processing._surface.scale import check_view, placed, scale_of
 from processing._surface.surface_notices import doubts_of_parts, doubts_of_solution
 from processing._surface.turns import evenness
 from rig import Progress, no_progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 
 def integrate(
@@ -35,9 +32,9 @@ def integrate(
     *,
     camera: CameraModel | None = None,
     pixel_mm: float | None = None,
-    depth_mm: Float | None = None,
-    sigma_deg: Float | None = None,
-    common_sigma_deg: Float | float | None = None,
+    depth_mm: Float32 | None = None,
+    sigma_deg: Float32 | None = None,
+    common_sigma_deg: Float32 | float | None = None,
     weighted: bool = True,
     prior: HeightPrior | None = None,
     discontinuity: bool = False,
@@ -126,7 +123,7 @@ def integrate(
     scale = scale_of(camera, pixel_mm)
     _check(normal_map, camera, pixel_mm, k, depth_mm, prior)
     rows_of, variance = variances(sigma_deg, normal_map.mask)
-    relative: Float | None = None if rows_of is None else rows_of[:]
+    relative: Float32 | None = None if rows_of is None else rows_of[:]
     if height_errors and relative is None:
         raise DataError("errors of heights require standard deviations of the normals")
     window = _bounding_box(normal_map.mask)
@@ -190,7 +187,7 @@ def integrate(
     found = placed(solution.u[labels >= 0], members, near, known, scale)
     height = np.full(normal_map.size, np.nan, np.float32)
     maps: dict[str, MapRows] = {"height": height, "parts": parts}
-    depth: Float | None = None
+    depth: Float32 | None = None
     if scale.distance is None:
         height[mask] = found
     else:
@@ -241,7 +238,7 @@ def integrate(
     )
 
 
-def _common(common_sigma_deg: Float | float | None, size: tuple[int, int]) -> Float:
+def _common(common_sigma_deg: Float32 | float | None, size: tuple[int, int]) -> Float32:
     """Return the common part of the deviations as a map; 0 where it is not known.
 
     Raises
@@ -262,7 +259,7 @@ def _check(
     camera: CameraModel | None,
     pixel_mm: float | None,
     k: float,
-    depth_mm: Float | None,
+    depth_mm: Float32 | None,
     prior: HeightPrior | None,
 ) -> None:
     """Raise `DataError` if inputs do not fit."""
@@ -276,7 +273,7 @@ def _check(
         )
 
 
-def _nothing_to_integrate(inside: Mask, size: tuple[int, int]) -> EstimateError:
+def _nothing_to_integrate(inside: Bool, size: tuple[int, int]) -> EstimateError:
     if not (inside[1:] & inside[:-1]).any() and not (inside[:, 1:] & inside[:, :-1]).any():
         return EstimateError(
             f"no two pixels of the normal map of {size[1]} x {size[0]} are neighbours, so there is "
@@ -288,6 +285,6 @@ def _nothing_to_integrate(inside: Mask, size: tuple[int, int]) -> EstimateError:
     )
 
 
-def _bounding_box(mask: Mask) -> tuple[slice, slice]:
+def _bounding_box(mask: Bool) -> tuple[slice, slice]:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

@@ -9,10 +9,8 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 # Beyond this exponent, a share is 0 or 1 in float32.
 _LARGEST_EXPONENT = 50.0
@@ -28,8 +26,8 @@ def _share(exponent: float) -> float:
 
 @numba.njit(parallel=True, cache=True)
 def shares(
-    u: Double, right: Float, down: Float, facing: Float, k: float, scale: float
-) -> tuple[Float, Float]:
+    u: Float64, right: Float32, down: Float32, facing: Float32, k: float, scale: float
+) -> tuple[Float32, Float32]:
     """Return how much each pixel trusts its right and its lower neighbour.
 
     The two neighbours in a row (column) get shares with the sum 1: the one that is nearer in height
@@ -68,15 +66,15 @@ def shares(
 
 @numba.njit(parallel=True, cache=True)
 def gated_weights(
-    edges: Float,
-    facing: Float,
-    share: Float,
-    evenness: Float,
-    residual: Float,
+    edges: Float32,
+    facing: Float32,
+    share: Float32,
+    evenness: Float32,
+    residual: Float32,
     vertical: int,
     width: float,
     least: float,
-    out: Float,
+    out: Float32,
 ) -> None:
     """Write the weights of edges: those that both of their pixels trust and that fit the surface.
 
@@ -118,7 +116,7 @@ def gated_weights(
 
 @numba.njit(parallel=True, cache=True)
 def residuals(
-    u: Double, edges: Float, steps: Double, vertical: int, scale: float, out: Float
+    u: Float64, edges: Float32, steps: Float64, vertical: int, scale: float, out: Float32
 ) -> None:
     """Write by how much the surface differs from the step of each edge, 0 without an edge.
 
@@ -134,7 +132,7 @@ def residuals(
 
 
 @numba.njit(parallel=True, cache=True)
-def misfit(residual: Float, width: float) -> Double:
+def misfit(residual: Float32, width: float) -> Float64:
     """Return, for each row, the sum of r^2 / (r^2 + width^2): about the number of jumps."""
     sums = np.zeros(len(residual), np.float64)
     for r in numba.prange(len(residual)):
@@ -147,7 +145,7 @@ def misfit(residual: Float, width: float) -> Double:
 
 
 @numba.njit(parallel=True, cache=True)
-def trust(edges: Float, share: Float, vertical: int, out: Float) -> None:
+def trust(edges: Float32, share: Float32, vertical: int, out: Float32) -> None:
     """Write how much the two pixels of each edge trust each other, 0 to 1; 0 without an edge."""
     rows, columns = edges.shape
     for r in numba.prange(1, rows - 1):

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._surface import jump_kernels as kernels
 from processing._surface.alternation import TOLERANCE, Alternation, Edges
@@ -21,11 +20,7 @@ from processing._surface.anchors import Anchors
 from processing._surface.grid_graph import label_parts
 from processing._surface.multigrid import Solution
 from rig import Progress, no_progress, short_repr
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Int32
 
 # Default sharpness of the sigmoid, in 1/px^2.
 SHARPNESS: Final = 4.0
@@ -67,10 +62,10 @@ class Jumps:
         Whether the surface stood still at the end: the last round moved it by less than .1 px.
     """
 
-    right: Mask
-    down: Mask
-    doubt: Float
-    pieces: npt.NDArray[np.int32]
+    right: Bool
+    down: Bool
+    doubt: Float32
+    pieces: Int32
     rounds: int
     last_change: float
     settled: bool
@@ -94,16 +89,16 @@ class Jumps:
 
 def solve_with_jumps(
     edges: Edges,
-    facing: Float,
-    even: tuple[Float, Float],
+    facing: Float32,
+    even: tuple[Float32, Float32],
     *,
     k: float,
     scale: float = 1.0,
-    factors: tuple[Float, Float] | None = None,
+    factors: tuple[Float32, Float32] | None = None,
     held: Anchors | None = None,
-    start: Double | None = None,
+    start: Float64 | None = None,
     on_progress: Progress = no_progress,
-) -> tuple[Solution, Jumps, tuple[Float, Float]]:
+) -> tuple[Solution, Jumps, tuple[Float32, Float32]]:
     """Compute the surface and the weights of its edges in turn, from two starts.
 
     The normals may show a rim or not, so that one start counts abrupt turns of the normals and the
@@ -165,8 +160,8 @@ def solve_with_jumps(
 
 
 def _judged(
-    u: Double, edges: tuple[Float, Float], trust: tuple[Float, Float]
-) -> tuple[Mask, Mask, Float, Labels]:
+    u: Float64, edges: tuple[Float32, Float32], trust: tuple[Float32, Float32]
+) -> tuple[Bool, Bool, Float32, Int32]:
     """Find jumps, doubt and pieces of a surface in pixels from the trust between neighbours."""
     inner = slice(1, -1), slice(1, -1)
     linked = (edges[0] > 0) | (edges[1] > 0)
@@ -191,7 +186,7 @@ def _judged(
     return jumps[0], jumps[1], doubt[inner].copy(), pieces
 
 
-def _largest_first(labels: Labels, count: int, pixels: int) -> Labels:
+def _largest_first(labels: Int32, count: int, pixels: int) -> Int32:
     """Return the labels renumbered by the sizes of the pieces, -1 for crumbs."""
     sizes = np.bincount(labels[labels >= 0], minlength=count)
     order = np.argsort(-sizes, kind="stable")

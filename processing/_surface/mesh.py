@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, MapRows
 from processing._stages.stage import NormalRows, size_of
@@ -14,8 +13,7 @@ from processing._surface.face_kernels import faces_of
 from processing._surface.height_map import HeightMap
 from processing._surface.simplification import pixels_of, sampled, simplified
 from rig import check_type, short_repr
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32, Int32, UInt8
 
 _BAND = 64  # rows
 
@@ -40,12 +38,12 @@ class Mesh:
         ``(V, 2)`` float32 positions in a texture of the image, 0..1 to the right and down, or None.
     """
 
-    vertices: Float
-    faces: npt.NDArray[np.int32]
-    normals: Float | None = None
+    vertices: Float32
+    faces: Int32
+    normals: Float32 | None = None
     unit: Literal["mm", "px"] = "px"
-    colours: npt.NDArray[np.uint8] | None = None
-    places: Float | None = None
+    colours: UInt8 | None = None
+    places: Float32 | None = None
 
     __repr__ = short_repr
 
@@ -118,8 +116,8 @@ def height_mesh(
 
 
 def _interpolated(
-    vertices: Float,
-    faces: npt.NDArray[np.int32],
+    vertices: Float32,
+    faces: Int32,
     height_map: HeightMap,
     normals: NormalRows | None,
     colours: MapRows | None,
@@ -138,7 +136,7 @@ def _interpolated(
     return Mesh(vertices, faces, facing, height_map.unit, painted, places)
 
 
-def _vertices(height_map: HeightMap) -> Float:
+def _vertices(height_map: HeightMap) -> Float32:
     """Return the points of the pixels inside, in bands of rows: all points take much memory."""
     mask = height_map.mask
     vertices = np.zeros((int(np.count_nonzero(mask)), 3), np.float32)
@@ -151,7 +149,7 @@ def _vertices(height_map: HeightMap) -> Float:
     return vertices
 
 
-def _places(mask: npt.NDArray[np.bool_]) -> Float:
+def _places(mask: Bool) -> Float32:
     # A texture covers 0 to 1 from the outer edge of its first pixel to that of its last.
     rows, columns = mask.shape
     places = np.zeros((int(np.count_nonzero(mask)), 2), np.float32)
@@ -162,9 +160,7 @@ def _places(mask: npt.NDArray[np.bool_]) -> Float:
     return places
 
 
-def check_cover(
-    mask: npt.NDArray[np.bool_], normals: NormalRows | None, colours: MapRows | None
-) -> None:
+def check_cover(mask: Bool, normals: NormalRows | None, colours: MapRows | None) -> None:
     """Refuse normals or colours that do not fit a surface; errors are those of `height_mesh`."""
     if normals is not None and (size_of(normals) != mask.shape or np.any(mask & ~normals.mask)):
         raise DataError(
@@ -187,7 +183,7 @@ def no_triangle() -> DataError:
     )
 
 
-def _three(colours: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def _three(colours: UInt8) -> UInt8:
     """Return ``(V, 3)`` colours from ``(V,)``, ``(V, 1)`` or ``(V, 3)``."""
     column = colours.reshape(len(colours), -1)
     return np.repeat(column, 3, axis=1) if column.shape[1] == 1 else column

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, MapRows, write_durably, write_pieces, write_png
 from processing._stages.stage import NormalRows
@@ -20,6 +19,7 @@ from processing._surface.mesh import Mesh, check_cover, height_mesh
 from processing._surface.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
 from processing._surface.mesh_rows import complete_mesh
 from rig import check_type
+from rig.arrays import Bool, Generic, UInt8
 
 # Number of lines of a text, or of vertices and faces, that are encoded at once; it limits the
 # memory.
@@ -113,13 +113,13 @@ def write_mesh(
     return (path,)
 
 
-def _normal_samples(normals: NormalRows) -> npt.NDArray[np.uint8]:
+def _normal_samples(normals: NormalRows) -> UInt8:
     vectors = np.where(normals.mask[..., None], normals.normals[:], np.array([0, 0, 1], np.float32))
-    samples: npt.NDArray[np.uint8] = np.rint((vectors * 0.5 + 0.5) * 255).astype(np.uint8)
+    samples: UInt8 = np.rint((vectors * 0.5 + 0.5) * 255).astype(np.uint8)
     return samples
 
 
-def textured(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+def textured(colours: UInt8, mask: Bool) -> UInt8:
     """Return a texture: the colours, with their mean outside the mask.
 
     Programs average neighbouring pixels of a texture; black ones would darken the outline.
@@ -129,7 +129,7 @@ def textured(colours: npt.NDArray[np.uint8], mask: npt.NDArray[np.bool_]) -> npt
     return texture
 
 
-def _write_textured_obj(path: Path, mesh: Mesh, texture: npt.NDArray[np.uint8]) -> tuple[Path, ...]:
+def _write_textured_obj(path: Path, mesh: Mesh, texture: UInt8) -> tuple[Path, ...]:
     material, image = path.with_suffix(".mtl"), path.with_name(f"{path.stem}_albedo.png")
     lines = ["newmtl surface", "Ka 0 0 0", "Kd 1 1 1", "Ks 0 0 0", "illum 1"]
     write_png(image, texture, srgb=True)
@@ -158,7 +158,7 @@ def _stl(mesh: Mesh) -> Iterator[Piece]:
         yield stl_facets(mesh.vertices[mesh.faces[part]])
 
 
-def _rows(table: npt.NDArray[np.generic]) -> Iterator[slice]:
+def _rows(table: Generic) -> Iterator[slice]:
     """Yield the rows of a table in parts: a copy of a large mesh would take much memory."""
     for begin in range(0, len(table), _LINES):
         yield slice(begin, begin + _LINES)
@@ -183,7 +183,7 @@ def _obj(mesh: Mesh, material: str | None = None) -> Iterator[Piece]:
         yield from _text(f"f {corner} {corner} {corner}", index)
 
 
-def _text(line: str, table: npt.NDArray[np.generic]) -> Iterator[bytes]:
+def _text(line: str, table: Generic) -> Iterator[bytes]:
     """Format the rows of a table, one line each."""
     for part in _rows(table):
         rows = table[part]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32, Integer, UInt8, Void
+
 Piece = bytes | memoryview
 
 
@@ -39,7 +39,7 @@ class PlyForm:
         return "\n".join(header).encode("ascii")
 
     def vertices(
-        self, points: Float, normals: Float | None, colours: npt.NDArray[np.uint8] | None
+        self, points: Float32, normals: Float32 | None, colours: UInt8 | None
     ) -> memoryview:
         """Return vertices ``(N, 3)`` with their normals and colours."""
         kinds: list[tuple[str, str, tuple[int, ...]]] = [("floats", "<f4", (len(self._names()),))]
@@ -53,7 +53,7 @@ class PlyForm:
             rows["colours"] = colours
         return _bytes(rows)
 
-    def faces(self, corners: npt.NDArray[np.integer]) -> memoryview:
+    def faces(self, corners: Integer) -> memoryview:
         """Return triangles from the numbers of their vertices ``(N, 3)``."""
         faces = np.zeros(len(corners), [("count", "u1"), ("index", "<i4", (3,))])
         faces["count"], faces["index"] = 3, corners
@@ -70,7 +70,7 @@ def stl_header(unit: str, faces: int) -> bytes:
     return head + faces.to_bytes(4, "little")
 
 
-def stl_facets(corners: Float) -> memoryview:
+def stl_facets(corners: Float32) -> memoryview:
     """Return triangles from the points of their corners ``(N, 3, 3)``."""
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.sqrt(np.einsum("ij,ij->i", cross, cross))[:, None]
@@ -81,5 +81,5 @@ def stl_facets(corners: Float) -> memoryview:
     return _bytes(facets)
 
 
-def _bytes(rows: npt.NDArray[np.void]) -> memoryview:
+def _bytes(rows: Void) -> memoryview:
     return rows.view(np.uint8).data

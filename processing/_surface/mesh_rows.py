@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import MapRows, rows_in_bands
 from processing._stages.stage import NormalRows
@@ -13,9 +12,7 @@ from processing._surface.face_kernels import KINDS, faces_of_kind, kinds_of_tria
 from processing._surface.height_map import HeightMap
 from processing._surface.mesh import no_triangle
 from processing._surface.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
-
-Float = npt.NDArray[np.float32]
-Kinds = npt.NDArray[np.uint8]
+from rig.arrays import Float32, UInt8
 
 # Bytes of a pixel with its points and triangles, and of a band.
 _PIXEL, _BAND = 150, 1 << 26
@@ -50,13 +47,13 @@ def _both(surface: HeightMap, rows: slice) -> slice:
     return slice(rows.start, min(rows.stop + 1, len(surface.mask)))
 
 
-def _points(surface: HeightMap, rows: slice) -> Float:
+def _points(surface: HeightMap, rows: slice) -> Float32:
     """Return the points of rows and of the next one."""
     both = _both(surface, rows)
     return surface.points(both)[surface.mask[both]]
 
 
-def _kinds(surface: HeightMap, bands: list[slice]) -> Kinds:
+def _kinds(surface: HeightMap, bands: list[slice]) -> UInt8:
     """Return the kinds of the triangles of each square, a byte for each pixel."""
     kinds, jumps = np.zeros(surface.mask.shape, np.uint8), surface.jumps
     for rows in bands:
@@ -70,7 +67,7 @@ def _kinds(surface: HeightMap, bands: list[slice]) -> Kinds:
 def _ply(
     surface: HeightMap,
     bands: list[slice],
-    kinds: Kinds,
+    kinds: UInt8,
     count: int,
     normals: NormalRows | None,
     colours: MapRows | None,
@@ -97,7 +94,7 @@ def _ply(
             )
 
 
-def _stl(surface: HeightMap, bands: list[slice], kinds: Kinds, count: int) -> Iterator[Piece]:
+def _stl(surface: HeightMap, bands: list[slice], kinds: UInt8, count: int) -> Iterator[Piece]:
     yield stl_header(surface.unit, count)
     for kind in range(KINDS):
         for rows in bands:

@@ -14,16 +14,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import eigvalsh_tridiagonal
 
 import processing._surface.multigrid_kernels as kernels
 from processing._surface.grid_graph import apply_laplacian
 from processing._surface.thin_graphs import is_thin, solve_thin
 from rig import Progress, no_progress
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 # Number of smoothing sweeps before and after the coarse correction.
 _SWEEPS = 2
@@ -53,18 +50,18 @@ class Solution:
         Whether the residual is within the tolerance, or the error within the accuracy.
     """
 
-    u: Double
+    u: Float64
     iterations: int
     relative_residual: float
     converged: bool
 
 
 def solve(
-    right: Float,
-    down: Float,
-    b: Double,
+    right: Float32,
+    down: Float32,
+    b: Float64,
     *,
-    anchors: Float | None = None,
+    anchors: Float32 | None = None,
     levels: Levels | None = None,
     tolerance: float = 1e-6,
     accuracy: float = 0.0,
@@ -177,21 +174,21 @@ class _Lanczos:
 class _Level:
     """One grid: weights, inverse diagonal, and buffers for unknowns and right-hand side."""
 
-    right: Float
-    down: Float
-    anchors: Float | None
-    inverse: Float
-    x: Float
-    b: Float
+    right: Float32
+    down: Float32
+    anchors: Float32 | None
+    inverse: Float32
+    x: Float32
+    b: Float32
     serial: bool
     # Pseudo-inverse of the Laplacian on the inner pixels; only on the coarsest level.
-    dense: Float | None
+    dense: Float32 | None
 
 
 Levels = list[_Level]
 
 
-def coarsened(right: Float, down: Float, anchors: Float | None = None) -> Levels:
+def coarsened(right: Float32, down: Float32, anchors: Float32 | None = None) -> Levels:
     """Return the levels of the multigrid for weights, as for `solve`."""
     levels: Levels = []
     while True:
@@ -216,7 +213,7 @@ def coarsened(right: Float, down: Float, anchors: Float | None = None) -> Levels
             anchors = _sums_of_blocks(anchors, right.shape)
 
 
-def _cycle(levels: list[_Level], residual: Double) -> Float:
+def _cycle(levels: list[_Level], residual: Float64) -> Float32:
     """Return the correction of one V-cycle for a residual; the operator is symmetric positive."""
     levels[0].b[...] = residual
     for fine, coarse in pairwise(levels):
@@ -251,7 +248,7 @@ def _cycle(levels: list[_Level], residual: Double) -> Float:
     return levels[0].x
 
 
-def _sums_of_blocks(values: Float, shape: tuple[int, ...]) -> Float:
+def _sums_of_blocks(values: Float32, shape: tuple[int, ...]) -> Float32:
     """Return the sums over the 2 x 2 pixels of each coarse pixel, with an empty border."""
     rows, columns = shape[0] - 2, shape[1] - 2
     # An odd last row or column is paired with the empty border.
@@ -261,7 +258,7 @@ def _sums_of_blocks(values: Float, shape: tuple[int, ...]) -> Float:
     return sums
 
 
-def _pseudo_inverse(right: Float, down: Float, anchors: Float | None) -> Float:
+def _pseudo_inverse(right: Float32, down: Float32, anchors: Float32 | None) -> Float32:
     rows, columns = right.shape[0] - 2, right.shape[1] - 2
     node = np.arange(rows * columns).reshape(rows, columns)
     matrix = np.zeros((rows * columns, rows * columns))
@@ -281,11 +278,11 @@ def _pseudo_inverse(right: Float, down: Float, anchors: Float | None) -> Float:
     return np.asarray(inverse, np.float32)
 
 
-def _inverse_diagonal(right: Float, down: Float, anchors: Float | None) -> Float:
+def _inverse_diagonal(right: Float32, down: Float32, anchors: Float32 | None) -> Float32:
     diagonal = right + down
     if anchors is not None:
         diagonal += anchors
     diagonal[:, 1:] += right[:, :-1]
     diagonal[1:] += down[:-1]
-    inverse: Float = np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
+    inverse: Float32 = np.divide(1, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
     return inverse

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 
 @numba.njit(cache=True)
-def aggregate(right: Float, down: Float) -> tuple[Float, Float]:
+def aggregate(right: Float32, down: Float32) -> tuple[Float32, Float32]:
     """Return the edge weights of the next coarser level."""
     rows, columns = (right.shape[0] - 1) // 2, (right.shape[1] - 1) // 2
     coarse_right = np.zeros((rows + 2, columns + 2), np.float32)
@@ -40,7 +38,7 @@ def aggregate(right: Float, down: Float) -> tuple[Float, Float]:
 
 @numba.njit(cache=True)
 def _smooth_row(
-    right: Float, down: Float, inverse: Float, b: Float, x: Float, r: int, first: int
+    right: Float32, down: Float32, inverse: Float32, b: Float32, x: Float32, r: int, first: int
 ) -> None:
     for c in range(first, right.shape[1] - 1, 2):
         x[r, c] = inverse[r, c] * (
@@ -53,13 +51,15 @@ def _smooth_row(
 
 
 @numba.njit(cache=True)
-def _begin_row(inverse: Float, b: Float, x: Float, r: int) -> None:
+def _begin_row(inverse: Float32, b: Float32, x: Float32, r: int) -> None:
     for c in range(1, x.shape[1] - 1):
         x[r, c] = inverse[r, c] * b[r, c] if (r + c) % 2 else 0
 
 
 @numba.njit(parallel=True, cache=True)
-def smooth(right: Float, down: Float, inverse: Float, b: Float, x: Float, colour: int) -> None:
+def smooth(
+    right: Float32, down: Float32, inverse: Float32, b: Float32, x: Float32, colour: int
+) -> None:
     """Relax the pixels of one colour of the checkerboard (Gauss-Seidel)."""
     for r in numba.prange(1, right.shape[0] - 1):
         _smooth_row(right, down, inverse, b, x, r, 1 + (r + colour) % 2)
@@ -67,7 +67,7 @@ def smooth(right: Float, down: Float, inverse: Float, b: Float, x: Float, colour
 
 @numba.njit(cache=True)
 def smooth_serial(
-    right: Float, down: Float, inverse: Float, b: Float, x: Float, colour: int
+    right: Float32, down: Float32, inverse: Float32, b: Float32, x: Float32, colour: int
 ) -> None:
     """Relax like `smooth`, on one thread."""
     for r in range(1, right.shape[0] - 1):
@@ -75,21 +75,21 @@ def smooth_serial(
 
 
 @numba.njit(parallel=True, cache=True)
-def begin(inverse: Float, b: Float, x: Float) -> None:
+def begin(inverse: Float32, b: Float32, x: Float32) -> None:
     """Replace x by 0, with the pixels of colour 0 relaxed."""
     for r in numba.prange(1, x.shape[0] - 1):
         _begin_row(inverse, b, x, r)
 
 
 @numba.njit(cache=True)
-def begin_serial(inverse: Float, b: Float, x: Float) -> None:
+def begin_serial(inverse: Float32, b: Float32, x: Float32) -> None:
     """Begin like `begin`, on one thread."""
     for r in range(1, x.shape[0] - 1):
         _begin_row(inverse, b, x, r)
 
 
 @numba.njit(cache=True)
-def _residual_at(right: Float, down: Float, b: Float, x: Float, r: int, c: int) -> float:
+def _residual_at(right: Float32, down: Float32, b: Float32, x: Float32, r: int, c: int) -> float:
     here = x[r, c]
     residual: float = (
         b[r, c]
@@ -102,7 +102,9 @@ def _residual_at(right: Float, down: Float, b: Float, x: Float, r: int, c: int) 
 
 
 @numba.njit(cache=True)
-def _restrict_row(right: Float, down: Float, b: Float, x: Float, coarse: Float, R: int) -> None:
+def _restrict_row(
+    right: Float32, down: Float32, b: Float32, x: Float32, coarse: Float32, R: int
+) -> None:
     rows, columns = right.shape
     r = 2 * R - 1
     paired = r + 1 < rows - 1
@@ -117,7 +119,7 @@ def _restrict_row(right: Float, down: Float, b: Float, x: Float, coarse: Float, 
 
 
 @numba.njit(parallel=True, cache=True)
-def restrict(right: Float, down: Float, b: Float, x: Float, coarse: Float) -> None:
+def restrict(right: Float32, down: Float32, b: Float32, x: Float32, coarse: Float32) -> None:
     """Sum the residual b - L x of the pixels of colour 0 of each 2 x 2 pixels into `coarse`.
 
     After a relaxation of colour 1, the residual of its pixels is 0.
@@ -127,14 +129,14 @@ def restrict(right: Float, down: Float, b: Float, x: Float, coarse: Float) -> No
 
 
 @numba.njit(cache=True)
-def restrict_serial(right: Float, down: Float, b: Float, x: Float, coarse: Float) -> None:
+def restrict_serial(right: Float32, down: Float32, b: Float32, x: Float32, coarse: Float32) -> None:
     """Sum like `restrict`, on one thread."""
     for R in range(1, coarse.shape[0] - 1):
         _restrict_row(right, down, b, x, coarse, R)
 
 
 @numba.njit(cache=True)
-def _prolong_row(coarse: Float, inverse: Float, x: Float, r: int) -> None:
+def _prolong_row(coarse: Float32, inverse: Float32, x: Float32, r: int) -> None:
     for c in range(1, x.shape[1] - 1):
         # Pixels without edges remain 0.
         if inverse[r, c] > 0:
@@ -142,14 +144,14 @@ def _prolong_row(coarse: Float, inverse: Float, x: Float, r: int) -> None:
 
 
 @numba.njit(parallel=True, cache=True)
-def prolong(coarse: Float, inverse: Float, x: Float) -> None:
+def prolong(coarse: Float32, inverse: Float32, x: Float32) -> None:
     """Add the correction of each coarse pixel to its 2 x 2 fine pixels."""
     for r in numba.prange(1, x.shape[0] - 1):
         _prolong_row(coarse, inverse, x, r)
 
 
 @numba.njit(cache=True)
-def prolong_serial(coarse: Float, inverse: Float, x: Float) -> None:
+def prolong_serial(coarse: Float32, inverse: Float32, x: Float32) -> None:
     """Add like `prolong`, on one thread."""
     for r in range(1, x.shape[0] - 1):
         _prolong_row(coarse, inverse, x, r)
@@ -160,7 +162,7 @@ def prolong_serial(coarse: Float, inverse: Float, x: Float) -> None:
 
 
 @numba.njit(parallel=True, cache=True)
-def dot(a: Double, b: Float) -> Double:
+def dot(a: Float64, b: Float32) -> Float64:
     """Return the dot product of each row of a and b."""
     sums = np.zeros(len(a), np.float64)
     for r in numba.prange(len(a)):
@@ -172,7 +174,7 @@ def dot(a: Double, b: Float) -> Double:
 
 
 @numba.njit(parallel=True, cache=True)
-def add_anchors(anchors: Float, u: Double, product: Double) -> Double:
+def add_anchors(anchors: Float32, u: Float64, product: Float64) -> Float64:
     """Add anchors * u to the product, and return u . (anchors * u) of each row."""
     sums = np.zeros(len(u), np.float64)
     for r in numba.prange(len(u)):
@@ -186,7 +188,7 @@ def add_anchors(anchors: Float, u: Double, product: Double) -> Double:
 
 
 @numba.njit(parallel=True, cache=True)
-def add_scaled(direction: Double, correction: Float, factor: float) -> None:
+def add_scaled(direction: Float64, correction: Float32, factor: float) -> None:
     """Replace the direction by the correction plus `factor` times the direction."""
     for r in numba.prange(len(direction)):
         for c in range(direction.shape[1]):
@@ -194,7 +196,9 @@ def add_scaled(direction: Double, correction: Float, factor: float) -> None:
 
 
 @numba.njit(parallel=True, cache=True)
-def step(u: Double, residual: Double, direction: Double, product: Double, length: float) -> Double:
+def step(
+    u: Float64, residual: Float64, direction: Float64, product: Float64, length: float
+) -> Float64:
     """Take a step and return the squared norm of the new residual for each row."""
     sums = np.zeros(len(u), np.float64)
     for r in numba.prange(len(u)):

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, MapRows, MapToFill, rows_in_bands
 from processing._normal_map import check_normal_rows
 from processing._stages.stage import NormalRows
 from processing._surface.height_map import HeightMap
 from rig import check_type
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64
 
 # Bytes of a pixel with its points and tangents, and of a band.
 _PIXEL, _BAND = 400, 1 << 25
@@ -70,7 +67,7 @@ def normal_residual(
     return angles
 
 
-def _of_rows(surface: HeightMap, normals: MapRows, rows: slice) -> Float:
+def _of_rows(surface: HeightMap, normals: MapRows, rows: slice) -> Float32:
     first, last = max(rows.start - 1, 0), min(rows.stop + 1, len(surface.mask))
     window = slice(first, last)
     points = surface.points(window).astype(np.float64)
@@ -82,11 +79,11 @@ def _of_rows(surface: HeightMap, normals: MapRows, rows: slice) -> Float:
     sine = np.linalg.norm(np.cross(facing, given), axis=2)
     cosine = np.einsum("rck,rck->rc", facing, given)
     both = np.degrees(np.arctan2(sine, cosine))
-    found: Float = both[rows.start - first : rows.stop - first].astype(np.float32)
+    found: Float32 = both[rows.start - first : rows.stop - first].astype(np.float32)
     return found
 
 
-def _cuts(surface: HeightMap, rows: slice) -> tuple[Mask, Mask]:
+def _cuts(surface: HeightMap, rows: slice) -> tuple[Bool, Bool]:
     """Return where a pixel and its right (lower) neighbour have no chord."""
     parts, jumps = surface.maps["parts"][rows], surface.jumps
     right, down = np.zeros((2, *parts.shape), bool)
@@ -98,9 +95,7 @@ def _cuts(surface: HeightMap, rows: slice) -> tuple[Mask, Mask]:
     return right, down
 
 
-def _tangents(
-    points: npt.NDArray[np.float64], cut: npt.NDArray[np.bool_]
-) -> npt.NDArray[np.float64]:
+def _tangents(points: Float64, cut: Bool) -> Float64:
     """Return the mean chord of each point along its row; NaN without any."""
     chords = np.diff(points, axis=1)
     known = np.isfinite(chords[..., :1]) & ~cut[:, :-1, None]

@@ -9,9 +9,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from rig import short_repr
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float32, Float64
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +42,8 @@ class HeightPrior:
     (2, 0.699999988079071)
     """
 
-    height: Float
-    sigma: Float
+    height: Float32
+    sigma: Float32
     outside: int = 0
 
     def __post_init__(self) -> None:
@@ -63,7 +61,7 @@ class HeightPrior:
     __repr__ = short_repr
 
     @property
-    def known(self) -> npt.NDArray[np.bool_]:
+    def known(self) -> Bool:
         """``(H, W)`` bool, pixels with a known height."""
         return np.isfinite(self.height)
 
@@ -169,7 +167,7 @@ class HeightPrior:
         return cls(values, spread.astype(np.float32))
 
 
-def _interpolated(values: Float, y: Double, x: Double) -> Float:
+def _interpolated(values: Float32, y: Float64, x: Float64) -> Float32:
     """Interpolate between the centres of pixels; NaN next to an unknown one and outside."""
     # Imported here: it takes .2 s, and few surfaces have a prior.
     from scipy.ndimage import map_coordinates

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, MissingPathError, read_image
 from processing._npy_file import read_npy
 from processing._surface.prior import HeightPrior
 from rig import MAX_PIXELS, UnreadableError, read_bounded
+from rig.arrays import Floating
 
 _MAPS: Final = (".exr", ".npy", ".tif", ".tiff")
 _TABLES: Final = (".csv", ".txt")
@@ -79,7 +79,7 @@ def read_prior(
         raise type(error)(f"{error}" if named else f"{path}: {error}") from error
 
 
-def _map(path: Path, max_pixels: int) -> npt.NDArray[np.floating]:
+def _map(path: Path, max_pixels: int) -> Floating:
     if path.suffix.lower() == ".npy":
         values = read_npy(path, max_pixels)
     else:

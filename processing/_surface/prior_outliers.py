@@ -5,11 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float64, Int32, Int64
 
 # A surface drifts smoothly from known heights; these terms of a polynomial follow it. Each requires
 # three points.
@@ -25,7 +22,7 @@ _ROUNDS: Final = 30
 _MOST: Final = 100_000
 
 
-def prior_outliers(off: Double, spread: Double, labels: Labels) -> Mask:
+def prior_outliers(off: Float64, spread: Float64, labels: Int32) -> Bool:
     """Return known heights that are isolated gross errors.
 
     The others show how the surface without known heights drifts. A point far from it is an outlier
@@ -62,7 +59,7 @@ def prior_outliers(off: Double, spread: Double, labels: Labels) -> Mask:
     return found
 
 
-def _far(places: npt.NDArray[np.int64], off: Double, spread: Double) -> Mask:
+def _far(places: Int64, off: Float64, spread: Float64) -> Bool:
     x, y = ((places - places.mean(0)) / max(np.ptp(places), 1)).T
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], 1)
     count = next(n for n in (6, 3, 1) if n == 1 or len(off) >= _POINTS_PER_TERM * n)

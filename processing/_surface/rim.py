@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
-
-Ints = npt.NDArray[np.int32]
-Edges = npt.NDArray[np.int64]
+from rig.arrays import Int32, Int64
 
 
-def rim(faces: Ints, count: int) -> Edges:
+def rim(faces: Int32, count: int) -> Int64:
     """Return the edges with a triangle on one side only, ``(E, 2)``, in its direction.
 
     Raises
@@ -38,5 +35,5 @@ def rim(faces: Ints, count: int) -> Edges:
     ends = np.stack([codes // count, codes % count], axis=1)
     ends[backward == 1] = ends[backward == 1, ::-1]
     # A triangle without an area may have the same corner twice.
-    directed: Edges = ends[ends[:, 0] != ends[:, 1]]
+    directed: Int64 = ends[ends[:, 0] != ends[:, 1]]
     return directed

@@ -6,13 +6,10 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, MapRows, rows_in_bands
 from calibration import EstimateError
-
-Double = npt.NDArray[np.float64]
-Labels = npt.NDArray[np.int32]
+from rig.arrays import Bool, Float64, Int32
 
 # A depth that varies by more than this factor cannot be a surface in front of a camera.
 DEPTH_RANGE = 1e6
@@ -73,7 +70,7 @@ def surface_scale(
 
 
 def check_view(
-    mask: npt.NDArray[np.bool_],
+    mask: Bool,
     camera: CameraModel | None,
     pixel_mm: float | None,
     depth_mm: MapRows | None,
@@ -121,9 +118,7 @@ def scale_of(camera: CameraModel | None, pixel_mm: float | None) -> Scale:
     return Scale("mm", distance / focal_px, distance, focal_px)
 
 
-def placed(
-    u: Double, members: Labels, near: Double | None, held: npt.NDArray[np.bool_], scale: Scale
-) -> Double:
+def placed(u: Float64, members: Int32, near: Float64 | None, held: Bool, scale: Scale) -> Float64:
     """Return heights without a camera, or depths with one.
 
     Parameters
@@ -160,6 +155,6 @@ def placed(
     return np.asarray(depths * np.where(held, 1, wanted / part_means(depths, members))[members])
 
 
-def part_means(values: Double, members: Labels) -> Double:
+def part_means(values: Float64, members: Int32) -> Float64:
     """Return the mean of the values of each part."""
     return np.asarray(np.bincount(members, values) / np.bincount(members), np.float64)

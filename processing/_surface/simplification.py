@@ -6,16 +6,12 @@ from dataclasses import replace
 
 import fast_simplification
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from acquisition import DataError
 from processing._surface.height_map import HeightMap
 from processing._surface.rim import rim
-
-Float = npt.NDArray[np.float32]
-Ints = npt.NDArray[np.int32]
-Samples = npt.NDArray[np.generic]
+from rig.arrays import Bool, Float32, Float64, Floating, Generic, Int32
 
 _FEWEST = 4
 # How fast the accepted error grows from pass to pass. Slow growth halves the largest error, but its
@@ -25,7 +21,9 @@ _GROWTHS = (5.0, *7 * (7.0,))
 _DEPTH = 10
 
 
-def simplified(vertices: Float, faces: Ints, count: int, pixel_size: float) -> tuple[Float, Ints]:
+def simplified(
+    vertices: Float32, faces: Int32, count: int, pixel_size: float
+) -> tuple[Float32, Int32]:
     """Remove vertices where the surface is flattest, until a number of triangles is left.
 
     Edges are collapsed in the order of their quadric error (Garland and Heckbert, Surface
@@ -58,7 +56,7 @@ def simplified(vertices: Float, faces: Ints, count: int, pixel_size: float) -> t
         raise DataError(f"{count} triangles are not a surface: keep at least {_FEWEST}")
     if len(faces) <= count:
         return vertices, faces
-    scaled: npt.NDArray[np.floating] = vertices / np.float32(pixel_size)
+    scaled: Floating = vertices / np.float32(pixel_size)
     low, high = scaled.min(axis=0), scaled.max(axis=0)
     below = low[2] - _DEPTH * (high - low).max()
     start, end = rim(faces, len(vertices)).T
@@ -77,15 +75,13 @@ def simplified(vertices: Float, faces: Ints, count: int, pixel_size: float) -> t
     return fewer, renumbered.reshape(left.shape).astype(np.int32)
 
 
-def _on_surface(
-    vertices: npt.NDArray[np.floating], faces: Ints, level: float
-) -> npt.NDArray[np.bool_]:
+def _on_surface(vertices: Floating, faces: Int32, level: float) -> Bool:
     """Return which triangles have all corners above a level."""
     above = (vertices[:, 2] > level)[faces]
     return above[:, 0] & above[:, 1] & above[:, 2]
 
 
-def pixels_of(vertices: Float, height_map: HeightMap) -> Float:
+def pixels_of(vertices: Float32, height_map: HeightMap) -> Float32:
     """Return where points of a surface are seen, ``(V, 2)`` float32 columns and rows."""
     camera = height_map.camera
     if camera is None or height_map.depth is None:
@@ -98,7 +94,7 @@ def pixels_of(vertices: Float, height_map: HeightMap) -> Float:
     return placed.project(vertices).astype(np.float32)
 
 
-def sampled(image: Samples, mask: npt.NDArray[np.bool_], pixels: Float) -> npt.NDArray[np.float64]:
+def sampled(image: Generic, mask: Bool, pixels: Float32) -> Float64:
     """Interpolate an image ``(H, W, C)`` at pixels ``(V, 2)``, from samples inside a mask alone.
 
     Returns

@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._surface.mesh import Mesh
-from processing._surface.rim import Edges, rim
+from processing._surface.rim import rim
 from rig import check_type
-
-Ints = npt.NDArray[np.int32]
+from rig.arrays import Float32, Int32, Int64, Intp
 
 # Thickness of a base below the lowest point, as a share of the width.
 _THICKNESS = 0.02
@@ -82,9 +80,7 @@ def solid_mesh(mesh: Mesh, base: float | None = None) -> Mesh:
     return Mesh(np.concatenate([top, bottom]), closed, None, mesh.unit, colours, places)
 
 
-def _moved_apart(
-    vertices: npt.NDArray[np.float32], faces: Ints, copied: npt.NDArray[np.intp]
-) -> npt.NDArray[np.float32]:
+def _moved_apart(vertices: Float32, faces: Int32, copied: Intp) -> Float32:
     """Return the vertices, those in one place a little closer to their neighbours."""
     shared = np.bincount(copied)[copied] > 1
     touching = faces[shared[faces].any(axis=1)]
@@ -98,7 +94,7 @@ def _moved_apart(
     return moved
 
 
-def _separated(faces: Ints, count: int) -> tuple[Ints, npt.NDArray[np.intp], Edges]:
+def _separated(faces: Int32, count: int) -> tuple[Int32, Intp, Int64]:
     """Give each fan of triangles around a vertex of the rim a vertex of its own.
 
     Returns

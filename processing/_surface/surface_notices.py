@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._surface.jumps import Jumps
 from processing._surface.multigrid import Solution
 from rig import Notice
-
-Labels = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Int32
 
 
 def doubts_of_parts(
-    parts: Labels, isolated: int, jumps: Jumps | None, known: Mask | None = None
+    parts: Int32, isolated: int, jumps: Jumps | None, known: Bool | None = None
 ) -> list[Notice]:
     """Return notices about heights that are not known.
 
@@ -91,7 +88,7 @@ def doubts_of_solution(solution: Solution) -> list[Notice]:
     return [Notice("solver-not-converged", text)]
 
 
-def _guessed(pieces: Labels, parts: Labels, known: Mask | None) -> tuple[int, float]:
+def _guessed(pieces: Int32, parts: Int32, known: Bool | None) -> tuple[int, float]:
     """Return the number of pieces whose height is a guess, and their share.
 
     In each part, the pieces with a known height are no guesses, or else the largest one.

@@ -8,18 +8,15 @@ costs little, since few passages meet at any place. On wide masks, it would need
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from processing._surface.grid_graph import label_parts
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Float32, Float64
 
 # Largest share of pixels with eight neighbours.
 _WIDE = 0.01
 
 
-def is_thin(right: Float, down: Float) -> bool:
+def is_thin(right: Float32, down: Float32) -> bool:
     """Return whether almost no pixel is in the middle of 3 x 3 connected pixels."""
     square = (right[:-1, :-1] > 0) & (right[1:, :-1] > 0) & (down[:-1, :-1] > 0)
     square &= down[:-1, 1:] > 0
@@ -27,7 +24,9 @@ def is_thin(right: Float, down: Float) -> bool:
     return bool(np.count_nonzero(middle) < _WIDE * np.count_nonzero((right > 0) | (down > 0)))
 
 
-def solve_thin(right: Float, down: Float, b: Double, anchors: Float | None = None) -> Double:
+def solve_thin(
+    right: Float32, down: Float32, b: Float64, anchors: Float32 | None = None
+) -> Float64:
     """Solve (L + A) u = b for the graph Laplacian L and anchors A by sparse elimination.
 
     Parameters

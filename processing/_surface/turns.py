@@ -10,10 +10,8 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32
 
 # Distance, in pixels, of the edges with which the turn at an edge is compared.
 _AWAY = 4
@@ -25,7 +23,9 @@ _LEAST = 0.01
 _MEDIAN_TO_SIGMA = 1.4826
 
 
-def evenness(normals: Float, mask: Mask, edges: tuple[Float, Float]) -> tuple[Float, Float]:
+def evenness(
+    normals: Float32, mask: Bool, edges: tuple[Float32, Float32]
+) -> tuple[Float32, Float32]:
     """Return a weight 0.01..1 of each edge, which is small where the normals turn abruptly.
 
     Parameters
@@ -57,7 +57,7 @@ def evenness(normals: Float, mask: Mask, edges: tuple[Float, Float]) -> tuple[Fl
 
 
 @numba.njit(cache=True)
-def _turns(normals: Float, mask: Mask, vertical: int) -> Float:
+def _turns(normals: Float32, mask: Bool, vertical: int) -> Float32:
     """Return the chord between the mean normals of 2 x 3 pixels on each side; NaN if unknown."""
     rows, columns = mask.shape
     out = np.full((rows + 2, columns + 2), np.float32(np.nan))
@@ -81,7 +81,7 @@ def _turns(normals: Float, mask: Mask, vertical: int) -> Float:
 
 
 @numba.njit(cache=True)
-def _contrast(turns: Float, vertical: int) -> Float:
+def _contrast(turns: Float32, vertical: int) -> Float32:
     """Return each turn without the mean of those before and after it; 0 if none is known."""
     rows, columns = turns.shape
     out = np.zeros((rows, columns), np.float32)

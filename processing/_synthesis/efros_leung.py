@@ -6,7 +6,6 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
@@ -14,11 +13,9 @@ from processing._synthesis.exemplar import prepare_exemplar
 from processing._synthesis.patch_search import GOLDEN, mixed, stream
 from processing._synthesis.synthesize import Synthesis
 from rig import Progress, no_progress
+from rig.arrays import Bool, Float32, Int32
 
-# Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-Float = npt.NDArray[np.float32]
-Whole = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
 
 # Pixels of the sheet, times places of the exemplar, times pixels of a neighbourhood.
 _MOST_COMPARISONS = 1e12
@@ -112,7 +109,7 @@ def efros_leung(
     return Synthesis(detail, np.zeros(size, np.uint8), patch, 0, False)
 
 
-def _order(height: int, width: int) -> Whole:
+def _order(height: int, width: int) -> Int32:
     """Return (row, column) of all pixels in squares around the middle.
 
     Each square begins at the middles of its sides and ends at its corners, so that every pixel has
@@ -126,14 +123,14 @@ def _order(height: int, width: int) -> Whole:
 
 @numba.njit(nogil=True, cache=True)
 def _grow(
-    sheet: Float,
-    known: Mask,
-    order: Whole,
+    sheet: Float32,
+    known: Bool,
+    order: Int32,
     begins: bool,
-    vectors: Float,
+    vectors: Float32,
     columns: int,
-    places: Whole,
-    around: Float,
+    places: Int32,
+    around: Float32,
     seed: int,
 ) -> None:
     """Copy a pixel of the exemplar into each pixel of an order.

@@ -7,15 +7,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import nnls
 
 from acquisition import DataError
 from processing._normal_map import NormalMap
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Int32, Intp
 
 _ROUNDS = 20
 # Rounding errors of the use of a pixel that is in no patch are smaller.
@@ -50,11 +46,11 @@ class Exemplar:
         Mean of n_x^2 + n_y^2 over the mask.
     """
 
-    vectors: Float
-    slopes: Float
-    classes: npt.NDArray[np.int32]
-    starts: npt.NDArray[np.int32]
-    shares: npt.NDArray[np.float64]
+    vectors: Float32
+    slopes: Float32
+    classes: Int32
+    starts: Int32
+    shares: Float64
     mean_energy: float
 
 
@@ -105,7 +101,7 @@ def prepare_exemplar(detail: NormalMap, patch: int, *, rotate: bool, mirror: boo
     return Exemplar(vectors, slopes, every, starts, shares, energy)
 
 
-def _places(mask: Mask, patch: int) -> Mask:
+def _places(mask: Bool, patch: int) -> Bool:
     """Return where a patch that starts there lies inside a mask."""
     height, width = mask.shape
     holes = np.zeros((height + 1, width + 1), np.int64)
@@ -117,7 +113,7 @@ def _places(mask: Mask, patch: int) -> Mask:
     return places
 
 
-def _steepness(angle: Float, places: Mask, patch: int) -> npt.NDArray[np.int32]:
+def _steepness(angle: Float32, places: Bool, patch: int) -> Int32:
     """Return the class of each place by the mean angle of its patch, -1 where no patch fits.
 
     The classes have equal numbers of places.
@@ -131,8 +127,8 @@ def _steepness(angle: Float, places: Mask, patch: int) -> npt.NDArray[np.int32]:
 
 
 def _turned(
-    normals: Float, classes: npt.NDArray[np.int32], quarter: int, flip: bool, patch: int
-) -> tuple[Float, npt.NDArray[np.int32]]:
+    normals: Float32, classes: Int32, quarter: int, flip: bool, patch: int
+) -> tuple[Float32, Int32]:
     """Turn a detail by quarters counter-clockwise, then mirror it left to right.
 
     The number of a place is at the first pixel of its patch, which is another corner of the patch
@@ -152,7 +148,7 @@ def _turned(
     return turned, numbers
 
 
-def _class_shares(angle: Float, classes: npt.NDArray[np.int32], mask: Mask, patch: int) -> Double:
+def _class_shares(angle: Float32, classes: Int32, mask: Bool, patch: int) -> Float64:
     """Return the share of the patches that each class should have.
 
     Together, the pixels of the patches have nearly the distribution of angles that the exemplar
@@ -199,13 +195,13 @@ def _class_shares(angle: Float, classes: npt.NDArray[np.int32], mask: Mask, patc
     return np.asarray(found / found.sum())
 
 
-def _below(above: npt.NDArray[np.intp], use: Float) -> Double:
+def _below(above: Intp, use: Float32) -> Float64:
     """Return the share of the use of pixels below each level; ``above`` counts levels."""
     counts = np.bincount(above, use, minlength=_LEVELS + 1)
     return np.asarray(np.cumsum(counts)[:-1] / counts.sum())
 
 
-def _even_use(places: Mask, mask: Mask, patch: int) -> Float:
+def _even_use(places: Bool, mask: Bool, patch: int) -> Float32:
     """Return how often to start a patch at each place, so that pixels are used equally often.
 
     A pixel at a border of the mask is in fewer patches than one inside. The frequencies that make
@@ -219,14 +215,14 @@ def _even_use(places: Mask, mask: Mask, patch: int) -> Float:
     return often
 
 
-def _use(often: Float, patch: int) -> Float:
+def _use(often: Float32, patch: int) -> Float32:
     """Return how often each pixel is used if patches start at the places this often."""
     corner = (patch - 1, patch - 1)
     use = cv2.boxFilter(often, -1, (patch, patch), anchor=corner, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(use, np.float32)
 
 
-def _patch_means(values: Float, patch: int) -> Float:
+def _patch_means(values: Float32, patch: int) -> Float32:
     """Return the mean of the patch that starts at each pixel; pixels outside count as 0."""
     means = cv2.boxFilter(values, -1, (patch, patch), anchor=(0, 0), borderType=cv2.BORDER_CONSTANT)
     return np.asarray(means, np.float32)

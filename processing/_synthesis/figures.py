@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import fft, ifft, irfft, next_fast_len, rfft
 
 from acquisition import DataError
 from processing._normal_map import NormalMap, check_normal_map
 from processing._synthesis.spectrum_match import band_power, block_side
+from rig.arrays import Float32
 
 # Of larger maps, the middle part of this many rows and columns is measured.
 _MOST = 2048
@@ -141,9 +141,9 @@ def _middle(part: NormalMap) -> NormalMap:
     return NormalMap(part.normals[window], part.mask[window])
 
 
-def _angles_deg(part: NormalMap) -> npt.NDArray[np.float32]:
+def _angles_deg(part: NormalMap) -> Float32:
     x, y, z = np.moveaxis(part.normals, 2, 0)
-    angles: npt.NDArray[np.float32] = np.degrees(np.arctan2(np.hypot(x, y), z))
+    angles: Float32 = np.degrees(np.arctan2(np.hypot(x, y), z))
     return angles[part.mask]
 
 

@@ -6,9 +6,8 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32
 
 # More samples per axis of a footprint do not change its mean visibly.
 _MOST_SAMPLES = 8
@@ -18,7 +17,7 @@ _ROUNDS = 3
 
 
 @numba.njit(cache=True)
-def _summed(steps: Float, out: Float, down_first: bool) -> None:
+def _summed(steps: Float32, out: Float32, down_first: bool) -> None:
     """Add half of the sums of steps from the centre of a patch, along one axis, then the other."""
     size, middle = steps.shape[0], steps.shape[0] // 2
     here = np.zeros((size, size, 2), np.float32)
@@ -44,7 +43,7 @@ def _summed(steps: Float, out: Float, down_first: bool) -> None:
 
 
 @numba.njit(cache=True)
-def patch_map(steps: Float, turn: Float) -> tuple[Float, Float, Float]:
+def patch_map(steps: Float32, turn: Float32) -> tuple[Float32, Float32, Float32]:
     """Return the map of a patch.
 
     Parameters
@@ -107,7 +106,7 @@ def _weights(t: float) -> tuple[float, float, float, float]:
 
 
 @numba.njit(cache=True)
-def _interpolated(vectors: Float, y: float, x: float, out: Float) -> None:
+def _interpolated(vectors: Float32, y: float, x: float, out: Float32) -> None:
     """Add the cubic interpolation of a map to a vector; its border continues it."""
     rows, columns = vectors.shape[0], vectors.shape[1]
     top, left = math.floor(y), math.floor(x)
@@ -125,12 +124,12 @@ def _interpolated(vectors: Float, y: float, x: float, out: Float) -> None:
 
 
 @numba.njit(cache=True, inline="always")
-def _angle(vector: Float) -> float:
+def _angle(vector: Float32) -> float:
     return math.atan2(math.sqrt(vector[0] * vector[0] + vector[1] * vector[1]), vector[2])
 
 
 @numba.njit(cache=True)
-def _make_as_steep(patch: Float, vectors: Float, y: int, x: int, offsets: Float) -> None:
+def _make_as_steep(patch: Float32, vectors: Float32, y: int, x: int, offsets: Float32) -> None:
     """Multiply the slopes of a patch so that its mean angle is that of its nearest pixels."""
     size, wanted, gain = patch.shape[0], 0.0, 1.0
     for r in range(size):
@@ -158,8 +157,8 @@ def _make_as_steep(patch: Float, vectors: Float, y: int, x: int, offsets: Float)
 
 @numba.njit(cache=True)
 def sampled(
-    vectors: Float, y: int, x: int, offsets: Float, jacobian: Float, turned: Float
-) -> Float:
+    vectors: Float32, y: int, x: int, offsets: Float32, jacobian: Float32, turned: Float32
+) -> Float32:
     """Return the vectors of an exemplar in the pixels of a patch.
 
     Parameters

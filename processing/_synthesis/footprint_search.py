@@ -7,14 +7,11 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._synthesis.patch_search import GOLDEN, GROUND, REFINED, STEPS, mixed
+from rig.arrays import Float32, Float64, Int32
 
-# Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int32]
+# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
 
 _FAST = {"contract", "reassoc"}
 # The random places are compared at every fifth known pixel.
@@ -46,14 +43,14 @@ class Places(NamedTuple):
         difference of 1 costs as much as two unrelated patches.
     """
 
-    vectors: Float
-    slopes: Float
-    classes: Whole
-    starts: Whole
-    holes: Whole
-    penalty: Double
+    vectors: Float32
+    slopes: Float32
+    classes: Int32
+    starts: Int32
+    holes: Int32
+    penalty: Float64
     mean_energy: float
-    guide: Float
+    guide: Float32
 
 
 class Wanted(NamedTuple):
@@ -71,14 +68,14 @@ class Wanted(NamedTuple):
         ``(m,)`` their places, as `offsets`.
     """
 
-    slopes: Float
-    offsets: Whole
-    guide: Float
-    guide_offsets: Whole
+    slopes: Float32
+    offsets: Int32
+    guide: Float32
+    guide_offsets: Int32
 
 
 @numba.njit(cache=True)
-def _fits(places: Places, copy: int, y: int, x: int, box: Whole) -> bool:
+def _fits(places: Places, copy: int, y: int, x: int, box: Int32) -> bool:
     """Return whether all pixels of a footprint have a normal."""
     top, bottom, left, right = y + box[0], y + box[1] + 1, x + box[2], x + box[3] + 1
     if top < 0 or left < 0:
@@ -115,7 +112,7 @@ def _ground(wanted: Wanted, mean_energy: float, step: int) -> float:
 
 
 @numba.njit(cache=True)
-def fitting(offsets: Float, places: Places, patch: int, draws: int, state: np.uint64) -> float:
+def fitting(offsets: Float32, places: Places, patch: int, draws: int, state: np.uint64) -> float:
     """Return the factor that makes a footprint small enough to fit at several places.
 
     Parameters
@@ -151,7 +148,7 @@ def fitting(offsets: Float, places: Places, patch: int, draws: int, state: np.ui
 
 
 @numba.njit(cache=True)
-def box_of(offsets: Float, factor: float) -> Whole:
+def box_of(offsets: Float32, factor: float) -> Int32:
     """Return the first and last row and column of the nearest pixels of offsets, times a factor."""
     box = np.zeros(4, np.int32)
     for r in range(offsets.shape[0]):
@@ -165,7 +162,7 @@ def box_of(offsets: Float, factor: float) -> Whole:
 
 @numba.njit(cache=True)
 def find_footprint(
-    wanted: Wanted, box: Whole, places: Places, patch: int, candidates: int, state: np.uint64
+    wanted: Wanted, box: Int32, places: Places, patch: int, candidates: int, state: np.uint64
 ) -> tuple[int, int, int]:
     """Return (copy, row, column) of the centre of the footprint that continues a patch best.
 

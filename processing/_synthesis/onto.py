@@ -26,10 +26,7 @@ from processing._synthesis.quilting import (
 from processing._synthesis.seam_steps import CutSteps, cut_steps
 from processing._synthesis.warped_kernels import place_warped
 from rig import Progress, in_threads, no_progress
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Bytes = npt.NDArray[np.uint8]
+from rig.arrays import Bool, Float32, Float64, UInt8
 
 _LEAST_SCALE, _MOST_SCALE = 0.1, 10.0
 _MOST_WEIGHT = 100.0
@@ -53,16 +50,16 @@ class _PatternField(NamedTuple):
         to that of the pattern.
     """
 
-    steps: Float
-    turn: Float
+    steps: Float32
+    turn: Float32
 
 
 def _pattern_field(
     shape: NormalMap,
     *,
     image_space: bool = False,
-    direction_deg: Float | None = None,
-    scale: Float | None = None,
+    direction_deg: Float32 | None = None,
+    scale: Float32 | None = None,
 ) -> _PatternField:
     """Return the map from a target to a pattern that follows arc length on its surface.
 
@@ -128,7 +125,7 @@ class TargetSynthesis:
     """
 
     detail: NormalMap
-    labels: Bytes
+    labels: UInt8
     patch: int
     overlap: int
     compressed: float
@@ -275,22 +272,22 @@ def _places(exemplar: Exemplar) -> Places:
     )  # fmt: skip
 
 
-def _bounding_box(mask: Mask) -> tuple[slice, slice]:
+def _bounding_box(mask: Bool) -> tuple[slice, slice]:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
 
 def _fill(
     field: _PatternField,
-    mask: Mask,
-    guide: Float,
+    mask: Bool,
+    guide: Float32,
     places: Places,
-    shares: npt.NDArray[np.float64],
+    shares: Float64,
     patch: int,
     overlap: int,
     seed: int,
     on_progress: Progress,
-) -> tuple[Float, Bytes, Mask]:
+) -> tuple[Float32, UInt8, Bool]:
     """Place all patches that contain a pixel of the mask, diagonal by diagonal.
 
     Returns the detail, the labels, and where footprints were made smaller.
@@ -337,7 +334,7 @@ def _fill(
     return sheet[room], labels[room], shrunk[room]
 
 
-def _checked_map(name: str, values: npt.ArrayLike, mask: Mask) -> Float:
+def _checked_map(name: str, values: npt.ArrayLike, mask: Bool) -> Float32:
     """Return a map as float32; outside the mask, it has the value of the nearest pixel inside.
 
     Raises
@@ -359,7 +356,7 @@ def _checked_map(name: str, values: npt.ArrayLike, mask: Mask) -> Float:
     return np.asarray(array.astype(np.float32)[y, x])
 
 
-def _checked_scale(values: npt.ArrayLike, mask: Mask) -> Float:
+def _checked_scale(values: npt.ArrayLike, mask: Bool) -> Float32:
     """Return a map of scales.
 
     Raises
@@ -380,9 +377,9 @@ def _guide_pair(
     guide: npt.ArrayLike | None,
     exemplar_guide: npt.ArrayLike | None,
     weight: float,
-    mask: Mask,
-    exemplar_mask: Mask,
-) -> tuple[Float, Float] | None:
+    mask: Bool,
+    exemplar_mask: Bool,
+) -> tuple[Float32, Float32] | None:
     """Return both guides in standard deviations of the exemplar's, times the root of the weight.
 
     Raises
@@ -406,7 +403,7 @@ def _guide_pair(
     return aim * factor, own * factor
 
 
-def _guide_copies(guide: Float, *, rotate: bool, mirror: bool) -> Float:
+def _guide_copies(guide: Float32, *, rotate: bool, mirror: bool) -> Float32:
     """Return the guide of an exemplar for its copies, in the order of `prepare_exemplar`."""
     height, width = guide.shape
     side = (max(height, width), max(height, width)) if rotate else (height, width)
@@ -420,7 +417,7 @@ def _guide_copies(guide: Float, *, rotate: bool, mirror: bool) -> Float:
     return np.stack(copies).ravel()
 
 
-def _curvature_direction_deg(shape: NormalMap, patch: int) -> Float:
+def _curvature_direction_deg(shape: NormalMap, patch: int) -> Float32:
     """Return the direction of the largest curvature, smoothed, counter-clockwise from X.
 
     Directions are averaged as angles of lines, weighted by the difference of the two curvatures,
@@ -435,5 +432,7 @@ def _curvature_direction_deg(shape: NormalMap, patch: int) -> Float:
     lines = np.dstack([weight * np.cos(angle), weight * np.sin(angle)]).astype(np.float32)
     sigma = patch / _SMOOTHED
     smooth = cv2.GaussianBlur(lines, (0, 0), sigma, borderType=cv2.BORDER_REFLECT_101)
-    degrees: Float = (np.degrees(np.arctan2(smooth[..., 1], smooth[..., 0])) / 2).astype(np.float32)
+    degrees: Float32 = (np.degrees(np.arctan2(smooth[..., 1], smooth[..., 0])) / 2).astype(
+        np.float32
+    )
     return degrees % np.float32(180)

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Whole = npt.NDArray[np.int32]
+from rig.arrays import Float32, Float64, Int32
+
 Bands = tuple[int, int, int, int]
 
 _FAST = {"contract", "reassoc"}
@@ -44,7 +42,7 @@ def stream(seed: int, row: int, column: int) -> np.uint64:
 
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _compare(a: Float, b: Float) -> tuple[np.float32, np.float32]:
+def _compare(a: Float32, b: Float32) -> tuple[np.float32, np.float32]:
     """Return the sums of (a - b)^2 and of b^2."""
     difference, energy = np.float32(0), np.float32(0)
     for i in range(a.size):
@@ -56,8 +54,8 @@ def _compare(a: Float, b: Float) -> tuple[np.float32, np.float32]:
 
 @numba.njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _cost(
-    window: Float,
-    slopes: Float,
+    window: Float32,
+    slopes: Float32,
     y: int,
     x: int,
     bands: Bands,
@@ -90,7 +88,7 @@ def _cost(
 
 
 @numba.njit(cache=True)
-def _ground(window: Float, bands: Bands, mean_energy: float, first: int, step: int) -> float:
+def _ground(window: Float32, bands: Bands, mean_energy: float, first: int, step: int) -> float:
     """Return the part of the denominator of the cost that is common to all places."""
     height, width = window.shape[0], window.shape[1] // 2
     left, top, right, bottom = bands
@@ -106,11 +104,11 @@ def _ground(window: Float, bands: Bands, mean_energy: float, first: int, step: i
 
 @numba.njit(cache=True)
 def find_place(
-    window: Float,
-    slopes: Float,
-    starts: Whole,
-    classes: Whole,
-    penalty: Double,
+    window: Float32,
+    slopes: Float32,
+    starts: Int32,
+    classes: Int32,
+    penalty: Float64,
     bands: Bands,
     mean_energy: float,
     candidates: int,

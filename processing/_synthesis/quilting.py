@@ -7,22 +7,18 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from processing._cuts.minimum_cuts import taken_pixels
 from processing._normal_map import NormalMap
 from processing._synthesis.exemplar import Exemplar, prepare_exemplar
-from processing._synthesis.patch_search import Bands, Double, Float, find_place, stream
+from processing._synthesis.patch_search import Bands, find_place, stream
 from processing._synthesis.strips import Begun, StripRange, strip_ranges
 from rig import in_threads
+from rig.arrays import Float32, Float64, Int32, Int64, UInt8
 
-Whole = npt.NDArray[np.int32]
-Rows = npt.NDArray[np.float32]
-
-# Compiled in: processing/_cuts/minimum_cuts.py 599a21c2471f
-# Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-Bytes = npt.NDArray[np.uint8]
+# Compiled in: processing/_cuts/minimum_cuts.py bb2f904075fe
+# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
 CANDIDATES = 2400
 # How strongly a class of patches that was used often is avoided.
 BALANCE = 1.0
@@ -32,7 +28,7 @@ _LEAST_PATCH = 6
 
 def first_pixels(
     size: tuple[int, int], patch: int, overlap: int, seed: int, *, tileable: bool
-) -> tuple[Whole, Whole]:
+) -> tuple[Int32, Int32]:
     """Check the numbers of a sheet; return the first row and column of its patches."""
     if min(size) < 1:
         raise DataError(f"a sheet of {size[1]} x {size[0]} pixels has no pixels")
@@ -59,7 +55,7 @@ def check_options(patch: int, overlap: int, seed: int) -> None:
         raise DataError(f"a seed of {seed} is out of range: use 0 to 2^63 - 1")
 
 
-def positions(length: int, patch: int, overlap: int, tileable: bool) -> Whole:
+def positions(length: int, patch: int, overlap: int, tileable: bool) -> Int32:
     """Return the first pixel of each patch along one axis."""
     stride = patch - overlap
     if not tileable:
@@ -91,8 +87,8 @@ class Quilt:
 
     exemplar: Exemplar
     size: tuple[int, int]
-    rows: Whole
-    columns: Whole
+    rows: Int32
+    columns: Int32
     patch: int
     overlap: int
     seed: int
@@ -128,9 +124,7 @@ class Quilt:
 
     def fill_strip(
         self, part: StripRange, begun: Begun
-    ) -> Generator[
-        float, None, tuple[tuple[Rows, npt.NDArray[np.uint8]], npt.NDArray[np.float64], int]
-    ]:
+    ) -> Generator[float, None, tuple[tuple[Float32, UInt8], Float64, int]]:
         """Place the patches of a strip; yield the share that is done.
 
         Returned are the rows of the strip with their labels, the uses of the classes, and the
@@ -147,13 +141,13 @@ class Quilt:
 
     def _place(
         self,
-        sheet: npt.NDArray[np.float32],
-        labels: npt.NDArray[np.uint8],
+        sheet: Float32,
+        labels: UInt8,
         part: StripRange,
-        patch_of: Whole,
-        uses: npt.NDArray[np.float64],
+        patch_of: Int32,
+        uses: Float64,
         placed: int,
-    ) -> npt.NDArray[np.int64]:
+    ) -> Int64:
         """Place patches of a strip that touch no common pixel; return how often classes are used.
 
         Parameters
@@ -186,7 +180,7 @@ class Quilt:
         return np.bincount(used, minlength=len(uses))
 
 
-def diagonals(rows: int, columns: int, tileable: bool) -> Iterator[Whole]:
+def diagonals(rows: int, columns: int, tileable: bool) -> Iterator[Int32]:
     """Yield (row, column) of patches that do not depend on each other, in the order of placing.
 
     The patches of the last column of a sheet for tiling touch those of the first column in the
@@ -204,16 +198,16 @@ def diagonals(rows: int, columns: int, tileable: bool) -> Iterator[Whole]:
 
 @numba.njit(cache=True)
 def _place(
-    sheet: Float,
-    labels: Bytes,
-    patch: Whole,
+    sheet: Float32,
+    labels: UInt8,
+    patch: Int32,
     bands: Bands,
     size: int,
-    vectors: Float,
-    slopes: Float,
-    starts: Whole,
-    classes: Whole,
-    penalty: Double,
+    vectors: Float32,
+    slopes: Float32,
+    starts: Int32,
+    classes: Int32,
+    penalty: Float64,
     mean_energy: float,
     candidates: int,
     seed: int,
@@ -252,20 +246,20 @@ def _place(
 def _place_patches(
     first: int,
     last: int,
-    sheet: Float,
-    labels: Bytes,
-    patches: Whole,
-    bands: Whole,
+    sheet: Float32,
+    labels: UInt8,
+    patches: Int32,
+    bands: Int32,
     size: int,
-    vectors: Float,
-    slopes: Float,
-    starts: Whole,
-    classes: Whole,
-    penalty: Double,
+    vectors: Float32,
+    slopes: Float32,
+    starts: Int32,
+    classes: Int32,
+    penalty: Float64,
     mean_energy: float,
     candidates: int,
     seed: int,
-    used: Whole,
+    used: Int32,
 ) -> None:
     """Place patches that touch no common pixel, see `rig.in_threads`.
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import MapRows
 from rig import in_threads
+from rig.arrays import AnyArray, Float32, Float64, Int64, UInt8
 
 # Steps are measured on at most this many rows and columns, in the middle.
 _MOST = 2048
@@ -38,7 +38,7 @@ class CutSteps(NamedTuple):
         return self.across_deg / self.inside_deg if self.inside_deg else math.nan
 
 
-def part_in_middle(values: MapRows, rows: slice | None = None) -> npt.NDArray[Any]:
+def part_in_middle(values: MapRows, rows: slice | None = None) -> AnyArray:
     """Return at most 2048 x 2048 pixels in the middle of some rows of a map, or of all of them.
 
     The map may be on disk: a few of its rows are read at a time.
@@ -83,7 +83,7 @@ def cut_steps(normals: MapRows, labels: MapRows, *, wrapped: bool = False) -> Cu
 
 
 @numba.njit(cache=True)
-def _angle(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
+def _angle(a: Float32, b: Float32) -> float:
     chord = 0.0
     for k in range(3):
         chord += (np.float64(a[k]) - b[k]) ** 2
@@ -91,7 +91,7 @@ def _angle(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
 
 
 @numba.njit(cache=True)
-def _known(normal: npt.NDArray[np.float32]) -> bool:
+def _known(normal: Float32) -> bool:
     return bool(normal[0] != 0 or normal[1] != 0 or normal[2] != 0)
 
 
@@ -99,10 +99,10 @@ def _known(normal: npt.NDArray[np.float32]) -> bool:
 def _steps(
     first: int,
     last: int,
-    normals: npt.NDArray[np.float32],
-    labels: npt.NDArray[np.uint8],
-    sums: npt.NDArray[np.float64],
-    counts: npt.NDArray[np.int64],
+    normals: Float32,
+    labels: UInt8,
+    sums: Float64,
+    counts: Int64,
 ) -> None:
     """Write sums of angles in rad and counts of each row, inside patches and across cuts."""
     rows, columns = labels.shape

@@ -7,17 +7,12 @@ from functools import cache
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import fftshift, irfft2, rfft2
 
 from acquisition import MapRows
 from processing._normal_map import NormalMap
 from processing._synthesis.strips import bands_with_margins
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Complex = npt.NDArray[np.complex64]
+from rig.arrays import Bool, Complex64, Float32, Float64, Floating, Int64
 
 BANDS = 16
 MOST_BLOCK = 64
@@ -40,7 +35,7 @@ _SAMPLED, _ANGLE_ERROR, _MOST_STEEPER = 8, 0.04, 1.25
 KERNEL = (2 * _REACH + 1, 2 * _REACH + 1)
 
 
-def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float | None:
+def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float32 | None:
     """Return the filter that gives a sheet the power of an exemplar in each band.
 
     The cuts between patches add power at low frequencies, because patches no longer end where
@@ -84,17 +79,17 @@ def matching_kernel(sheet: MapRows, exemplar: NormalMap) -> Float | None:
     return np.ascontiguousarray(kernel[middle, middle])
 
 
-def _total(powers: Double, block: int) -> float:
+def _total(powers: Float64, block: int) -> float:
     """Return the power of all bands."""
     return float(powers @ _band_counts(block, len(powers)))
 
 
-def _mean_angle(vectors: Float) -> float:
+def _mean_angle(vectors: Float32) -> float:
     slopes = np.hypot(vectors[..., 0], vectors[..., 1])
     return float(np.mean(np.arctan2(slopes, vectors[..., 2]), dtype=np.float64))
 
 
-def _measured(sheet: MapRows, block: int) -> tuple[Double, Complex, Float]:
+def _measured(sheet: MapRows, block: int) -> tuple[Float64, Complex64, Float32]:
     """Return the power of a sheet in each band, and some of its windows.
 
     These are larger than a block by the reach on each side, where a sheet ends by its reflection.
@@ -128,7 +123,7 @@ def _measured(sheet: MapRows, block: int) -> tuple[Double, Complex, Float]:
     return has, np.stack(waves), np.stack(upright)
 
 
-def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Double:
+def _gains(has: Float64, waves: Complex64, upright: Float32, wanted: Float64) -> Float64:
     """Return the gain of each band that gives a sheet an intended power in each band.
 
     The total power stays as it is. The filtered power is measured: the squared gain would not do,
@@ -138,7 +133,7 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
     block = upright.shape[1]
     side = block + 2 * _REACH
 
-    def filtered(gains: Double) -> Double:
+    def filtered(gains: Float64) -> Float64:
         """Return the power of the filtered windows in each band."""
         response = rfft2(_kernel(gains, side)).real
         slopes = irfft2(waves * response, s=(side, side))
@@ -152,7 +147,7 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
     # What all windows have more than the few: the gains apply to it without spreading.
     rest = has - scale * alone
 
-    def expected(gains: Double) -> Double:
+    def expected(gains: Float64) -> Float64:
         return np.maximum(scale * filtered(gains) + np.square(gains) * rest, _LEAST_POWER)
 
     for _ in range(_ROUNDS):
@@ -161,7 +156,7 @@ def _gains(has: Double, waves: Complex, upright: Float, wanted: Double) -> Doubl
     return np.asarray(gains * np.sqrt(_total(has, block) / _total(expected(gains), block)))
 
 
-def _smoothed(values: Double) -> Double:
+def _smoothed(values: Float64) -> Float64:
     """Return means over neighbouring bands.
 
     The window of a block spreads power over them, so gains that alternate from band to band hardly
@@ -170,7 +165,7 @@ def _smoothed(values: Double) -> Double:
     return np.convolve(np.pad(values, 1, "edge"), (0.25, 0.5, 0.25), "valid")
 
 
-def _kernel(gains: Double, side: int) -> Float:
+def _kernel(gains: Float64, side: int) -> Float32:
     """Return a kernel ``(side, side)`` with a gain for each band; its centre is at (0, 0)."""
     centres = (np.arange(len(gains)) + 0.5) / (2 * len(gains))
     response = np.interp(_frequencies(side), centres, gains)
@@ -183,8 +178,8 @@ def _kernel(gains: Double, side: int) -> Float:
 
 
 def filtered_bands(
-    sheet: MapRows, kernel: Float, *, wrapped: bool, begin: int = 0
-) -> Iterator[tuple[slice, Float]]:
+    sheet: MapRows, kernel: Float32, *, wrapped: bool, begin: int = 0
+) -> Iterator[tuple[slice, Float32]]:
     """Yield bands of rows with n_x and n_y filtered, and unit length, beginning with a band."""
     border = cv2.BORDER_WRAP if wrapped else cv2.BORDER_REFLECT_101
     for rows, band in bands_with_margins(sheet, _REACH, wrapped=wrapped, begin=begin):
@@ -198,12 +193,12 @@ def filtered_bands(
         yield rows, part
 
 
-def block_side(*masks: Mask) -> int:
+def block_side(*masks: Bool) -> int:
     """Return the largest side of blocks of which some fit into each mask; 0 if none do."""
     return next((b for b in _BLOCKS if all(len(_blocks(mask, b)) for mask in masks)), 0)
 
 
-def _blocks(mask: Mask, block: int) -> npt.NDArray[np.int64]:
+def _blocks(mask: Bool, block: int) -> Int64:
     """Return the first pixels ``(n, 2)`` of the overlapping blocks that lie inside a mask."""
     rows, columns = mask.shape
     if min(rows, columns) < block:
@@ -216,7 +211,7 @@ def _blocks(mask: Mask, block: int) -> npt.NDArray[np.int64]:
     return np.argwhere(inside[::step, ::step] == 0) * step
 
 
-def band_power(part: NormalMap, block: int) -> Double:
+def band_power(part: NormalMap, block: int) -> Float64:
     """Return the mean power ``(bands,)`` of n_x and n_y in 16 radial bands of frequency.
 
     Parameters
@@ -227,7 +222,7 @@ def band_power(part: NormalMap, block: int) -> Double:
     return np.asarray(_band_powers(part, block, BANDS).mean(axis=0))
 
 
-def _band_powers(part: NormalMap, block: int, bands: int) -> Double:
+def _band_powers(part: NormalMap, block: int, bands: int) -> Float64:
     """Return the power of n_x and n_y in radial bands of frequency, for blocks all over a map.
 
     Parameters
@@ -254,7 +249,7 @@ def _band_powers(part: NormalMap, block: int, bands: int) -> Double:
     ])  # fmt: skip
 
 
-def _windowed_power(slopes: Float) -> Float:
+def _windowed_power(slopes: Float32) -> Float32:
     """Return the power ``(block, block / 2 + 1)`` of blocks ``(..., 2, block, block)``, summed."""
     tapered = (slopes - slopes.mean(axis=(-2, -1), keepdims=True)) * _taper(slopes.shape[-1])
     waves = rfft2(tapered).reshape(-1, *slopes.shape[-2:-1], slopes.shape[-1] // 2 + 1)
@@ -262,26 +257,26 @@ def _windowed_power(slopes: Float) -> Float:
 
 
 @cache
-def _taper(block: int) -> Float:
+def _taper(block: int) -> Float32:
     window = np.hanning(block + 2)[1:-1].astype(np.float32)
     return np.asarray(window[:, None] * window)
 
 
-def _frequencies(side: int) -> Double:
+def _frequencies(side: int) -> Float64:
     """Return the frequencies ``(side, side / 2 + 1)`` of a transform in cycles per pixel."""
     return np.asarray(np.hypot(np.fft.fftfreq(side)[:, None], np.fft.rfftfreq(side)))
 
 
-def _numbers(block: int, bands: int) -> npt.NDArray[np.int64]:
+def _numbers(block: int, bands: int) -> Int64:
     return np.ceil(_frequencies(block) * 2 * bands).astype(np.int64).ravel()
 
 
-def _band_counts(block: int, bands: int) -> npt.NDArray[np.int64]:
+def _band_counts(block: int, bands: int) -> Int64:
     """Return the number of values of a power in each band."""
     return np.bincount(_numbers(block, bands))[1 : bands + 1]
 
 
-def _banded(power: npt.NDArray[np.floating], bands: int) -> Double:
+def _banded(power: Floating, bands: int) -> Float64:
     """Return the mean of a power in each band."""
     sums = np.bincount(_numbers(len(power), bands), power.ravel())[1 : bands + 1]
     return np.asarray(sums / _band_counts(len(power), bands))

@@ -6,13 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import MapRows, MapToFill
-
-Float = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
-Whole = npt.NDArray[np.int32]
+from rig.arrays import Float32, Float64, Int32, UInt8
 
 # Rows of patches of a strip: as many threads can place patches of one diagonal.
 ROWS = 16
@@ -43,7 +39,7 @@ class StripRange:
     around: int
 
 
-def strip_ranges(tops: Whole, height: int, patch: int, *, wrapped: bool) -> list[StripRange]:
+def strip_ranges(tops: Int32, height: int, patch: int, *, wrapped: bool) -> list[StripRange]:
     """Return the strips of a sheet from the top downwards.
 
     Parameters
@@ -88,12 +84,12 @@ class Begun:
     """
 
     strips: int
-    uses: npt.NDArray[np.float64]
+    uses: Float64
     placed: int
-    normals: Float
-    labels: Bytes
-    upper: Float
-    upper_labels: Bytes
+    normals: Float32
+    labels: UInt8
+    upper: Float32
+    upper_labels: UInt8
 
     @classmethod
     def nothing(cls, classes: int, width: int) -> Begun:
@@ -101,7 +97,7 @@ class Begun:
         normals, labels = np.zeros((0, width, 3), np.float32), np.zeros((0, width), np.uint8)
         return cls(0, np.zeros(classes), 0, normals, labels, normals, labels)
 
-    def strip(self, part: StripRange) -> tuple[Float, Bytes]:
+    def strip(self, part: StripRange) -> tuple[Float32, UInt8]:
         """Return the rows of the next strip with what is there."""
         width = self.labels.shape[1]
         normals = np.zeros((part.rows, width, 3), np.float32)
@@ -115,11 +111,11 @@ class Begun:
     def after(
         self,
         part: StripRange,
-        filled: tuple[Float, Bytes],
+        filled: tuple[Float32, UInt8],
         sheet: MapToFill,
         labels: MapToFill,
         patch: int,
-        uses: npt.NDArray[np.float64],
+        uses: Float64,
         placed: int,
     ) -> Begun:
         """Write the rows of a strip that was filled, and return the sheet after it."""
@@ -139,7 +135,7 @@ class Begun:
 
 def bands_with_margins(
     sheet: MapRows, reach: int, *, wrapped: bool, begin: int = 0
-) -> Iterator[tuple[slice, Float]]:
+) -> Iterator[tuple[slice, Float32]]:
     """Yield bands of rows, with the rows above and below that a correction needs.
 
     The sheet may be replaced band by band with what is computed of them.

@@ -9,7 +9,6 @@ from itertools import islice
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Form, MapRows, Maps, MapToFill
 from processing._normal_map import NormalMap, check_normal_map
@@ -27,9 +26,7 @@ from processing._synthesis.strips import (
     strip_ranges,
 )
 from rig import Progress, no_progress
-
-Float = npt.NDArray[np.float32]
-Bytes = npt.NDArray[np.uint8]
+from rig.arrays import Float32, UInt8
 
 # Rows of the part in the middle in which steps are measured.
 _MEASURED = 1024
@@ -160,7 +157,7 @@ class SynthesisStage:
 
     def middle(self, maps: Mapping[str, MapRows]) -> NormalMap:
         """Return the part in the middle that `texture_figures` measures."""
-        part: npt.NDArray[np.float32] = part_in_middle(maps["sheet"])
+        part: Float32 = part_in_middle(maps["sheet"])
         return NormalMap(part, np.ones(part.shape[:2], np.bool_))
 
     def _place(self, maps: Maps, quilt: Quilt, strip: int) -> Iterator[float]:
@@ -191,9 +188,7 @@ class SynthesisStage:
             *self._edge(maps, 2, upper),
         )
 
-    def _edge(
-        self, maps: Maps, slot: int, rows: int
-    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.uint8]]:
+    def _edge(self, maps: Maps, slot: int, rows: int) -> tuple[Float32, UInt8]:
         part = slice(slot * self.patch, slot * self.patch + rows)
         return maps["edges"][part], maps["edge_labels"][part]
 
@@ -201,8 +196,8 @@ class SynthesisStage:
         self,
         maps: Maps,
         slot: int,
-        normals: npt.NDArray[np.float32],
-        labels: npt.NDArray[np.uint8],
+        normals: Float32,
+        labels: UInt8,
     ) -> None:
         part = slice(slot * self.patch, slot * self.patch + len(labels))
         maps["edges"][part], maps["edge_labels"][part] = normals, labels
@@ -212,7 +207,7 @@ class SynthesisStage:
         bands: slice,
         before: MapToFill,
         after: MapToFill,
-        made: Iterator[tuple[slice, npt.NDArray[np.float32]]] | None,
+        made: Iterator[tuple[slice, Float32]] | None,
     ) -> Iterator[float]:
         """Write bands of corrected rows, or copy them if there is no correction."""
         count = bands.stop - bands.start
@@ -280,7 +275,7 @@ def softening_share(sheet: MapRows, labels: MapRows) -> float:
 
 def softened_bands(
     sheet: MapRows, labels: MapRows, share: float, *, wrapped: bool, begin: int = 0
-) -> Iterator[tuple[slice, Float]]:
+) -> Iterator[tuple[slice, Float32]]:
     """Yield bands of rows whose cuts are softened, beginning with a band."""
     height = labels.shape[0]
     for rows, band in bands_with_margins(sheet, 1, wrapped=wrapped, begin=begin):
@@ -295,7 +290,7 @@ def softened_bands(
         yield rows, _softened(band, numbers, share, wrapped=wrapped)[1:-1]
 
 
-def _softened(rows: Float, labels: Bytes, share: float, *, wrapped: bool) -> Float:
+def _softened(rows: Float32, labels: UInt8, share: float, *, wrapped: bool) -> Float32:
     """Return rows in which the pixels on both sides of a cut took a share of each other."""
     softened = rows.copy()
     for axis in (0, 1):
@@ -329,7 +324,7 @@ class Synthesis:
     """
 
     detail: NormalMap
-    labels: npt.NDArray[np.uint8]
+    labels: UInt8
     patch: int
     overlap: int
     tileable: bool

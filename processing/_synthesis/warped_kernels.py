@@ -6,20 +6,17 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._cuts.minimum_cuts import taken_pixels
 from processing._synthesis.footprint_kernels import patch_map, sampled
 from processing._synthesis.footprint_search import Places, Wanted, box_of, find_footprint, fitting
 from processing._synthesis.patch_search import stream
+from rig.arrays import Float32, Int32, UInt8
 
-# Compiled in: processing/_cuts/minimum_cuts.py 599a21c2471f
-# Compiled in: processing/_synthesis/footprint_kernels.py ccf400a0e4d8
-# Compiled in: processing/_synthesis/footprint_search.py d00669b44992
-# Compiled in: processing/_synthesis/patch_search.py f774940a9c88
-Float = npt.NDArray[np.float32]
-Whole = npt.NDArray[np.int32]
-Bytes = npt.NDArray[np.uint8]
+# Compiled in: processing/_cuts/minimum_cuts.py bb2f904075fe
+# Compiled in: processing/_synthesis/footprint_kernels.py 3c8a37a6b9b2
+# Compiled in: processing/_synthesis/footprint_search.py a239764b66a4
+# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
 
 # A guide is compared at this many rows and columns of a patch.
 _GUIDE_SAMPLES = 6
@@ -27,12 +24,12 @@ _GUIDE_SAMPLES = 6
 
 @numba.njit(cache=True)
 def _place(
-    sheet: Float,
-    labels: Bytes,
-    steps: Float,
-    turn: Float,
-    guide: Float,
-    patch: Whole,
+    sheet: Float32,
+    labels: UInt8,
+    steps: Float32,
+    turn: Float32,
+    guide: Float32,
+    patch: Int32,
     bands: tuple[int, int, int, int],
     size: int,
     places: Places,
@@ -95,19 +92,19 @@ def _place(
 def place_warped(
     first: int,
     last: int,
-    sheet: Float,
-    labels: Bytes,
-    steps: Float,
-    turn: Float,
-    guide: Float,
-    patches: Whole,
-    bands: Whole,
+    sheet: Float32,
+    labels: UInt8,
+    steps: Float32,
+    turn: Float32,
+    guide: Float32,
+    patches: Int32,
+    bands: Int32,
     size: int,
     places: Places,
     candidates: int,
     seed: int,
-    used: Whole,
-    factors: Float,
+    used: Int32,
+    factors: Float32,
 ) -> None:
     """Place patches that touch no common pixel, see `rig.in_threads`.
 

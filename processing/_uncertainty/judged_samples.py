@@ -10,15 +10,11 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAD_TO_SIGMA, ranked
+from rig.arrays import Float32, Float64, Int64, UInt8, UInt16
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Kinds = npt.NDArray[np.uint8]
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 # Samples further away than this many standard deviations do not agree.
 _CUT = 4.0
@@ -34,8 +30,8 @@ ATTACHED, CAST, SATURATED, _OUTLIER, _MISSING = 1, 2, 3, 4, 5
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def usable_parts(
-    values: Float, vectors: Float, law: Float, per: float, samples: Float,
-    index: npt.NDArray[np.int64], kinds: Kinds,
+    values: Float32, vectors: Float32, law: Float32, per: float, samples: Float32,
+    index: Int64, kinds: UInt8,
 ) -> tuple[int, float]:  # fmt: skip
     """Copy the measured samples, relative to the albedo; return their number and mean."""
     per2, mean = per * per, 0.0
@@ -79,7 +75,7 @@ def usable_parts(
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def predicted(
-    count: int, samples: Float, m: Double, shading: Float, variance: Float, distance: Float
+    count: int, samples: Float32, m: Float64, shading: Float32, variance: Float32, distance: Float32
 ) -> int:
     """Write predicted values, their variances, and distances in standard deviations.
 
@@ -102,8 +98,8 @@ def predicted(
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def all_agree(
-    count: int, v: Float, dark: np.float32, scratch: Float, index: npt.NDArray[np.int64],
-    kinds: Kinds,
+    count: int, v: Float32, dark: np.float32, scratch: Float32, index: Int64,
+    kinds: UInt8,
 ) -> tuple[int, int]:  # fmt: skip
     """Write kinds and weights of samples that all agree; return those lit, and the dark ones.
 
@@ -144,8 +140,8 @@ def _kind_of(
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def judged(
-    count: int, v: Float, dark: np.float32, step: int, least: np.float32, scale: np.float32,
-    scratch: Float, index: npt.NDArray[np.int64], kinds: Kinds,
+    count: int, v: Float32, dark: np.float32, step: int, least: np.float32, scale: np.float32,
+    scratch: Float32, index: Int64, kinds: UInt8,
 ) -> tuple[np.float32, int, int]:  # fmt: skip
     """Write kinds and weights by a scale of the distances; return it and what `all_agree` does."""
     shading, variance, distance, weight = scratch[0], scratch[1], scratch[2], scratch[3]
@@ -185,7 +181,7 @@ def judged(
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def normalised_residuals(
-    count: int, v: Float, scratch: Float, index: npt.NDArray[np.int64], residuals: Float
+    count: int, v: Float32, scratch: Float32, index: Int64, residuals: Float32
 ) -> float:
     """Write normalised residuals of the samples with a weight; return their sum of squares."""
     shading, distance, weight = scratch[0], scratch[2], scratch[3]
@@ -205,7 +201,7 @@ def normalised_residuals(
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def count_kinds(kinds: Kinds, counts: npt.NDArray[np.uint16]) -> None:
+def count_kinds(kinds: UInt8, counts: UInt16) -> None:
     lit, attached = np.int32(0), np.int32(0)
     for k in range(len(kinds)):
         lit += np.int32(kinds[k] == LIT)

@@ -6,15 +6,12 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights, tangent_basis
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
+from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 # Rows: position, axis, mu, cosine c0 at the origin, covariance (xx, xy, xz, yy, yz, zz), relative
 # variance of the intensity, variance of the axis (rad^2) and of mu, derivative of the logarithm of
@@ -23,7 +20,7 @@ _ROWS = 23
 ERRORS = slice(8, 17)
 
 
-def light_table(lights: Lights) -> Float:
+def light_table(lights: Lights) -> Float32:
     """Return ``(23, N)`` geometry and errors of lights; values that are not known are 0."""
     table = np.zeros((len(lights), _ROWS))
     errors = lights.errors
@@ -55,12 +52,12 @@ def light_table(lights: Lights) -> Float:
     return _rows(table)
 
 
-def _rows(table: Double) -> Float:
+def _rows(table: Float64) -> Float32:
     return np.ascontiguousarray(table.T, np.float32)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def distant_variances(table: Float, vectors: Float, m: Double, variance: Float) -> None:
+def distant_variances(table: Float32, vectors: Float32, m: Float64, variance: Float32) -> None:
     """Write the variances of ``l . m`` by the errors of distant lights; 0 in attached shadow."""
     mx, my, mz = np.float32(m[0]), np.float32(m[1]), np.float32(m[2])
     zero, two = np.float32(0), np.float32(2)
@@ -75,8 +72,8 @@ def distant_variances(table: Float, vectors: Float, m: Double, variance: Float) 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def near_variances(
-    table: Float, vectors: Float, point: Double, view: Double, m: Double, variance: Float,
-    higher: Float,
+    table: Float32, vectors: Float32, point: Float64, view: Float64, m: Float64, variance: Float32,
+    higher: Float32,
 ) -> None:  # fmt: skip
     """Write the variances of ``l . m`` by the errors of near lights, and its changes by the height.
 

@@ -21,9 +21,7 @@ from processing._uncertainty.pixel_variances import (
 )
 from processing._uncertainty.sample_kind import Reason
 from rig import Progress, check_type, no_progress, pluralize, short_repr
-
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, UInt8
 
 # Root mean square angle between any direction and one that is uniform on the sphere:
 # sqrt((pi^2 - 4) / 2). No direction is less certain; to first order, variances have no limit.
@@ -58,17 +56,17 @@ class NormalUncertainty:
         is not matte, or light comes from elsewhere. NaN with fewer than 8 lights or 100 pixels.
     """
 
-    sigma_deg: Float
-    common_sigma_deg: Float
+    sigma_deg: Float32
+    common_sigma_deg: Float32
     samples: Counts
-    reason: npt.NDArray[np.uint8]
+    reason: UInt8
     noise: Origin
     neighbour_correlation: float
 
     __repr__ = short_repr
 
     @property
-    def valid(self) -> Mask:
+    def valid(self) -> Bool:
         """``(H, W)`` bool, pixels with at least 3 lit samples whose lights are not coplanar."""
         return np.asarray(self.reason == Reason.VALID)
 
@@ -76,10 +74,10 @@ class NormalUncertainty:
 def normal_uncertainty(
     values: npt.ArrayLike,
     lights: Lights,
-    mask: Mask,
+    mask: Bool,
     stereo: PhotometricStereoResult,
     *,
-    points_mm: npt.NDArray[np.float64] | None = None,
+    points_mm: Float64 | None = None,
     camera: CameraModel | None = None,
     depth_sigma: float = 0.0,
     noise: StackNoise | None = None,
@@ -172,23 +170,23 @@ def as_uncertainty(found: PixelVariances) -> NormalUncertainty:
     )
 
 
-def valid_errors(found: PixelVariances) -> Mask:
+def valid_errors(found: PixelVariances) -> Bool:
     """Return which pixels have error bars."""
     return valid_reasons(found.reason, found.origin)
 
 
-def valid_reasons(reason: npt.NDArray[np.uint8], origin: Origin) -> Mask:
+def valid_reasons(reason: UInt8, origin: Origin) -> Bool:
     """Return which pixels have error bars, by their `Reason`."""
     return np.asarray((reason == Reason.VALID) & (origin != "unknown"))
 
 
-def sums_of(found: PixelVariances) -> tuple[Float, Float]:
+def sums_of(found: PixelVariances) -> tuple[Float32, Float32]:
     """Return the variances by lights and height, and all together except for the common ones."""
     common = found.lights + found.height
     return common, found.noise + common + found.model + found.kept * found.difference
 
 
-def in_degrees(variances: Float, valid: Mask) -> None:
+def in_degrees(variances: Float32, valid: Bool) -> None:
     """Replace variances in rad^2 by standard deviations in degrees, NaN where not valid.
 
     They are at most those of a uniform direction.

@@ -7,7 +7,6 @@ from typing import Literal, cast
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
@@ -16,14 +15,12 @@ from processing._stereo.image_noise import NoiseLaw, law_of_images
 from processing._stereo.light_model import LightModel
 from processing._stereo.photometric_stereo import PhotometricStereoResult
 from processing._uncertainty.reference import PARTS
-from processing._uncertainty.reference_solver import Pixels, ReferenceSolver, row_blocks
+from processing._uncertainty.reference_solver import ReferenceSolver, row_blocks
 from processing._uncertainty.sample_kind import Reason, SampleKind
 from rig import Progress, no_progress, short_repr
+from rig.arrays import Bool, Float32, Float64, Intp, UInt8, UInt16
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Double = npt.NDArray[np.float64]
-Counts = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+Counts = UInt8 | UInt16
 
 # Sums over this many pixels across, drawn toward 1 by a few degrees of freedom.
 _ACROSS = 5
@@ -60,12 +57,12 @@ class SolvedStack:
         Given normals ``(H, W, 3)``, and albedo ``(H, W)``, or ``(H, W, 3)`` in colour.
     """
 
-    values: Float
+    values: Float32
     lights: Lights
-    mask: Mask
-    normals: Float
-    albedo: Float
-    points_mm: npt.NDArray[np.float64] | None = None
+    mask: Bool
+    normals: Float32
+    albedo: Float32
+    points_mm: Float64 | None = None
     camera: CameraModel | None = None
     depth_sigma: float = 0.0
     noise: StackNoise | None = None
@@ -128,16 +125,16 @@ class PixelVariances:
         See `neighbour_correlation`.
     """
 
-    noise: Float
-    lights: Float
-    height: Float
-    model: Float
+    noise: Float32
+    lights: Float32
+    height: Float32
+    model: Float32
     common_model: float
-    difference: Float
-    kept: Float
-    reference: Float | None
+    difference: Float32
+    kept: Float32
+    reference: Float32 | None
     samples: Counts
-    reason: npt.NDArray[np.uint8]
+    reason: UInt8
     origin: Origin
     correlation: float
 
@@ -156,7 +153,7 @@ class Shown:
         See `neighbour_correlation`.
     """
 
-    law: Float | None
+    law: Float32 | None
     correlation: float
 
 
@@ -180,7 +177,7 @@ class VarianceMaps:
     def __init__(
         self,
         solver: ReferenceSolver,
-        albedo: Float,
+        albedo: Float32,
         lights: int,
         origin: Origin,
         *,
@@ -193,7 +190,7 @@ class VarianceMaps:
         self._parts = np.zeros((PARTS, size), np.float32)
         self._reference = np.zeros((size, 3), np.float32) if keep_reference else None
 
-    def add(self, pixels: Pixels, samples: Float, vectors: Float, law: Float | None) -> None:
+    def add(self, pixels: Intp, samples: Float32, vectors: Float32, law: Float32 | None) -> None:
         """Solve complete rows of pixels."""
         _, counts, found, parts = self._solver.solve(
             pixels, samples, vectors, law, keep_kinds=False
@@ -277,18 +274,18 @@ def shown_by(given: SolvedStack) -> Shown:
     return Shown(fitted, given.solver().correlation(some, samples, vectors, of_some))
 
 
-def place_of(pixels: Pixels) -> slice | Pixels:
+def place_of(pixels: Intp) -> slice | Intp:
     """Return increasing indices, as a slice if none is left out: it is written faster."""
     whole = pixels[-1] - pixels[0] + 1 == len(pixels)
     return slice(int(pixels[0]), int(pixels[-1]) + 1) if whole else pixels
 
 
-def some_of(pixels: Pixels) -> Pixels:
+def some_of(pixels: Intp) -> Intp:
     """Return about 4,000 of the pixels, whose residuals show whether they are noise."""
     return pixels[:: max(1, len(pixels) // _SAMPLED)]
 
 
-def origin_of(noise: StackNoise | None, estimated: Float | None) -> Origin:
+def origin_of(noise: StackNoise | None, estimated: Float32 | None) -> Origin:
     """Return where the law of the noise is from."""
     if noise is not None:
         return cast(Origin, noise.origin)
@@ -296,13 +293,13 @@ def origin_of(noise: StackNoise | None, estimated: Float | None) -> Origin:
 
 
 def kinds_of(
-    stack: Float,
+    stack: Float32,
     lights: Lights,
-    mask: Mask,
+    mask: Bool,
     stereo: PhotometricStereoResult,
-    points_mm: npt.NDArray[np.float64] | None,
+    points_mm: Float64 | None,
     noise: StackNoise | None,
-) -> npt.NDArray[np.uint8]:
+) -> UInt8:
     """Return the kind of every sample, ``(N, H, W)``; 0 outside the mask."""
     given = SolvedStack(
         values=np.ascontiguousarray(stack, np.float32),
@@ -322,7 +319,7 @@ def kinds_of(
     return whole.reshape(stack.shape)
 
 
-def _laws(given: SolvedStack) -> tuple[Frames, LightModel, NoiseLaw | None, Float | None]:
+def _laws(given: SolvedStack) -> tuple[Frames, LightModel, NoiseLaw | None, Float32 | None]:
     """Return images, light vectors, and the law of the noise as it is known or as they show it."""
     frames, model, law = given.frames(), given.model(), given.law()
     if law is not None:
@@ -331,19 +328,19 @@ def _laws(given: SolvedStack) -> tuple[Frames, LightModel, NoiseLaw | None, Floa
     return frames, model, None, law_of_errors(found, len(frames), pixels)
 
 
-def law_of_errors(law: Float | None, images: int, pixels: int) -> Float | None:
+def law_of_errors(law: Float32 | None, images: int, pixels: int) -> Float32 | None:
     """Return the law that `law_of_images` found; no noise if many pixels showed none."""
     enough = images >= _FEWEST_IMAGES and pixels >= _FEWEST_PIXELS
     return np.zeros((1, 2, 1), np.float32) if law is None and enough else law
 
 
 def _law(
-    known: NoiseLaw | None, fitted: Float | None, pixels: Pixels, samples: Float, vectors: Float
-) -> Float | None:
+    known: NoiseLaw | None, fitted: Float32 | None, pixels: Intp, samples: Float32, vectors: Float32
+) -> Float32 | None:
     return fitted if known is None else known.of(pixels, samples, vectors)
 
 
-def _reasons(counts: npt.NDArray[np.uint16], good: Mask, solved: Mask) -> npt.NDArray[np.uint8]:
+def _reasons(counts: UInt16, good: Bool, solved: Bool) -> UInt8:
     if good.all():
         return np.full(len(good), Reason.VALID, np.uint8)
     lit, attached, in_cast, saturated, outlier, missing = counts.T
@@ -355,7 +352,7 @@ def _reasons(counts: npt.NDArray[np.uint16], good: Mask, solved: Mask) -> npt.ND
     return np.where(good, Reason.VALID, reason).astype(np.uint8)
 
 
-def _agreement(chi2: Float, free: Float) -> Float:
+def _agreement(chi2: Float32, free: Float32) -> Float32:
     """Return the mean square of normalised residuals around each pixel, ``(H, W)``.
 
     Parameters
@@ -367,14 +364,14 @@ def _agreement(chi2: Float, free: Float) -> Float:
 
 
 def model_errors(
-    noise: Float,
-    lights: Float,
-    chi2: Float,
-    free: Float,
-    left: Float,
-    products: Float,
-    paired: Float,
-) -> tuple[Float, Float]:
+    noise: Float32,
+    lights: Float32,
+    chi2: Float32,
+    free: Float32,
+    left: Float32,
+    products: Float32,
+    paired: Float32,
+) -> tuple[Float32, Float32]:
     """Return variances by the model, and the share of differences that are errors.
 
     Noise is independent from pixel to pixel and from light to light, and N lights average it. Where
@@ -412,7 +409,7 @@ def model_errors(
     return np.asarray(own**2, np.float32), np.asarray(kept, np.float32)
 
 
-def deviations(model: Float, total: Float) -> tuple[Double, npt.NDArray[np.intp]]:
+def deviations(model: Float32, total: Float32) -> tuple[Float64, Intp]:
     """Return sums ``(H,)`` of deviations over rows, and numbers ``(H,)`` of pixels with a solution.
 
     Parameters
@@ -425,7 +422,7 @@ def deviations(model: Float, total: Float) -> tuple[Double, npt.NDArray[np.intp]
     return np.sqrt(model).sum(axis=1, dtype=np.float64), np.count_nonzero(total > 0, axis=1)
 
 
-def common_error(sums: Double, solved: npt.NDArray[np.intp]) -> float:
+def common_error(sums: Float64, solved: Intp) -> float:
     """Return the variance that every pixel has besides its own, from all rows of `deviations`.
 
     It is from the mean deviation of the object, because the part of a broad highlight that is
@@ -435,7 +432,7 @@ def common_error(sums: Double, solved: npt.NDArray[np.intp]) -> float:
     return (_COMMON * float(sums.sum()) / pixels) ** 2 if pixels else 0.0
 
 
-def _around(part: Float) -> Float:
+def _around(part: Float32) -> Float32:
     found = cv2.boxFilter(
         part, -1, (_ACROSS, _ACROSS), normalize=False, borderType=cv2.BORDER_CONSTANT
     )

@@ -6,7 +6,6 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAX_CONDITION
 from processing._uncertainty.judged_samples import (
@@ -52,18 +51,15 @@ from processing._uncertainty.tile_reference import (
     write_residuals,
     write_shared,
 )
+from rig.arrays import Float32, Float64, Int64, Intp, UInt8, UInt16
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-# Compiled in: processing/_uncertainty/judged_samples.py 2643378c9bb7
-# Compiled in: processing/_uncertainty/light_table.py 0b269081592c
-# Compiled in: processing/_uncertainty/reflectance_left.py 5d8a92af97ea
-# Compiled in: processing/_uncertainty/tangents.py 91cfd81bafa7
-# Compiled in: processing/_uncertainty/tile_light_errors.py c836fb4e2762
-# Compiled in: processing/_uncertainty/tile_reference.py 77b3795fef70
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Kinds = npt.NDArray[np.uint8]
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/_uncertainty/judged_samples.py 448f3c73fbbd
+# Compiled in: processing/_uncertainty/light_table.py be17fd50cfdb
+# Compiled in: processing/_uncertainty/reflectance_left.py 16b79c407446
+# Compiled in: processing/_uncertainty/tangents.py 27066bb94ab5
+# Compiled in: processing/_uncertainty/tile_light_errors.py a65305aa8d36
+# Compiled in: processing/_uncertainty/tile_reference.py 2b2026f329c5
 
 _STEPS = 4
 # As in `pixel_algebra`: trace(A) trace(A^-1) is at most 9 times the squared condition number.
@@ -76,7 +72,7 @@ PARTS = 9
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def _normal_equations(count: int, samples: Float, weight: Float, sums: Double) -> None:
+def _normal_equations(count: int, samples: Float32, weight: Float32, sums: Float64) -> None:
     """Write the 6 sums of the matrix and the 3 of the right-hand side."""
     v, lx, ly, lz = samples[0], samples[1], samples[2], samples[3]
     a00 = a01 = a02 = a11 = a12 = a22 = b0 = b1 = b2 = 0.0
@@ -97,7 +93,7 @@ def _normal_equations(count: int, samples: Float, weight: Float, sums: Double) -
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def _inverted(sums: Double, inverse: Double) -> bool:
+def _inverted(sums: Float64, inverse: Float64) -> bool:
     """Write the inverse of a symmetric matrix; return False if it is ill-conditioned."""
     a00, a01, a02, a11, a12, a22 = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
     c00 = a11 * a22 - a12 * a12
@@ -120,8 +116,8 @@ def _inverted(sums: Double, inverse: Double) -> bool:
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def _light_errors(
-    count: int, samples: Float, index: npt.NDArray[np.int64], vectors: Float, table: Float,
-    near: bool, point: Double, view: Double, m: Double, scratch: Float,
+    count: int, samples: Float32, index: Int64, vectors: Float32, table: Float32,
+    near: bool, point: Float64, view: Float64, m: Float64, scratch: Float32,
 ) -> None:  # fmt: skip
     """Write the variances by the errors of the lights, and the changes by a rise of the object."""
     if near:
@@ -136,10 +132,10 @@ def _light_errors(
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def _pixel(
-    values: Float, vectors: Float, law: Float, start: Double, least: np.float32,
-    table: Float, errors: bool, near: bool, point: Double, view: Double,
-    samples: Float, scratch: Float, index: npt.NDArray[np.int64], work: Double, kinds: Kinds,
-    residuals: Float, reference: Double, parts: Float,
+    values: Float32, vectors: Float32, law: Float32, start: Float64, least: np.float32,
+    table: Float32, errors: bool, near: bool, point: Float64, view: Float64,
+    samples: Float32, scratch: Float32, index: Int64, work: Float64, kinds: UInt8,
+    residuals: Float32, reference: Float64, parts: Float32,
 ) -> bool:  # fmt: skip
     """Solve one pixel, see `reference_solutions`; return whether its lit lights determine it."""
     m, sums, inverse, inner = work[0:3], work[3:12], work[12:18], work[18:24]
@@ -212,11 +208,11 @@ def _pixel(
 @numba.njit(**IN_PLACE, error_model="numpy")
 def _solve_row(
     first: int, last: int,
-    values: Float, vectors: Float, law: Float, normals: Float, albedo: Float, least: np.float32,
-    table: Float, errors: bool, near: bool, points: Double, view: Double,
-    places: npt.NDArray[np.intp], samples: Float, scratch: Float, index: npt.NDArray[np.int64],
-    work: Double, start: Double, rows: Float, state: Float, residuals: Float, own_kinds: Kinds,
-    kinds: Kinds, counts: npt.NDArray[np.uint16], reference: Double, parts: Float,
+    values: Float32, vectors: Float32, law: Float32, normals: Float32, albedo: Float32,
+    least: np.float32, table: Float32, errors: bool, near: bool, points: Float64, view: Float64,
+    places: Intp, samples: Float32, scratch: Float32, index: Int64,
+    work: Float64, start: Float64, rows: Float32, state: Float32, residuals: Float32,
+    own_kinds: UInt8, kinds: UInt8, counts: UInt16, reference: Float64, parts: Float32,
 ) -> None:  # fmt: skip
     """Solve the pixels of a row of the image, tile by tile."""
     lights = values.shape[1]
@@ -272,10 +268,10 @@ def _solve_row(
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def reference_solutions(
     first_row: int, last_row: int,
-    values: Float, vectors: Float, law: Float, normals: Float, albedo: Float, least: np.float32,
-    table: Float, errors: bool, near: bool, points: Double, view: Double,
-    places: npt.NDArray[np.intp], rows: npt.NDArray[np.intp], kinds: Kinds,
-    counts: npt.NDArray[np.uint16], reference: Double, parts: Float,
+    values: Float32, vectors: Float32, law: Float32, normals: Float32, albedo: Float32,
+    least: np.float32, table: Float32, errors: bool, near: bool, points: Float64, view: Float64,
+    places: Intp, rows: Intp, kinds: UInt8,
+    counts: UInt16, reference: Float64, parts: Float32,
 ) -> None:  # fmt: skip
     """Solve pixels from given solutions, and classify their samples.
 

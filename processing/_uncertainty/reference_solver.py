@@ -7,19 +7,14 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, Lights
-from processing._uncertainty.judged_samples import LIT, Kinds
+from processing._uncertainty.judged_samples import LIT
 from processing._uncertainty.light_table import ERRORS, light_table
 from processing._uncertainty.reference import PARTS, reference_solutions
 from processing._uncertainty.sample_kind import SampleKind
 from rig import in_threads
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
-Pixels = npt.NDArray[np.intp]
+from rig.arrays import Float32, Float64, Intp, UInt8, UInt16
 
 # With fewer lights the nearest one is far away, and a highlight is in one image only.
 _FEWEST_LIGHTS = 8
@@ -45,8 +40,8 @@ class ReferenceSolver:
     def __init__(
         self,
         lights: Lights,
-        scaled: tuple[Float, Float],
-        points_mm: Double | None,
+        scaled: tuple[Float32, Float32],
+        points_mm: Float64 | None,
         camera: CameraModel | None,
         depth_sigma: float,
     ) -> None:
@@ -64,13 +59,13 @@ class ReferenceSolver:
 
     def solve(
         self,
-        pixels: Pixels,
-        samples: Float,
-        vectors: Float,
-        law: Float | None,
+        pixels: Intp,
+        samples: Float32,
+        vectors: Float32,
+        law: Float32 | None,
         *,
         keep_kinds: bool = True,
-    ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint16], Double, Float]:
+    ) -> tuple[UInt8, UInt16, Float64, Float32]:
         """Return kinds, their numbers, references and variances of some pixels.
 
         See `reference_solutions`. Without a law, all samples have the same unknown variance. The
@@ -111,14 +106,14 @@ class ReferenceSolver:
         return kinds, counts, reference, parts
 
     def correlation(
-        self, pixels: Pixels, samples: Float, vectors: Float, law: Float | None
+        self, pixels: Intp, samples: Float32, vectors: Float32, law: Float32 | None
     ) -> float:
         """Return how alike the residuals of neighbouring lights are at some pixels."""
         kinds, _, reference, _ = self.solve(pixels, samples, vectors, law)
         return neighbour_correlation(samples, vectors, kinds, reference)
 
 
-def row_blocks(pixels: Pixels, width: int) -> Iterator[Pixels]:
+def row_blocks(pixels: Intp, width: int) -> Iterator[Intp]:
     """Yield complete rows of pixels, about 16,000 pixels at once."""
     starts = _row_starts(pixels, width)
     at = np.unique(np.searchsorted(starts, np.arange(0, len(pixels) + _BLOCK, _BLOCK)))
@@ -128,13 +123,15 @@ def row_blocks(pixels: Pixels, width: int) -> Iterator[Pixels]:
             yield pixels[first:last]
 
 
-def _row_starts(pixels: Pixels, width: int) -> Pixels:
+def _row_starts(pixels: Intp, width: int) -> Intp:
     """Return where rows of the image begin in a list of pixels, and its length."""
     inside = np.flatnonzero(np.diff(pixels // width)) + 1
     return np.concatenate([[0], inside, [len(pixels)]]).astype(np.intp)
 
 
-def neighbour_correlation(values: Float, vectors: Float, kinds: Kinds, reference: Double) -> float:
+def neighbour_correlation(
+    values: Float32, vectors: Float32, kinds: UInt8, reference: Float64
+) -> float:
     """Return the correlation between the residuals of each light and of the one nearest to it.
 
     Noise and errors of lights are independent from light to light; the fit makes their correlation
@@ -156,7 +153,7 @@ def neighbour_correlation(values: Float, vectors: Float, kinds: Kinds, reference
     return correlation_of_neighbours(residuals, vectors.mean(axis=0).T)
 
 
-def correlation_of_neighbours(residuals: Double, vectors: Double) -> float:
+def correlation_of_neighbours(residuals: Float64, vectors: Float64) -> float:
     """Return the correlation between the residuals of each light and of the one nearest to it.
 
     Parameters

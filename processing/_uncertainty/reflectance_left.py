@@ -9,15 +9,11 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAD_TO_SIGMA, ranked
+from rig.arrays import Float32, Float64, Int64, UInt8
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Kinds = npt.NDArray[np.uint8]
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 _STEPS = 3
 # Samples further away than this many standard deviations do not agree.
@@ -32,8 +28,8 @@ _LIT, _OUTLIER = 0, 4
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
 def reflectance_left(
-    count: int, samples: Float, kinds: Kinds, index: npt.NDArray[np.int64], start: Double,
-    point: Double, view: Double, near: bool, scratch: Float,
+    count: int, samples: Float32, kinds: UInt8, index: Int64, start: Float64,
+    point: Float64, view: Float64, near: bool, scratch: Float32,
 ) -> float:  # fmt: skip
     """Return the mean square of the normalised residuals of ``(l . n) (c0 + c1 (h . n)^2)``.
 

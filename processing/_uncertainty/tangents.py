@@ -5,21 +5,18 @@ from __future__ import annotations
 import math
 
 import numba
-import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import IN_PLACE
+from rig.arrays import Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-
-Double = npt.NDArray[np.float64]
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
 
 # Below the square of this tangent, two terms of the series of the squared angle suffice.
 _SMALL2 = 1e-6
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def tangent_part(inverse: Double, m: Double, length2: float) -> float:
+def tangent_part(inverse: Float64, m: Float64, length2: float) -> float:
     """Return the trace of a symmetric matrix A (6 numbers) across a vector of known length."""
     along = inverse[0] * m[0] * m[0] + inverse[3] * m[1] * m[1] + inverse[5] * m[2] * m[2]
     along += 2 * (inverse[1] * m[0] * m[1] + inverse[2] * m[0] * m[2] + inverse[4] * m[1] * m[2])
@@ -27,7 +24,7 @@ def tangent_part(inverse: Double, m: Double, length2: float) -> float:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def tangent_trace(inverse: Double, m: Double, inner: Double) -> float:
+def tangent_trace(inverse: Float64, m: Float64, inner: Float64) -> float:
     """Return ``tr(P A B A P)`` for a symmetric B (6 numbers); A is an inverse."""
     length = math.sqrt(m[0] * m[0] + m[1] * m[1] + m[2] * m[2])
     n0, n1, n2 = m[0] / length, m[1] / length, m[2] / length
@@ -50,7 +47,7 @@ def tangent_trace(inverse: Double, m: Double, inner: Double) -> float:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def tangent_change(inverse: Double, m: Double, b0: float, b1: float, b2: float) -> float:
+def tangent_change(inverse: Float64, m: Float64, b0: float, b1: float, b2: float) -> float:
     """Return the squared tangent part of ``A b``."""
     x = inverse[0] * b0 + inverse[1] * b1 + inverse[2] * b2
     y = inverse[1] * b0 + inverse[3] * b1 + inverse[4] * b2
@@ -61,7 +58,7 @@ def tangent_change(inverse: Double, m: Double, b0: float, b1: float, b2: float) 
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def squared_angle(m: Double, start: Double, length2: float) -> float:
+def squared_angle(m: Float64, start: Float64, length2: float) -> float:
     """Return the squared angle between two vectors, the first of which has a known length."""
     x = m[1] * start[2] - m[2] * start[1]
     y = m[2] * start[0] - m[0] * start[2]

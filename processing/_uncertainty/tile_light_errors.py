@@ -8,25 +8,22 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 from processing._uncertainty.tangents import tangent_change, tangent_trace
 from processing._uncertainty.tile_reference import BY_LIGHTS, HIGHER, LEAST, OF_ERRORS, TILE
+from rig.arrays import Float32, Float64, Intp
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-# Compiled in: processing/_uncertainty/tangents.py 91cfd81bafa7
-# Compiled in: processing/_uncertainty/tile_reference.py 77b3795fef70
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/_uncertainty/tangents.py 27066bb94ab5
+# Compiled in: processing/_uncertainty/tile_reference.py 2b2026f329c5
 
 # Parts of the state: sums of the matrix (6), of the changes by the height (3), and the point.
 _CHANGES, _POINT = OF_ERRORS + 6, OF_ERRORS + 9
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def _distant(i: int, table: Float, row: Float, state: Float) -> None:
+def _distant(i: int, table: Float32, row: Float32, state: Float32) -> None:
     """Write the variances of ``l . m`` by the errors of one distant light."""
     xx, xy, xz = table[8, i], table[9, i], table[10, i]
     yy, yz, zz, strength = table[11, i], table[12, i], table[13, i], table[14, i]
@@ -40,7 +37,7 @@ def _distant(i: int, table: Float, row: Float, state: Float) -> None:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def _near(i: int, table: Float, view: Double, row: Float, state: Float) -> None:
+def _near(i: int, table: Float32, view: Float64, row: Float32, state: Float32) -> None:
     """Write the variances by the errors of one near light, and the changes by the height."""
     sx, sy, sz = table[0, i], table[1, i], table[2, i]
     ax, ay, az, mu = table[3, i], table[4, i], table[5, i], table[6, i]
@@ -82,7 +79,7 @@ def _near(i: int, table: Float, view: Double, row: Float, state: Float) -> None:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def _add_exponent(i: int, table: Float, row: Float, state: Float) -> None:
+def _add_exponent(i: int, table: Float32, row: Float32, state: Float32) -> None:
     """Add the variances by the error of the exponent of one near light."""
     sx, sy, sz = table[0, i], table[1, i], table[2, i]
     ax, ay, az, per = table[3, i], table[4, i], table[5, i], np.float32(1) / table[7, i]
@@ -106,8 +103,8 @@ def _add_exponent(i: int, table: Float, row: Float, state: Float) -> None:
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def write_light_errors(
-    first: int, count: int, near: bool, table: Float, points: Double, view: Double,
-    places: npt.NDArray[np.intp], rows: Float, state: Float,
+    first: int, count: int, near: bool, table: Float32, points: Float64, view: Float64,
+    places: Intp, rows: Float32, state: Float32,
 ) -> None:  # fmt: skip
     """Write the variances by lights and the changes by height; see `reference_solutions`."""
     if near:
@@ -124,7 +121,7 @@ def write_light_errors(
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=ANY_ORDER)
-def _add_errors(row: Float, state: Float) -> None:
+def _add_errors(row: Float32, state: Float32) -> None:
     zero, one = np.float32(0), np.float32(1)
     for k in range(TILE):
         x, y, z = row[k], row[TILE + k], row[2 * TILE + k]
@@ -147,14 +144,14 @@ def _add_errors(row: Float, state: Float) -> None:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def add_light_errors(rows: Float, state: Float) -> None:
+def add_light_errors(rows: Float32, state: Float32) -> None:
     """Compute the sums of `write_parts`."""
     for i in range(len(rows)):
         _add_errors(rows[i], state)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def write_parts(state: Float, k: int, work: Double, parts: Float) -> None:
+def write_parts(state: Float32, k: int, work: Float64, parts: Float32) -> None:
     """Split the variance of an ordinary pixel into noise and lights, and add that of the height.
 
     ``work`` and ``parts`` are what `ordinary` leaves.

@@ -12,16 +12,13 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._stereo.pixel_algebra import IN_PLACE
 from processing._uncertainty.tangents import squared_angle, tangent_part
+from rig.arrays import Float32, Float64, Intp
 
-# Compiled in: processing/_stereo/pixel_algebra.py 019de6ac13a6
-# Compiled in: processing/_uncertainty/tangents.py 91cfd81bafa7
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/_uncertainty/tangents.py 27066bb94ab5
 
 # Pixels of a tile.
 TILE = 32
@@ -64,7 +61,7 @@ _FAST = {"contract", "nsz"}
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=_FAST)
-def _add_light(row: Float, state: Float) -> None:
+def _add_light(row: Float32, state: Float32) -> None:
     """Add the samples of one light to the sums, and write their residuals."""
     zero, one = np.float32(0), np.float32(1)
     for k in range(TILE):
@@ -97,7 +94,7 @@ def _add_light(row: Float, state: Float) -> None:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=_FAST)
-def _compare(row: Float, state: Float) -> None:
+def _compare(row: Float32, state: Float32) -> None:
     """Compare the samples of one light with the solutions without dark samples.
 
     Samples that are lit by one solution only do not agree.
@@ -118,13 +115,13 @@ def _compare(row: Float, state: Float) -> None:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy", fastmath=_FAST)
-def _add_products(row: Float, state: Float) -> None:
+def _add_products(row: Float32, state: Float32) -> None:
     for k in range(TILE):
         state[_PRODUCTS * TILE + k] += row[_RESIDUALS + APART + k] * row[_RESIDUALS + k]
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def write_shared(vectors: Float, law: Float, rows: Float) -> None:
+def write_shared(vectors: Float32, law: Float32, rows: Float32) -> None:
     """Write the light vectors and the law of the noise, if all pixels share them."""
     for i in range(len(rows)):
         for k in range(TILE):
@@ -135,8 +132,8 @@ def write_shared(vectors: Float, law: Float, rows: Float) -> None:
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def load(
-    first: int, count: int, values: Float, vectors: Float, law: Float, normals: Float,
-    albedo: Float, places: npt.NDArray[np.intp], rows: Float, state: Float,
+    first: int, count: int, values: Float32, vectors: Float32, law: Float32, normals: Float32,
+    albedo: Float32, places: Intp, rows: Float32, state: Float32,
 ) -> None:  # fmt: skip
     """Write the pixels from ``first`` on into a tile; see `reference_solutions`."""
     state[:] = 0
@@ -171,7 +168,7 @@ def load(
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def add_lights(count: int, rows: Float, state: Float, work: Double) -> None:
+def add_lights(count: int, rows: Float32, state: Float32, work: Float64) -> None:
     """Compute the sums and the residuals of the pixels of a tile at the given solutions.
 
     Where lit samples are dark, they must also agree with the solution without them: the given one
@@ -195,13 +192,13 @@ def add_lights(count: int, rows: Float, state: Float, work: Double) -> None:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def _sums_of(state: Float, k: int, sums: Double) -> None:
+def _sums_of(state: Float32, k: int, sums: Float64) -> None:
     for s in range(9):
         sums[s] = state[(_SUMS + s) * TILE + k]
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def _sums_without_dark(rows: Float, state: Float, k: int, sums: Double) -> None:
+def _sums_without_dark(rows: Float32, state: Float32, k: int, sums: Float64) -> None:
     """Write the sums of a pixel less those of its dark, lit samples."""
     _sums_of(state, k, sums)
     for i in range(len(rows)):
@@ -225,14 +222,14 @@ def _sums_without_dark(rows: Float, state: Float, k: int, sums: Double) -> None:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def _agrees(state: Float, k: int) -> bool:
+def _agrees(state: Float32, k: int) -> bool:
     """Return whether all samples of a pixel are there and agree; False for NaN."""
     usable = state[_LIT * TILE + k] >= 3 and state[_COMPLETE * TILE + k] > 0
     return bool(usable and state[_WORST * TILE + k] <= _CUT2)
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def _step(sums: Double, step: Double, inverse: Double) -> bool:
+def _step(sums: Float64, step: Float64, inverse: Float64) -> bool:
     """Write the step to the solution of sums, and the inverse; False if it is not certain."""
     a00, a01, a02, a11, a12, a22 = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
     b0, b1, b2 = sums[6], sums[7], sums[8]
@@ -251,13 +248,13 @@ def _step(sums: Double, step: Double, inverse: Double) -> bool:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def _settled(step: Double, inverse: Double) -> bool:
+def _settled(step: Float64, inverse: Float64) -> bool:
     change2 = step[0] ** 2 + step[1] ** 2 + step[2] ** 2
     return bool(change2 <= SETTLED * (inverse[0] + inverse[3] + inverse[5]))
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def move(count: int, state: Float, work: Double) -> bool:
+def move(count: int, state: Float32, work: Float64) -> bool:
     """Move pixels that are not settled by one step, and clear the sums; return whether any moved.
 
     A pixel that does not move has the same sums again.
@@ -283,20 +280,20 @@ def move(count: int, state: Float, work: Double) -> bool:
 
 
 @numba.njit(**IN_PLACE, error_model="numpy")
-def add_products(rows: Float, state: Float) -> None:
+def add_products(rows: Float32, state: Float32) -> None:
     """Compute the products of the residuals with those of the pixel 4 places before."""
     for i in range(len(rows)):
         _add_products(rows[i], state)
 
 
 @numba.njit(**IN_PLACE)
-def product(state: Float, k: int) -> float:
+def product(state: Float32, k: int) -> float:
     """Return the sum of the products of a pixel of the tile."""
     return float(state[_PRODUCTS * TILE + k])
 
 
 @numba.njit(**IN_PLACE)
-def write_residuals(rows: Float, k: int, residuals: Float) -> None:
+def write_residuals(rows: Float32, k: int, residuals: Float32) -> None:
     """Replace the residuals of a pixel of the tile."""
     for i in range(len(rows)):
         rows[i, _RESIDUALS + APART + k] = residuals[i]
@@ -304,7 +301,7 @@ def write_residuals(rows: Float, k: int, residuals: Float) -> None:
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def ordinary(
-    state: Float, k: int, given: Double, work: Double, reference: Double, parts: Float
+    state: Float32, k: int, given: Float64, work: Float64, reference: Float64, parts: Float32
 ) -> int:
     """Write the reference of a pixel of the tile and its variances, see `reference_solutions`.
 

@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from rig._errors import CameraError
+from rig.arrays import UInt8, UInt16
 
 _NAME = re.compile(
     r"(Mono|Bayer(?P<first>RG|GR|GB|BG))(?P<depth>8|10|12|14|16)(?P<packing>p|Packed|)"
@@ -91,7 +91,7 @@ def decode(
     padding: int = 0,
     big_endian: bool = False,
     camera: str = "",
-) -> npt.NDArray[np.uint16]:
+) -> UInt16:
     """Return the pixels of a buffer as a copy.
 
     Parameters
@@ -145,9 +145,7 @@ def decode(
     return pixels
 
 
-def _unpack(
-    rows: npt.NDArray[np.uint8], form: PixelFormat, width: int, big_endian: bool
-) -> npt.NDArray[np.uint16]:
+def _unpack(rows: UInt8, form: PixelFormat, width: int, big_endian: bool) -> UInt16:
     """Unpack each row to ``width`` pixels."""
     if form.depth == 8:
         return rows.astype(np.uint16)
@@ -166,7 +164,7 @@ def _unpack(
     return np.ascontiguousarray(pixels.reshape(len(rows), groups * count)[:, :width])
 
 
-def _sample(block: npt.NDArray[np.uint16], index: int, form: PixelFormat) -> npt.NDArray[np.uint16]:
+def _sample(block: UInt16, index: int, form: PixelFormat) -> UInt16:
     """Return the sample at one place of each group of bytes."""
     if form.packing == "Packed":
         # Each pixel has its own byte for the high bits; both share the middle byte.

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from genicam import gentl
 from harvesters.util.pfnc import symbolics
 
 from rig._errors import CameraError
 from rig._genicam.pixels import PixelFormat, decode
+from rig.arrays import UInt16
 
 _BIG_ENDIAN = gentl.PIXELENDIANNESS_IDS.PIXELENDIANNESS_BIG
 _IMAGES = (
@@ -36,7 +36,7 @@ class ReceivedFrame:
 
     block: int
     timestamp_ns: int
-    pixels: npt.NDArray[np.uint16]
+    pixels: UInt16
 
 
 @dataclass(frozen=True, eq=False)

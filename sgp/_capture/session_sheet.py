@@ -8,9 +8,9 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
+from rig.arrays import UInt8
 
 _WIDTH_PX: Final = 200
 _LINE_PX: Final = 18
@@ -25,8 +25,6 @@ _MARK_PX: Final = 66  # width of the mark of simulated frames
 _MARK_RGB: Final = (190, 0, 0)
 _UNLIT: Final = ("dark", "ambient")
 _ORDER: Final = ("light", "flat", "dark", "ambient")
-
-_Picture = npt.NDArray[np.uint8]
 
 
 def write_session_sheet(path: Path, session: acquisition.Session) -> None:
@@ -82,7 +80,7 @@ def in_order(frames: Sequence[acquisition.SessionFrame]) -> list[acquisition.Ses
     return sorted(frames, key=place)
 
 
-def _add_legend(strip: _Picture, session: acquisition.Session) -> None:
+def _add_legend(strip: UInt8, session: acquisition.Session) -> None:
     """Explain the colour of clipped pixels."""
     top = (_LEGEND_PX - _SWATCH_PX) // 2
     strip[top : top + _SWATCH_PX, 2 : 2 + _SWATCH_PX] = _CLIPPED_RGB
@@ -103,7 +101,7 @@ def _bright_dn(frame: acquisition.SessionFrame, frames: Sequence[acquisition.Ses
 
 def _tile(
     session: acquisition.Session, frame: acquisition.SessionFrame, black_dn: float, bright_dn: float
-) -> _Picture:
+) -> UInt8:
     camera = session.manifest.camera
     raw = frame.read()
     clipped = np.atleast_3d(raw).max(axis=2) >= camera.white_dn
@@ -132,6 +130,6 @@ def _facts(frame: acquisition.SessionFrame, clipped: float) -> str:
 
 
 def _write(
-    label: _Picture, text: str, left: int, baseline: int, scale: float, rgb: tuple[int, int, int]
+    label: UInt8, text: str, left: int, baseline: int, scale: float, rgb: tuple[int, int, int]
 ) -> None:
     cv2.putText(label, text, (left, baseline), cv2.FONT_HERSHEY_SIMPLEX, scale, rgb, 1, cv2.LINE_AA)

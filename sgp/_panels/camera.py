@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from sgp._overview import Panel, set_plot_area
 from sgp._terminal import printable
@@ -15,8 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from calibration import CalibratedView, CameraCalibration
-
-Array = npt.NDArray[np.float64]
 
 _USED, _LEFT_OUT = "tab:blue", "tab:red"
 _ARROW: Final = 0.04  # length of a typical residual, relative to the width of the image

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
-
-Float = npt.NDArray[np.float32]
+from rig.arrays import AnyArray, Bool, Float32, Intp
 
 _MOST_PX: Final = 700  # of a side of a picture: about twice the pixels of a slot
 _BAND: Final = 64  # rows
@@ -37,7 +35,7 @@ class Crop:
     most_px: float = _MOST_PX
 
     @classmethod
-    def around(cls, mask: npt.NDArray[np.bool_], pixel_mm: float | None = None) -> Crop:
+    def around(cls, mask: Bool, pixel_mm: float | None = None) -> Crop:
         """Return the rectangle that contains a mask and a margin; the full image if it is empty."""
         rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
         if not len(rows):
@@ -76,9 +74,9 @@ class Crop:
 
     def picture(
         self,
-        values: npt.NDArray[Any] | acquisition.MapRows,
-        mask: npt.NDArray[np.bool_] | None = None,
-    ) -> Float:
+        values: AnyArray | acquisition.MapRows,
+        mask: Bool | None = None,
+    ) -> Float32:
         """Cut out a map or an image, ``(H, W)`` or ``(H, W, 3)``, and reduce it.
 
         Pixels are averaged; NaN and pixels outside the mask are left out. A pixel of the picture is
@@ -108,10 +106,10 @@ class Crop:
         return np.where(share > 0.5, total / np.maximum(share, 1e-6), np.nan).astype(np.float32)
 
 
-def _mean(image: Float, columns: int, rows: int) -> Float:
+def _mean(image: Float32, columns: int, rows: int) -> Float32:
     reduced = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
     return np.asarray(reduced, np.float32).reshape(rows, columns, *image.shape[2:])
 
 
-def _with_margin(places: npt.NDArray[np.intp], margin: int, count: int) -> slice:
+def _with_margin(places: Intp, margin: int, count: int) -> slice:
     return slice(max(int(places[0]) - margin, 0), min(int(places[-1]) + 1 + margin, count))

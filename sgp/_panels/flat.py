@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
+from rig.arrays import Float32
 from sgp._overview import Panel, add_scale, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Image = npt.NDArray[np.float32]
 
 # Side of the enlarged part of the image, in pixels.
 _DETAIL: Final = 64
@@ -79,7 +77,7 @@ def histogram_panel(flat: acquisition.Flat) -> Panel:
     return Panel("distribution of the pixel part - 1; orange: its noise", draw, None)
 
 
-def _green(flat: acquisition.Flat, part: Image) -> Image:
+def _green(flat: acquisition.Flat, part: Float32) -> Float32:
     """Return one plane of a part: green of a mosaic, at half the resolution."""
     if part.ndim == 3:
         return part[..., _GREEN]

@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
+from rig.arrays import Float64
 from sgp._overview import Panel, set_plot_area
 from sgp._panels.lights import short_names
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Array = npt.NDArray[np.float64]
 
 # The dome is seen from this direction: from the front and the right, 30 degrees above the plane.
 _AZIMUTH_DEG: Final = -60.0
@@ -79,7 +77,7 @@ def ellipsoids_panel(lights: acquisition.Lights) -> Panel | None:
     return Panel(title, draw, 1.2)
 
 
-def longest_sigmas(lights: acquisition.Lights) -> Array | None:
+def longest_sigmas(lights: acquisition.Lights) -> Float64 | None:
     """Return the standard deviations of lights along the longest axes of their ellipsoids.
 
     In mm, or in radians for directions; lights without errors are left out. None if there are no
@@ -89,7 +87,7 @@ def longest_sigmas(lights: acquisition.Lights) -> Array | None:
     if covariances is None:
         return None
     known = covariances[np.isfinite(covariances).all(axis=(1, 2))]
-    sigmas: Array = np.sqrt(np.linalg.eigvalsh(known)[:, -1].clip(0))
+    sigmas: Float64 = np.sqrt(np.linalg.eigvalsh(known)[:, -1].clip(0))
     return sigmas if len(sigmas) else None
 
 
@@ -114,18 +112,18 @@ def residuals_panel(lights: acquisition.Lights) -> Panel | None:
     return Panel(title, draw, None)
 
 
-def _in_space(lights: acquisition.Lights) -> Array | None:
+def _in_space(lights: acquisition.Lights) -> Float64 | None:
     """Return covariances ``(N, 3, 3)`` of positions in mm^2, or of unit vectors."""
     if lights.errors is None or lights.errors.covariances is None:
         return None
     if lights.directions is None:
         return lights.errors.covariances
     basis = acquisition.tangent_basis(lights.directions)
-    covariances: Array = basis.transpose(0, 2, 1) @ lights.errors.covariances @ basis
+    covariances: Float64 = basis.transpose(0, 2, 1) @ lights.errors.covariances @ basis
     return covariances
 
 
-def _view() -> Array:
+def _view() -> Float64:
     """Return the unit vectors of the picture's x and y, ``(2, 3)``."""
     azimuth, elevation = np.radians([_AZIMUTH_DEG, _ELEVATION_DEG])
     right = [-np.sin(azimuth), np.cos(azimuth), 0.0]

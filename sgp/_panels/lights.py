@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
+from rig.arrays import Float32, Float64
 from sgp._overview import Panel
 from sgp._panels.crop import Crop
 from sgp._terminal import printable
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from calibration import SphereCalibration, SphereCandidate
 
-Image = npt.NDArray[np.float32]
 Box = tuple[float, float, float, float]  # left, bottom, right, top in pixels
 
 _RINGS_DEG: Final = (30, 60, 90)
@@ -89,7 +88,7 @@ def _common_start(names: Sequence[str]) -> str:
     return first[:same]
 
 
-def _marks(axes: Axes, directions: npt.NDArray[np.float64], radius_px: float) -> list[Box]:
+def _marks(axes: Axes, directions: Float64, radius_px: float) -> list[Box]:
     places = axes.transData.transform(directions[:, :2])
     return [
         (x - radius_px, y - radius_px, x + radius_px, y + radius_px) for x, y in places.tolist()
@@ -127,7 +126,7 @@ def _name_rings(axes: Axes, taken: Sequence[Box]) -> list[Box]:
 
 
 def _name_lights(
-    axes: Axes, names: Sequence[str], directions: npt.NDArray[np.float64], taken: Sequence[Box]
+    axes: Axes, names: Sequence[str], directions: Float64, taken: Sequence[Box]
 ) -> int:
     """Write names of lights that cover nothing, and return how many found a place."""
     places = axes.transData.transform(directions[:, :2])
@@ -153,7 +152,7 @@ def _evenly(count: int) -> list[int]:
 
 
 def _free_box(
-    places: npt.NDArray[np.float64],
+    places: Float64,
     index: int,
     size: tuple[float, float],
     taken: Sequence[Box],
@@ -192,7 +191,7 @@ def _meet(a: Box, b: Box) -> bool:
 
 
 def spheres_panel(
-    title: str, brightest: Image, estimate: SphereCalibration, recording: int = 0
+    title: str, brightest: Float32, estimate: SphereCalibration, recording: int = 0
 ) -> Panel:
     """Show outlines and highlights in one recording, over the brightest value of each pixel."""
     height, width = brightest.shape
@@ -220,7 +219,7 @@ def spheres_panel(
     return Panel(title, draw, crop.aspect)
 
 
-def candidates_panel(brightest: Image, candidates: Sequence[SphereCandidate]) -> Panel:
+def candidates_panel(brightest: Float32, candidates: Sequence[SphereCandidate]) -> Panel:
     """Show numbered circles that may be spheres, over the brightest value of each pixel."""
     height, width = brightest.shape
     crop = Crop(slice(0, height), slice(0, width))

@@ -6,18 +6,15 @@ import math
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
+from rig.arrays import AnyArray, Bool, Float32, Floating
 from sgp._overview import Panel, add_scale
 from sgp._panels.crop import Crop
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Image = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 # The share of pixels beyond the limits of a colour scale, which would otherwise hide the others.
 _EXTREME: Final = 0.01
@@ -28,7 +25,7 @@ _BAR_SHARE: Final = 0.35  # of the picture's width, at most
 
 
 def image_panel(
-    title: str, image: acquisition.MapRows, crop: Crop, mask: Mask | None = None
+    title: str, image: acquisition.MapRows, crop: Crop, mask: Bool | None = None
 ) -> Panel:
     """Show a linear image, gray or RGB, with its 99.5 % quantile at white and gamma 2.2.
 
@@ -45,7 +42,7 @@ class Masked(NamedTuple):
     """Vectors ``(H, W, 3)``, which may be in a file, and the mask of those that count."""
 
     normals: acquisition.MapRows
-    mask: Mask
+    mask: Bool
 
 
 def normals_panel(title: str, rows: processing.NormalRows, crop: Crop | None = None) -> Panel:
@@ -63,14 +60,14 @@ def detail_panel(title: str, rows: processing.NormalRows, crop: Crop | None = No
     return _colours(f"{title}, slopes x {gain}", normals, crop)
 
 
-def _colours(title: str, vectors: Image, crop: Crop) -> Panel:
+def _colours(title: str, vectors: Float32, crop: Crop) -> Panel:
     with np.errstate(invalid="ignore", divide="ignore"):
         normals = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
     colours = np.where(np.isfinite(normals), normals / 2 + 0.5, 1.0)
     return _picture(title, np.clip(colours, 0, 1), crop)
 
 
-def detail_gain(normals: Image) -> int:
+def detail_gain(normals: Float32) -> int:
     """Return the largest of 1, 2, 5, 10, ... that keeps 95 % of the slopes below 1."""
     slopes = np.hypot(normals[..., 0], normals[..., 1]) / np.maximum(normals[..., 2], 1e-3)
     slopes = slopes[np.isfinite(slopes)]
@@ -87,7 +84,7 @@ def map_panel(
     *,
     error: bool = False,
     limits: tuple[float, float] | None = None,
-    mask: Mask | None = None,
+    mask: Bool | None = None,
 ) -> Panel:
     """Show a scalar map with its scale; NaN is white; scales of errors start at 0.
 
@@ -103,9 +100,7 @@ def map_panel(
     return _picture(title, part, crop, (unit, extend), cmap=cmap, vmin=low, vmax=high)
 
 
-def signed_panel(
-    title: str, values: npt.NDArray[Any], unit: str, crop: Crop | None = None
-) -> Panel:
+def signed_panel(title: str, values: AnyArray, unit: str, crop: Crop | None = None) -> Panel:
     """Show a map with a sign: red above 0, blue below, gray at 0; NaN is white."""
     crop = crop or Crop.around(np.isfinite(values))
     part = crop.picture(values)
@@ -138,7 +133,7 @@ def lit_panel(title: str, rows: processing.NormalRows, crop: Crop | None = None)
     return _lit(title, crop.picture(rows.normals, rows.mask), crop)
 
 
-def _lit(title: str, normals: npt.NDArray[np.floating[Any]], crop: Crop) -> Panel:
+def _lit(title: str, normals: Floating, crop: Crop) -> Panel:
     shade = np.clip(normals @ np.array([-0.5, 0.5, 0.7071]), 0, 1)
     shown = np.where(np.isfinite(shade), 0.1 + 0.9 * shade, 1.0)
     return _picture(title, shown, crop, cmap="gray", vmin=0, vmax=1)
@@ -146,7 +141,7 @@ def _lit(title: str, normals: npt.NDArray[np.floating[Any]], crop: Crop) -> Pane
 
 def _picture(
     title: str,
-    picture: npt.NDArray[Any],
+    picture: AnyArray,
     crop: Crop,
     scale: tuple[str, str] | None = None,
     **colours: Any,
@@ -185,13 +180,13 @@ def _add_bar(axes: Axes, crop: Crop, pixel_mm: float) -> None:
     axes.text(right, 0, f"{length:g} mm", transform=text_place, fontsize=8, va="center")
 
 
-def _limits(finite: Image) -> tuple[float, float]:
+def _limits(finite: Float32) -> tuple[float, float]:
     if not finite.size:
         return 0.0, 1.0
     low, high = np.quantile(finite, [_EXTREME / 2, 1 - _EXTREME / 2])
     return float(low), float(max(high, low + 1e-9))
 
 
-def _error_limits(finite: Image) -> tuple[float, float]:
+def _error_limits(finite: Float32) -> tuple[float, float]:
     most = float(np.quantile(finite, 1 - _EXTREME)) if finite.size else 0.0
     return 0.0, max(most, 1e-9)

@@ -5,16 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
+from rig.arrays import Float64
 from sgp._overview import Panel, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from calibration import SensorCalibration
-
-Array = npt.NDArray[np.float64]
 
 _DOT: Final[dict[str, Any]] = {"ls": "none", "marker": ".", "ms": 3, "color": "tab:blue"}
 _MODEL: Final[dict[str, Any]] = {"color": "tab:red", "lw": 1}
@@ -115,7 +113,7 @@ def _dark(estimate: SensorCalibration) -> Panel:
     return Panel(title, draw, 1.2)
 
 
-def _lit(estimate: SensorCalibration) -> tuple[Array, Array]:
+def _lit(estimate: SensorCalibration) -> tuple[Float64, Float64]:
     """Return the points that a logarithmic plot can show."""
     shown = (estimate.signal_dn > 0) & (estimate.variance_dn2 > 0)
     return estimate.signal_dn[shown], estimate.variance_dn2[shown]

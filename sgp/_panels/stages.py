@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
+from rig.arrays import Bool, Float32, Generic
 from sgp._overview import Panel
 from sgp._panels.crop import Crop
 from sgp._panels.lights import lights_panel
@@ -21,9 +21,6 @@ from sgp._panels.maps import (
 )
 from sgp._stage_metrics import NormalsMetrics
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-
 # The maps of normals in files that are drawn.
 DRAWN = ("normals", "albedo", "specular", "residual", "used", "normal_sigma_deg")
 # Values that are read at once.
@@ -32,7 +29,7 @@ _READ = 4_000_000
 
 def normals_panels(
     maps: Mapping[str, acquisition.MapRows],
-    mask: Mask,
+    mask: Bool,
     crop: Crop,
     lights: acquisition.Lights,
     metrics: NormalsMetrics,
@@ -90,7 +87,7 @@ def error_panels(
 
 
 def separation_panels(
-    shape: acquisition.MapRows, detail: acquisition.MapRows, mask: Mask, crop: Crop
+    shape: acquisition.MapRows, detail: acquisition.MapRows, mask: Bool, crop: Crop
 ) -> list[Panel]:
     """Return pictures of the shape component and the detail component."""
     return [
@@ -112,7 +109,7 @@ def surface_panels(
 def _highlights(
     specular: acquisition.MapRows,
     albedo: acquisition.MapRows,
-    mask: Mask,
+    mask: Bool,
     crop: Crop,
 ) -> Panel:
     """Return a map of the light above a matte surface, relative to the mean albedo."""
@@ -127,12 +124,12 @@ def _highlights(
 def _residual(
     residual: acquisition.MapRows,
     albedo: acquisition.MapRows,
-    mask: Mask,
+    mask: Bool,
     crop: Crop,
 ) -> Panel:
     """Return a map of the residual relative to the signal."""
 
-    def percent(rows: slice) -> Float:
+    def percent(rows: slice) -> Float32:
         found = np.zeros_like(residual[rows])
         signal = _gray(albedo[rows])
         np.divide(100 * residual[rows], signal, out=found, where=mask[rows] & (signal > 0))
@@ -144,7 +141,7 @@ def _residual(
     return map_panel(title, relative, "% of the albedo", crop, error=True, mask=mask)
 
 
-def _samples(used: acquisition.MapRows, mask: Mask, crop: Crop, count: int) -> Panel:
+def _samples(used: acquisition.MapRows, mask: Bool, crop: Crop, count: int) -> Panel:
     """Return a map of the number of samples."""
     inside = [used[rows][mask[rows]] for rows in _bands(mask)]
     least = int(min(part.min() for part in inside if part.size))
@@ -154,16 +151,16 @@ def _samples(used: acquisition.MapRows, mask: Mask, crop: Crop, count: int) -> P
     return map_panel(title, used, "samples", crop, limits=limits, mask=mask)
 
 
-def _mean(values: acquisition.MapRows, mask: Mask) -> float:
+def _mean(values: acquisition.MapRows, mask: Bool) -> float:
     parts = (_gray(values[rows])[mask[rows]] for rows in _bands(mask))
     return sum(float(part.sum(dtype=np.float64)) for part in parts) / np.count_nonzero(mask)
 
 
-def _gray(values: npt.NDArray[np.generic]) -> Float:
+def _gray(values: Generic) -> Float32:
     floats = values.astype(np.float32)
     return floats if floats.ndim == 2 else floats.mean(axis=2, dtype=np.float32)
 
 
-def _bands(mask: Mask) -> list[slice]:
+def _bands(mask: Bool) -> list[slice]:
     height, width = mask.shape
     return acquisition.rows_in_bands(height, width, _READ)

@@ -6,18 +6,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-import numpy.typing as npt
-
 import acquisition
 import processing
 import rig
+from rig.arrays import Bool
 from sgp._options import Green
 from sgp._record import ResultRecord
 from sgp._report.folder import Inputs, ResultFolder, changed_notice, read_folder
 from sgp._report.large_maps import Values, large_normals
 
-Companion = tuple[str, Values, npt.NDArray[np.bool_]]
+Companion = tuple[str, Values, Bool]
 
 # By command: parameters that name a normal map, and what the page calls it.
 _COMPANIONS: Final = {

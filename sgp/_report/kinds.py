@@ -6,11 +6,9 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from rig.arrays import Float32, UInt8
 from sgp._report.planes import Colours, Plane, colour_plane, scalar_plane, vectors_plane
-
-Float = npt.NDArray[np.float32]
 
 
 class Kind(NamedTuple):
@@ -44,7 +42,7 @@ MASKS: Final = {"invented": Kind("invented.png", "Invented share", "0 to 1", "pl
 _TAIL: Final = 0.005  # share of the pixels beyond each end of a colour scale
 
 
-def quantiser(name: str, part: Float, unit: str) -> Callable[[Float], Plane] | None:
+def quantiser(name: str, part: Float32, unit: str) -> Callable[[Float32], Plane] | None:
     """Return what makes planes of parts of a map, all with the same steps; None without values.
 
     ``part`` is the map in its largest form that is embedded; ``unit`` that of its record.
@@ -71,16 +69,16 @@ def quantiser(name: str, part: Float, unit: str) -> Callable[[Float], Plane] | N
     return _scalar(name, kind, own, limits=(0.0 if kind.colours == "doubt" else low, high))
 
 
-def _scalar(name: str, kind: Kind, unit: str, **steps: Any) -> Callable[[Float], Plane]:
+def _scalar(name: str, kind: Kind, unit: str, **steps: Any) -> Callable[[Float32], Plane]:
     return lambda values: scalar_plane(name, values, kind.label, unit, kind.colours, **steps)
 
 
-def _unit_vectors(values: Float) -> Float:
+def _unit_vectors(values: Float32) -> Float32:
     vectors = np.where(np.isfinite(values), values, np.float32(0))
     length = np.linalg.norm(vectors, axis=2, keepdims=True)
     np.divide(vectors, length, out=vectors, where=length > 0)
     return vectors
 
 
-def _samples(values: Float) -> npt.NDArray[np.uint8]:
+def _samples(values: Float32) -> UInt8:
     return np.rint(np.nan_to_num(values)).astype(np.uint8)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
+from rig.arrays import AnyArray, Bool
 from sgp._report.folder import ResultFolder
 
-Values = npt.NDArray[Any] | acquisition.MapRows
-Mask = npt.NDArray[np.bool_]
+Values = AnyArray | acquisition.MapRows
 
 LARGE: Final = 20_000_000  # pixels; smaller maps are read as a whole
 _BAND: Final = 256  # rows
@@ -36,7 +35,7 @@ def read_map(path: Path, max_pixels: int) -> Values:
 
 def large_normals(
     folder: ResultFolder, path: Path, max_pixels: int
-) -> tuple[acquisition.MapRows, Mask] | None:
+) -> tuple[acquisition.MapRows, Bool] | None:
     """Return a large map of normals that a command wrote, and its mask.
 
     None for all others: they are small, or have to be decoded and checked as a whole.
@@ -53,14 +52,14 @@ def large_normals(
     return acquisition.ComputedRows(rows.shape, rows.dtype, partial(_vectors, rows)), inside
 
 
-def _vectors(rows: acquisition.ImageRows, band: slice) -> npt.NDArray[Any]:
+def _vectors(rows: acquisition.ImageRows, band: slice) -> AnyArray:
     """Return rows of vectors; those of length 0 are NaN."""
     vectors = rows[band]
     vectors[~vectors.any(axis=2)] = np.nan
     return vectors
 
 
-def known(values: Values) -> Mask:
+def known(values: Values) -> Bool:
     """Return which pixels of a map have a value."""
     bands = (np.isfinite(values[top : top + _BAND]) for top in range(0, values.shape[0], _BAND))
     found = np.concatenate([one if one.ndim == 2 else one.any(axis=2) for one in bands])

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
+from rig.arrays import Float64
 from sgp._report.folder import ResultFolder
 from sgp._report.html import Html, tag
 
@@ -71,17 +71,17 @@ def lights_section(folder: ResultFolder, lights: acquisition.Lights) -> Html:
     )
 
 
-def _positions(lights: acquisition.Lights) -> dict[str, npt.NDArray[np.float64]]:
+def _positions(lights: acquisition.Lights) -> dict[str, Float64]:
     if lights.positions_mm is None:
         return {}
     return {f"{axis}, mm": lights.positions_mm[:, i] for i, axis in enumerate("XYZ")}
 
 
-def _errors(lights: acquisition.Lights) -> dict[str, npt.NDArray[np.float64]]:
+def _errors(lights: acquisition.Lights) -> dict[str, Float64]:
     errors = lights.errors
     if errors is None:
         return {}
-    found: dict[str, npt.NDArray[np.float64]] = {}
+    found: dict[str, Float64] = {}
     if errors.covariances is not None:
         spread = np.sqrt(np.trace(errors.covariances, axis1=1, axis2=2))
         if lights.near:
@@ -93,9 +93,7 @@ def _errors(lights: acquisition.Lights) -> dict[str, npt.NDArray[np.float64]]:
     return found
 
 
-def _of_images(
-    folder: ResultFolder, lights: acquisition.Lights
-) -> dict[str, npt.NDArray[np.float64]]:
+def _of_images(folder: ResultFolder, lights: acquisition.Lights) -> dict[str, Float64]:
     """Return the figures of agreement that a record has for each image, if they fit the lights."""
     found = {}
     for record in folder.records.values():
@@ -109,7 +107,7 @@ def _of_images(
     return found
 
 
-def _drawing(lights: acquisition.Lights, columns: Mapping[str, npt.NDArray[np.float64]]) -> Html:
+def _drawing(lights: acquisition.Lights, columns: Mapping[str, Float64]) -> Html:
     parts = [
         tag("circle", r=round(_RADIUS * float(np.sin(np.radians(ring))), 1), class_="ring")
         for ring in _RINGS_DEG
@@ -146,7 +144,7 @@ def _drawing(lights: acquisition.Lights, columns: Mapping[str, npt.NDArray[np.fl
     )
 
 
-def _table(ids: Sequence[str], columns: Mapping[str, npt.NDArray[np.float64]]) -> Html:
+def _table(ids: Sequence[str], columns: Mapping[str, Float64]) -> Html:
     head = tag("tr", tag("th", "Light", scope="col"), (tag("th", n, scope="col") for n in columns))
     rows = [
         tag(

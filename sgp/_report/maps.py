@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
 import rig
+from rig.arrays import AnyArray, Bool, Int64
 from sgp._panels.crop import Crop
 from sgp._report.folder import ResultFolder
 from sgp._report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
@@ -20,7 +20,7 @@ from sgp._report.large_maps import Values, known, large_normals, read_map
 from sgp._report.planes import Plane, Tile, tiles_of
 from sgp._write_jumps import JUMP_DOWN
 
-Read = tuple[str, Values, npt.NDArray[np.bool_]]
+Read = tuple[str, Values, Bool]
 _MOSTLY: Final = 0.9
 _KEPT: Final = 600_000_000  # bytes of maps that stay in memory
 
@@ -93,7 +93,7 @@ class FolderMaps:
         if size <= _KEPT:
             self._kept = kept
 
-    def jumps(self) -> npt.NDArray[Any] | None:
+    def jumps(self) -> AnyArray | None:
         """Return jumps.png, if there is one."""
         path = self.folder.file("jumps.png")
         if path is None:
@@ -148,7 +148,7 @@ def embed(maps: FolderMaps, most_pixels: float, *, full: bool = False) -> Embedd
 
 def embed_beside(
     values: Values,
-    mask: npt.NDArray[np.bool_],
+    mask: Bool,
     result: Embedded,
     most_pixels: float,
     *,
@@ -190,7 +190,7 @@ def _reduced(crop: Crop, most_pixels: float) -> Crop:
 def _planes(
     name: str,
     values: Values,
-    mask: npt.NDArray[np.bool_],
+    mask: Bool,
     crop: Crop,
     unit: str,
     tiles: list[Tile] | None,
@@ -294,7 +294,7 @@ def _unit(name: str, folder: ResultFolder, unit: str) -> str:
 _SHARE = 0.5
 
 
-def jumps_plane(values: npt.NDArray[Any], crop: Crop, size: tuple[int, int]) -> Plane:
+def jumps_plane(values: AnyArray, crop: Crop, size: tuple[int, int]) -> Plane:
     """Return a plane of ``size``: 1 with a jump to the right neighbour, plus 2 with one below."""
     part = values[crop.rows, crop.columns]
     down = part >= JUMP_DOWN
@@ -303,7 +303,7 @@ def jumps_plane(values: npt.NDArray[Any], crop: Crop, size: tuple[int, int]) -> 
     return Plane("jumps", "flags", cut.astype(np.uint8)[..., None])
 
 
-def _between(right: npt.NDArray[np.bool_], size: tuple[int, int]) -> npt.NDArray[np.int64]:
+def _between(right: Bool, size: tuple[int, int]) -> Int64:
     """Return for each reduced pixel whether the surface jumps on the way to the right one."""
     rows, columns = size
     high, wide = right.shape
@@ -315,7 +315,7 @@ def _between(right: npt.NDArray[np.bool_], size: tuple[int, int]) -> npt.NDArray
     found = np.unique(row[inside] * columns + left[inside])
     place = (found // columns * rows // high) * columns + found % columns
     count = np.bincount(place, minlength=rows * columns).reshape(rows, columns)
-    enough: npt.NDArray[np.bool_] = count >= max(1.0, _SHARE * high / rows)
+    enough: Bool = count >= max(1.0, _SHARE * high / rows)
     return enough.astype(np.int64)
 
 

@@ -10,10 +10,10 @@ from functools import cached_property
 from typing import Any, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
 
-Samples = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-Float = npt.NDArray[np.float32]
+from rig.arrays import Float32, UInt8, UInt16
+
+Samples = UInt8 | UInt16
 Kind = Literal["vectors", "scalar", "colour", "flags"]
 Colours = Literal["height", "doubt", "signed", "plain"]
 
@@ -92,7 +92,7 @@ class Plane:
         return 4 / 3 * size * len(self.samples) / rows
 
 
-def vectors_plane(name: str, vectors: Float, label: str) -> Plane:
+def vectors_plane(name: str, vectors: Float32, label: str) -> Plane:
     """Return a plane of ``(H, W, 3)`` unit vectors; those of length 0 have no value."""
     length = np.abs(vectors).sum(axis=2)
     known = length > 0
@@ -112,7 +112,7 @@ def vectors_plane(name: str, vectors: Float, label: str) -> Plane:
 
 def scalar_plane(
     name: str,
-    values: Float,
+    values: Float32,
     label: str,
     unit: str,
     colours: Colours,
@@ -138,7 +138,7 @@ def scalar_plane(
     return Plane(name, "scalar", stored, low, step, label, unit, colours, shown or limits)
 
 
-def colour_plane(name: str, picture: npt.NDArray[np.uint8], label: str) -> Plane:
+def colour_plane(name: str, picture: UInt8, label: str) -> Plane:
     """Return a plane of sRGB samples, ``(H, W)`` or ``(H, W, 3)``."""
     samples = picture[..., None] if picture.ndim == 2 else picture
     return Plane(name, "colour", np.ascontiguousarray(samples), label=label)
@@ -194,9 +194,7 @@ class Tile:
         return f"{self.name}-{self.row}-{self.column}"
 
 
-def tiles_of(
-    name: str, whole: npt.NDArray[np.float32], make: Callable[[npt.NDArray[np.float32]], Plane]
-) -> list[Tile]:
+def tiles_of(name: str, whole: Float32, make: Callable[[Float32], Plane]) -> list[Tile]:
     """Return the tiles of a map; each is encoded at once and only its text is kept."""
     rows, columns = whole.shape[:2]
     found = []

@@ -7,8 +7,8 @@ from typing import Final
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
+from rig.arrays import Float32
 from sgp._report.html import Html, joined, tag
 from sgp._report.planes import VECTOR_STEPS, Plane
 
@@ -66,7 +66,7 @@ def prerendered(planes: dict[str, Plane], name: str, *, titled: bool = False) ->
     return joined(heading, tag("div", figures, class_="prerendered"))
 
 
-def _vectors(plane: Plane) -> npt.NDArray[np.float32]:
+def _vectors(plane: Plane) -> Float32:
     """Return the unit vectors of a plane, 0 where it has no value."""
     e = (plane.samples.astype(np.float32) - 1) * np.float32(2 / VECTOR_STEPS) - 1
     z = 1 - np.abs(e).sum(axis=2)
@@ -77,6 +77,6 @@ def _vectors(plane: Plane) -> npt.NDArray[np.float32]:
     return vectors
 
 
-def _reduced(values: npt.NDArray[np.float32], size: tuple[int, ...]) -> npt.NDArray[np.float32]:
+def _reduced(values: Float32, size: tuple[int, ...]) -> Float32:
     small = cv2.resize(values, (size[0], size[1]), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.float32)

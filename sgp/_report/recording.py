@@ -7,20 +7,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import rig
+from rig.arrays import AnyArray, Float32, Int64, UInt8
 from sgp._panels.crop import Crop
 from sgp._recordings import recordings_of
 from sgp._report.folder import Inputs, ResultFolder, changed_notice
 from sgp._report.maps import Embedded
-
-Pixels = npt.NDArray[np.uint8]
 
 _MOST_IMAGES: Final = 40
 _SIDE_PX: Final = 420
@@ -162,7 +160,7 @@ class _Shot:
     """An image of a recording; ``known`` if the records of the result rest on it."""
 
     frame: acquisition.Frame | acquisition.SessionFrame
-    read: Callable[[], npt.NDArray[Any]]
+    read: Callable[[], AnyArray]
     shape: tuple[int, ...]
     status: Literal["kept", "rejected"] = "kept"
     known: bool = True
@@ -186,7 +184,7 @@ def _shots(source: acquisition.Source) -> Iterator[_Shot]:
             )
 
 
-def _upright(frame: acquisition.SessionFrame, mounting: rig.Mounting) -> npt.NDArray[Any]:
+def _upright(frame: acquisition.SessionFrame, mounting: rig.Mounting) -> AnyArray:
     return mounting.upright(frame.read())
 
 
@@ -226,7 +224,7 @@ def _unchanged(
     ]
 
 
-def _evenly(count: int) -> npt.NDArray[np.int64]:
+def _evenly(count: int) -> Int64:
     return np.unique(np.linspace(0, count - 1, min(count, _MOST_IMAGES)).round().astype(np.int64))
 
 
@@ -254,7 +252,7 @@ def _images(
 ) -> list[Image]:
     span = source.white_level - source.black_level
     span = span if np.isfinite(span) else 1.0
-    pictures: dict[int, npt.NDArray[np.float32]] = {}
+    pictures: dict[int, Float32] = {}
     for number, shot in enumerate(shots):
         try:
             pixels = shot.read()
@@ -288,7 +286,7 @@ def _images(
     return found
 
 
-def _small(pixels: npt.NDArray[Any], region: Crop) -> npt.NDArray[np.float32]:
+def _small(pixels: AnyArray, region: Crop) -> Float32:
     part = pixels[region.rows, region.columns]
     rows, columns = part.shape[:2]
     share = min(1.0, _SIDE_PX / max(rows, columns))
@@ -297,7 +295,7 @@ def _small(pixels: npt.NDArray[Any], region: Crop) -> npt.NDArray[np.float32]:
     return np.asarray(small, np.float32)
 
 
-def _srgb(light: npt.NDArray[np.float32]) -> Pixels:
+def _srgb(light: Float32) -> UInt8:
     coded = np.where(light > 0.0031308, 1.055 * light ** (1 / 2.4) - 0.055, 12.92 * light)
-    samples: Pixels = np.rint(255 * coded).astype(np.uint8)
+    samples: UInt8 = np.rint(255 * coded).astype(np.uint8)
     return np.ascontiguousarray(samples[..., ::-1]) if samples.ndim == 3 else samples

@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 import processing
 import rig
 import simulator
-from sgp._superres.pairs import Float
+from rig.arrays import Float32, Float64, Floating
 from sgp._superres.presets import RUGGED_SCALES
 
 
-def surface(seed: int, side: int, scale: int) -> npt.NDArray[np.float32]:
+def surface(seed: int, side: int, scale: int) -> Float32:
     """Return normals to judge a network on, of the kinds that its training had.
 
     They are random ones, at scale 4 rugged ones for odd seeds.
@@ -60,8 +59,8 @@ class Measured:
 
     bicubic_deg: float
     network_deg: float
-    predicted_deg: Float
-    actual_deg: npt.NDArray[np.float64]
+    predicted_deg: Float32
+    actual_deg: Float64
 
 
 @dataclass(frozen=True)
@@ -165,5 +164,5 @@ def fitted_deviations(measured: Measured) -> processing.Deviations | None:
     return processing.Deviations(tuple(predicted), tuple(actual))
 
 
-def _rms(values: npt.NDArray[np.floating]) -> float:
+def _rms(values: Floating) -> float:
     return float(np.sqrt(np.mean(values.astype(np.float64) ** 2)))

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rig.arrays import Float32
 from sgp._superres.rdn import OUTPUTS, RdnSize, rdn
 
 OPSET, _IR_VERSION = 17, 8
@@ -16,7 +16,7 @@ OPSET, _IR_VERSION = 17, 8
 class _OnnxLayers:
     """The layers of `rdn` as nodes of a graph; an image is the name of a node's output."""
 
-    def __init__(self, weights: Mapping[str, npt.NDArray[np.float32]]) -> None:
+    def __init__(self, weights: Mapping[str, Float32]) -> None:
         self._weights = weights
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
@@ -52,7 +52,7 @@ class _OnnxLayers:
         return self._node("DepthToSpace", [image], blocksize=scale, mode="CRD")
 
 
-def onnx_bytes(size: RdnSize, weights: Mapping[str, npt.NDArray[np.float32]]) -> bytes:
+def onnx_bytes(size: RdnSize, weights: Mapping[str, Float32]) -> bytes:
     """Return the ONNX file of a network: ``low`` (1, 3, h, w) to ``high`` (1, 5, s h, s w)."""
     from onnx import TensorProto, checker, helper
 

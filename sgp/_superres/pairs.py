@@ -10,17 +10,16 @@ from typing import Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import processing
 import rig
+from rig.arrays import Float32, Floating, Int16
 
-Float = npt.NDArray[np.float32]
 Domain = Literal["detail", "normals"]
 
 
-def averaged(normals: Float, scale: int) -> Float:
+def averaged(normals: Float32, scale: int) -> Float32:
     """Return normals as a sensor of lower resolution measures them.
 
     Parameters
@@ -40,7 +39,7 @@ def averaged(normals: Float, scale: int) -> Float:
     return _unit(squares.mean(axis=(1, 3), dtype=np.float64))
 
 
-def pair(normals: Float, scale: int, domain: Domain) -> tuple[Float, Float]:
+def pair(normals: Float32, scale: int, domain: Domain) -> tuple[Float32, Float32]:
     """Return the input of a network and the result that it should have.
 
     In the domain ``detail``, the input is the detail component of the low resolution, and the
@@ -73,7 +72,7 @@ def pair(normals: Float, scale: int, domain: Domain) -> tuple[Float, Float]:
     return parts.detail.normals, high.normals
 
 
-def _unit(vectors: npt.NDArray[np.floating]) -> Float:
+def _unit(vectors: Floating) -> Float32:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True), np.float32)
 
 
@@ -91,8 +90,8 @@ class PairFiles:
         ``(h, w, 3)`` and ``(s h, s w, 3)`` of each surface, mapped from files.
     """
 
-    low: Sequence[npt.NDArray[np.int16]]
-    high: Sequence[npt.NDArray[np.int16]]
+    low: Sequence[Int16]
+    high: Sequence[Int16]
 
     def __len__(self) -> int:
         return len(self.low)
@@ -101,7 +100,7 @@ class PairFiles:
         """Return the pairs of both."""
         return PairFiles([*self.low, *other.low], [*self.high, *other.high])
 
-    def crop(self, index: int, top: int, left: int, side: int) -> tuple[Float, Float]:
+    def crop(self, index: int, top: int, left: int, side: int) -> tuple[Float32, Float32]:
         """Return a square of low resolution, `side` pixels wide, and the same at high."""
         low, high = self.low[index], self.high[index]
         scale = len(high) // len(low)
@@ -118,7 +117,7 @@ class PairFiles:
 
 def make_pairs(
     name: str,
-    normals: Callable[[int, int], Float],
+    normals: Callable[[int, int], Float32],
     seeds: range,
     folder: Path,
     side: int,
@@ -150,8 +149,8 @@ def make_pairs(
     StorageError
         If a file cannot be written.
     """
-    low: list[npt.NDArray[np.int16]] = []
-    high: list[npt.NDArray[np.int16]] = []
+    low: list[Int16] = []
+    high: list[Int16] = []
     start = name.replace(" ", "-")
     on_progress(name, 0, len(seeds))
     for first in range(0, len(seeds), _PER_FILE):
@@ -167,20 +166,20 @@ def make_pairs(
     return PairFiles(low, high)
 
 
-def _write(path: Path, images: Sequence[Float]) -> None:
+def _write(path: Path, images: Sequence[Float32]) -> None:
     content = io.BytesIO()
     np.save(content, np.round(_FULL * np.stack(images)).astype(np.int16))
     acquisition.write_durably(path, content.getvalue())
 
 
-def _vectors(stored: npt.NDArray[np.int16]) -> Float:
+def _vectors(stored: Int16) -> Float32:
     return stored.astype(np.float32) / np.float32(_FULL)
 
 
 SYMMETRIES = 8
 
 
-def turned(normals: Float, symmetry: int) -> Float:
+def turned(normals: Float32, symmetry: int) -> Float32:
     """Return a map turned or mirrored, its vectors too.
 
     Parameters
@@ -200,7 +199,7 @@ def turned(normals: Float, symmetry: int) -> Float:
     return normals
 
 
-def batch(pairs: PairFiles, count: int, side: int, key: tuple[int, int]) -> tuple[Float, Float]:
+def batch(pairs: PairFiles, count: int, side: int, key: tuple[int, int]) -> tuple[Float32, Float32]:
     """Return the crops of one step; they depend on the key alone, not on earlier steps.
 
     Parameters
@@ -229,5 +228,5 @@ def batch(pairs: PairFiles, count: int, side: int, key: tuple[int, int]) -> tupl
     return np.stack(low), np.stack(high)
 
 
-def _vector(*values: float) -> Float:
+def _vector(*values: float) -> Float32:
     return np.array(values, np.float32)

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from rig.arrays import Float32
 from sgp._superres.rdn import RdnSize, rdn, weight_shapes
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class TorchLayers:
         return pixel_shuffle(image, scale)
 
 
-def as_images(maps: npt.NDArray[np.float32]) -> torch.Tensor:
+def as_images(maps: Float32) -> torch.Tensor:
     """Return ``(B, h, w, 3)`` maps as a tensor ``(B, 3, h, w)``, its channels last in memory."""
     import torch
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import calibration
 import rig as rigs
+from rig.arrays import Float32, Float64
 from sgp._exit import UsageError
 from sgp._options import (
     Gamma,
@@ -154,7 +154,7 @@ def spheres(
 class _Recording:
     """One of the recordings; its images are read once, and not kept."""
 
-    brightest: npt.NDArray[np.float32]
+    brightest: Float32
 
     def __init__(self, source: acquisition.Source, marks: Marks) -> None:
         self.source = source
@@ -176,7 +176,7 @@ class _Recording:
         self.brightest = stack.brightest
         return stack
 
-    def mask_images(self) -> list[npt.NDArray[np.float64]]:
+    def mask_images(self) -> list[Float64]:
         return [acquisition.read_mask_shares(path, self.source.size) for path in self.masks]
 
 

@@ -6,11 +6,11 @@ import os
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import calibration
 import rig as rigs
+from rig.arrays import Bool
 from sgp._exit import UsageError
 from sgp._metrics import CheckMetrics, LightDifferenceMetrics
 from sgp._options import Input, OptionalInput, Positive, RigOption
@@ -121,7 +121,7 @@ def _beyond(
     limit_deg: float | None,
     limit_mm: float | None,
     limit_percent: float | None,
-) -> npt.NDArray[np.bool_]:
+) -> Bool:
     """Return which lights are beyond a limit, ``(N,)``."""
     beyond = np.zeros(len(compared.ids), np.bool_)
     if limit_deg is not None:
@@ -133,9 +133,7 @@ def _beyond(
     return beyond
 
 
-def _metrics(
-    compared: calibration.LightComparison, beyond: npt.NDArray[np.bool_], order: list[int]
-) -> CheckMetrics:
+def _metrics(compared: calibration.LightComparison, beyond: Bool, order: list[int]) -> CheckMetrics:
     far, rest = compared.distance_mm, compared.rest_mm
     differences: list[LightDifferenceMetrics] = [
         {
@@ -174,7 +172,7 @@ def _metrics(
 
 def _rows(
     compared: calibration.LightComparison,
-    beyond: npt.NDArray[np.bool_],
+    beyond: Bool,
     order: list[int],
     *,
     intensities: bool,
@@ -216,7 +214,7 @@ def _short(value: float) -> str:
 
 def _verdict(
     compared: calibration.LightComparison,
-    beyond: npt.NDArray[np.bool_],
+    beyond: Bool,
     *,
     limits: bool,
     equal: list[str],

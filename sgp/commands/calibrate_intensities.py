@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import calibration
 import rig
+from rig.arrays import Bool, Float64
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._metrics import IntensitiesMetrics
@@ -224,7 +224,7 @@ def _lines(estimate: calibration.IntensityCalibration) -> list[str]:
     return [*lines, f"  residual on the card {estimate.residual:.2%}, {estimate.pixels} pixels"]
 
 
-def _shared(own: npt.NDArray[np.bool_], ids: Sequence[str], its: str, common: str) -> str:
+def _shared(own: Bool, ids: Sequence[str], its: str, common: str) -> str:
     """Return which lights have their own value, and which the common one."""
     if own.all():
         return f"{its} value for each light"
@@ -235,6 +235,6 @@ def _shared(own: npt.NDArray[np.bool_], ids: Sequence[str], its: str, common: st
     return f"{common} for {shown}"
 
 
-def _range(values: npt.NDArray[np.float64], digits: int) -> str:
+def _range(values: Float64, digits: int) -> str:
     low, high = f"{values.min():.{digits}f}", f"{values.max():.{digits}f}"
     return low if low == high else f"{low} to {high}"

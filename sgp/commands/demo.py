@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 import acquisition
 import calibration
 import processing
 import rig
 import simulator
+from rig.arrays import Float32
 from sgp._console import Stages, note
 from sgp._demo_folder import DemoFolder, claimed
 from sgp._metrics import DemoMetrics, ErrorMetrics
@@ -148,7 +148,7 @@ def _marks(*sessions: acquisition.Session) -> list[Path]:
 
 def _calibrate(
     session: acquisition.Session, scene: simulator.Scene
-) -> tuple[calibration.SphereCalibration, acquisition.Lights, npt.NDArray[np.float32]]:
+) -> tuple[calibration.SphereCalibration, acquisition.Lights, Float32]:
     """Estimate positions from the spheres, and intensities from the card under them."""
     with Stages() as progress:
         source = acquisition.read_source(session.folder)

@@ -7,13 +7,12 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-import numpy.typing as npt
 from cyclopts import Parameter
 
 import acquisition
 import processing
 import rig
+from rig.arrays import Bool
 from sgp._console import Stages
 from sgp._exit import UsageError
 from sgp._memory_limit import Limit
@@ -38,7 +37,6 @@ from sgp._stage_options import MAPS, MapOptions
 from sgp._write_profile import write_height_profile
 from sgp._write_transfer import Transferred, write_transfer
 
-Mask = npt.NDArray[np.bool_]
 # Both numbers may be negative.
 Place = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
@@ -234,7 +232,7 @@ def _transfer_local(
         return Transferred.of_part(done, source, target, progress)
 
 
-def _mask(path: Path | None, normal_map: processing.NormalMap) -> Mask | None:
+def _mask(path: Path | None, normal_map: processing.NormalMap) -> Bool | None:
     return None if path is None else acquisition.read_mask(path, normal_map.size)
 
 

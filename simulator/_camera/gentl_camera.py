@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
 import numpy as np
-import numpy.typing as npt
 
 from rig import CameraError
+from rig.arrays import AnyArray
 from simulator._camera.sensor import ImageFormation, fixed_pattern
 from simulator._owned_folder import OwnedFolder
 from simulator._scene.lens import CFAS
 from simulator.gentl import build
 
-GentlPlanes = Callable[[int | None], npt.NDArray[Any] | None]
+GentlPlanes = Callable[[int | None], AnyArray | None]
 GentlFault = Literal["lost", "late", "incomplete", "doubled", "missed", "unplug", "underrun"]
 Automatic = Literal["exposure", "gain", "white", "gamma"]
 FAULTS = 256

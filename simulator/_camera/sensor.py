@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import NoiseModel
 from rig import in_threads, short_repr
+from rig.arrays import Float32, UInt16
 from simulator._dice import GOLDEN, MIX_1, MIX_2, stream
 from simulator._scene.lamps import Lamps
 
@@ -49,7 +49,7 @@ class FixedPattern:
         and additional dark current of the pixel, electrons per second.
     """
 
-    maps: npt.NDArray[np.float32]
+    maps: Float32
 
 
 def pixel_format(cfa: str | None, depth: int) -> str:
@@ -101,7 +101,7 @@ def fixed_pattern(
 
 
 def sensor_image(
-    photons: npt.NDArray[np.float32],
+    photons: Float32,
     noise: NoiseModel,
     *,
     exposure_us: float = 0.0,
@@ -109,7 +109,7 @@ def sensor_image(
     key: tuple[int, ...] | None,
     pattern: FixedPattern | None = None,
     top: int = 0,
-) -> npt.NDArray[np.uint16]:
+) -> UInt16:
     """Convert the expected photons of each pixel to grey values with the linear EMVA 1288 model.
 
     With response r, offset o and dark current d of the pixel::
@@ -174,8 +174,8 @@ def sensor_image(
 def _expose(
     first: int,
     last: int,
-    photons: npt.NDArray[np.float32],
-    pattern: npt.NDArray[np.float32],
+    photons: Float32,
+    pattern: Float32,
     state: np.uint64,
     noisy: bool,
     efficiency: np.float32,
@@ -187,7 +187,7 @@ def _expose(
     black_dn: np.float32,
     end_dn: np.float32,
     top: int,
-    grey: npt.NDArray[np.uint16],
+    grey: UInt16,
 ) -> None:
     width = photons.shape[1]
     alike = pattern.shape[1] == 0
@@ -223,7 +223,7 @@ def _draw_pattern(
     hot_fraction: float,
     hot_e_per_s: np.float32,
     top: int,
-    maps: npt.NDArray[np.float32],
+    maps: Float32,
 ) -> None:
     width = maps.shape[2]
     for row in range(first, last):

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import MapRows
 from rig import CameraError, CameraInfo
+from rig.arrays import Float32, UInt16
 from simulator._bench_state import BenchState
 from simulator._camera.sensor import FixedPattern, ImageFormation, fixed_pattern, sensor_image
 from simulator._dice import normal_pair, stream
@@ -19,7 +19,6 @@ from simulator._wiring import Planes
 
 # Pixels of a frame that are computed at once, and of a sensor whose pattern stays in memory.
 _BAND, _KEPT = 2**22, 2**25
-Values = npt.NDArray[np.float32]
 # Waves longer than 3 pixels keep amplitude and phase to 2e-4 under any shift.
 _LOBES = 8  # lobes of the interpolation kernel on each side
 _BETA = 7.0  # parameter of its Kaiser window
@@ -64,7 +63,7 @@ class VirtualSensor:
 
     def pixels(
         self, exposure: Exposure, end_ns: int, waiting: Callable[[], None] | None = None
-    ) -> npt.NDArray[np.uint16]:
+    ) -> UInt16:
         """Return the grey values of an exposure that ended at ``end_ns``.
 
         ``waiting`` is called after each of several bands.
@@ -110,7 +109,7 @@ class VirtualSensor:
         lit: list[tuple[MapRows, np.float32]],
         key: tuple[int, ...],
         rows: slice,
-    ) -> npt.NDArray[np.float32]:
+    ) -> Float32:
         (ambient, first_us), *others = lit
         photons = ambient[rows] * first_us
         for plane, lit_us in others:
@@ -172,7 +171,7 @@ def shake_of(shot_key: tuple[int, ...], sigma_px: float) -> tuple[float, float]:
     return sigma_px * right, sigma_px * down
 
 
-def shifted(plane: Values, shift_px: tuple[float, float], *, mosaic: bool) -> Values:
+def shifted(plane: Float32, shift_px: tuple[float, float], *, mosaic: bool) -> Float32:
     """Shift an image by band-limited interpolation (sinc under a Kaiser window).
 
     Parameters
@@ -198,7 +197,7 @@ def shifted(plane: Values, shift_px: tuple[float, float], *, mosaic: bool) -> Va
     return np.maximum(np.asarray(moved, np.float32), np.float32(0.0))
 
 
-def _kernel(shift: float, step: int) -> Values:
+def _kernel(shift: float, step: int) -> Float32:
     """Return the taps that shift a row; they use every ``step``-th pixel and their sum is 1."""
     reach = _LOBES + math.ceil(abs(shift))
     # OpenCV correlates: tap k multiplies the sample k pixels to the right.

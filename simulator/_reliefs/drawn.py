@@ -6,17 +6,16 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from rig.arrays import Float64, Intp
 from simulator._reliefs.measured import power_noise, slope
 
-Array = npt.NDArray[np.float64]
 Random = np.random.Generator
 
 
-def weave(random: Random, size: int) -> Array:
+def weave(random: Random, size: int) -> Float64:
     """Return a plain weave, parallel ribs or a quilted grid, bent a little, 8 to 40 pixels wide."""
     y, x = np.mgrid[:size, :size].astype(float)
     width = random.uniform(8, 40)
@@ -35,7 +34,7 @@ def weave(random: Random, size: int) -> Array:
     return np.asarray(np.sin(2 * math.pi * u) * np.sin(2 * math.pi * v))
 
 
-def strokes(random: Random, size: int) -> Array:
+def strokes(random: Random, size: int) -> Float64:
     """Return raised and engraved strokes, straight or bent: angular, flat or round profiles."""
     y, x = np.mgrid[:size, :size].astype(float)
     height = np.zeros((size, size))
@@ -55,7 +54,7 @@ def strokes(random: Random, size: int) -> Array:
     return height
 
 
-def bodies(random: Random, size: int) -> Array:
+def bodies(random: Random, size: int) -> Float64:
     """Return ellipsoids that rest on a plane and hide parts of each other, in pixels."""
     y, x = np.mgrid[:size, :size].astype(float)
     height = np.zeros((size, size))
@@ -70,8 +69,8 @@ def bodies(random: Random, size: int) -> Array:
 
 
 def summed(
-    random: Random, size: int, part_of: Callable[[Random, int], Array], bodies_share: float
-) -> Array:
+    random: Random, size: int, part_of: Callable[[Random, int], Float64], bodies_share: float
+) -> Float64:
     """Return the sum of one to three parts, and, in a share of all cases, of bodies."""
     height = np.zeros((size, size))
     for _ in range(random.integers(1, 4)):
@@ -82,12 +81,12 @@ def summed(
     return height
 
 
-def _turned(x: Array, y: Array, angle: float) -> tuple[Array, Array]:
+def _turned(x: Float64, y: Float64, angle: float) -> tuple[Float64, Float64]:
     c, s = math.cos(angle), math.sin(angle)
     return c * x + s * y, c * y - s * x
 
 
-def cells(random: Random, size: int) -> Array:
+def cells(random: Random, size: int) -> Float64:
     """Return a relief from the distances to the two nearest points (Worley 1996).
 
     Parameters
@@ -118,13 +117,13 @@ def cells(random: Random, size: int) -> Array:
     return np.asarray(levels * random.uniform(0.2, 1) + 0.3 * np.tanh(gap / 0.2))
 
 
-def _anywhere(random: Random, size: int, width: float) -> Array:
+def _anywhere(random: Random, size: int, width: float) -> Float64:
     """Return points anywhere, also around the square, so that its edge looks like its middle."""
     count = int((size / width + 4) ** 2)
     return random.uniform(-2 * width, size + 2 * width, (count, 2))
 
 
-def _rows(random: Random, size: int, width: float) -> Array:
+def _rows(random: Random, size: int, width: float) -> Float64:
     """Return a jittered grid, its odd rows shifted by half a cell or not."""
     steps = np.arange(-2, size / width + 4)
     grid = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
@@ -134,8 +133,8 @@ def _rows(random: Random, size: int, width: float) -> Array:
 
 
 def _distances(
-    random: Random, size: int, width: float, points: Array
-) -> tuple[Array, Array, npt.NDArray[np.intp]]:
+    random: Random, size: int, width: float, points: Float64
+) -> tuple[Float64, Float64, Intp]:
     """Return the distances to the two nearest points, in a warped plane, and which is nearest."""
     y, x = np.mgrid[:size, :size].astype(float)
     bend = random.uniform(0, 0.35) * width

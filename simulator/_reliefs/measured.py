@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
+from rig.arrays import Float64
 from simulator._errors import DataError
 
-Array = npt.NDArray[np.float64]
 Random = np.random.Generator
 
 _LEAST, _MOST = 16, 4096
@@ -41,7 +40,7 @@ def random_source(stream: int, seed: int, size: int) -> Random:
     return np.random.default_rng([stream, seed])
 
 
-def errors(random: Random, size: int) -> Array:
+def errors(random: Random, size: int) -> Float64:
     """Return errors of n_x and n_y relative to the mean slope, ``(size, size, 2)``."""
     strength, power = logarithmic(random, 0.05, 1.0), random.uniform(0, 1.6)
     texture = np.ones((size, size))
@@ -53,7 +52,7 @@ def errors(random: Random, size: int) -> Array:
     return np.asarray(strength * np.dstack(noise) * (texture / texture.mean())[..., None])
 
 
-def measured_normals(random: Random, height: Array, faulty: float) -> Array:
+def measured_normals(random: Random, height: Float64, faulty: float) -> Float64:
     """Return the normals of a surface that is tilted at random, some with errors.
 
     Parameters
@@ -74,18 +73,18 @@ def measured_normals(random: Random, height: Array, faulty: float) -> Array:
     return normals
 
 
-def rounded(normals: Array) -> Array:
+def rounded(normals: Float64) -> Float64:
     """Return normals after storage in 8 bits."""
     return unit(np.round(127.5 * normals) / 127.5)
 
 
-def scaled_to_slope(random: Random, height: Array, low_deg: float, high_deg: float) -> Array:
+def scaled_to_slope(random: Random, height: Float64, low_deg: float, high_deg: float) -> Float64:
     """Return a surface with a random mean slope, evenly distributed on a logarithmic scale."""
     wanted = math.tan(math.radians(logarithmic(random, low_deg, high_deg)))
     return np.asarray(wanted / slope(height) * height)
 
 
-def slope(height: Array) -> float:
+def slope(height: Float64) -> float:
     """Return the mean slope of a surface."""
     return float(np.hypot(*np.gradient(height)).mean()) + 1e-12
 
@@ -95,14 +94,14 @@ def logarithmic(random: Random, low: float, high: float) -> float:
     return math.exp(random.uniform(math.log(low), math.log(high)))
 
 
-def unit(vectors: Array) -> Array:
+def unit(vectors: Float64) -> Float64:
     """Return vectors of unit length."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def power_noise(
     random: Random, size: int, power: float, *, longest: float = math.inf, stretch: float = 1.0
-) -> Array:
+) -> Float64:
     """Return periodic noise whose amplitude is proportional to frequency^-power.
 
     Parameters
@@ -139,7 +138,7 @@ def power_noise(
     return np.asarray(noise / noise.std())
 
 
-def rough(random: Random, size: int) -> Array:
+def rough(random: Random, size: int) -> Float64:
     """Return isotropic or brushed noise, with or without long waves."""
     return power_noise(
         random,
@@ -150,17 +149,17 @@ def rough(random: Random, size: int) -> Array:
     )
 
 
-def smooth(random: Random, size: int) -> Array:
+def smooth(random: Random, size: int) -> Float64:
     """Return long waves, without structure of a few pixels."""
     return power_noise(random, size, random.uniform(2.6, 3.5))
 
 
-def ridged(random: Random, size: int) -> Array:
+def ridged(random: Random, size: int) -> Float64:
     """Return a mountain range: sharp ridges where noise crosses zero."""
     return -np.abs(power_noise(random, size, random.uniform(1.4, 2.4)))
 
 
-def embossed(random: Random, size: int) -> Array:
+def embossed(random: Random, size: int) -> Float64:
     """Return irregular plates on two levels, with slopes between them."""
     noise = power_noise(random, size, random.uniform(1.5, 2.6))
     return np.tanh(random.uniform(1, 12) * noise)

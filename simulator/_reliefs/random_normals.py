@@ -6,10 +6,10 @@ import math
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
+from rig.arrays import Float32, Float64
 from simulator._reliefs.drawn import bodies, cells, strokes, summed, weave
 from simulator._reliefs.measured import (
     embossed,
@@ -29,7 +29,6 @@ from simulator._shapes.carved import CrackedLeather, Textile
 from simulator._shapes.coin import Coin
 from simulator._shapes.surface import Surface
 
-Array = npt.NDArray[np.float64]
 Random = np.random.Generator
 
 _STREAM = 19  # keeps these random numbers apart from those of other functions with the same seed
@@ -39,7 +38,7 @@ _SHORTEST_PX = 2.5
 _LARGEST_GAIN = 6.0
 
 
-def random_relief(seed: int, size: int = 240) -> Array:
+def random_relief(seed: int, size: int = 240) -> Float64:
     """Return a random relief in pixels: one of many kinds of surfaces, as training data.
 
     One in ten consists of bodies that hide each other, one in ten of long waves. The others are
@@ -75,7 +74,7 @@ def random_relief(seed: int, size: int = 240) -> Array:
     return _inner(_relief(random, size + 2 * _MARGIN))
 
 
-def random_normals(seed: int, size: int = 240) -> npt.NDArray[np.float32]:
+def random_normals(seed: int, size: int = 240) -> Float32:
     """Return the normals of a random relief as a measurement gives them, as training data.
 
     The relief is that of `random_relief`, tilted by 14 degrees on average. Half of the maps contain
@@ -111,7 +110,7 @@ def random_normals(seed: int, size: int = 240) -> npt.NDArray[np.float32]:
     return _inner(normals).astype(np.float32)
 
 
-def _relief(random: Random, size: int) -> Array:
+def _relief(random: Random, size: int) -> Float64:
     kind = random.integers(10)
     if kind == 9:
         height = bodies(random, size)
@@ -125,16 +124,16 @@ def _relief(random: Random, size: int) -> Array:
     return scaled_to_slope(random, height, 2.0, 28.0)
 
 
-def _part(random: Random, size: int) -> Array:
+def _part(random: Random, size: int) -> Float64:
     parts = (cells, weave, strokes, embossed, ridged, rough, material)
     return parts[random.integers(len(parts))](random, size)
 
 
-def _inner(image: Array) -> Array:
+def _inner(image: Float64) -> Float64:
     return image[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN]
 
 
-def material(random: Random, size: int) -> Array:
+def material(random: Random, size: int) -> Float64:
     """Return cloth, leather or a part of a coin.
 
     `LizardScales` and `WoodCarving` are left out: they are for judging what was trained on others.
@@ -167,7 +166,7 @@ def material(random: Random, size: int) -> Array:
     return surface.evaluate(c * x + s * y, c * y - s * x)[0]
 
 
-def rugged_normals(seed: int, size: int = 240) -> npt.NDArray[np.float32]:
+def rugged_normals(seed: int, size: int = 240) -> Float32:
     """Return the normals of a rugged surface as a measurement gives them, as training data.
 
     One in five is a smooth object with fine detail in some places, and one in ten consists of
@@ -210,7 +209,7 @@ def rugged_normals(seed: int, size: int = 240) -> npt.NDArray[np.float32]:
     return normals[_MARGIN:-_MARGIN, _MARGIN:-_MARGIN].astype(np.float32)
 
 
-def _rugged_relief(random: Random, size: int) -> Array:
+def _rugged_relief(random: Random, size: int) -> Float64:
     kind = random.integers(10)
     if kind >= 8:
         height = patchy(random, size)
@@ -222,13 +221,13 @@ def _rugged_relief(random: Random, size: int) -> Array:
     return scaled_to_slope(random, height, 6.0, 42.0)
 
 
-def _rugged_part(random: Random, size: int) -> Array:
+def _rugged_part(random: Random, size: int) -> Float64:
     parts = (crusted, crusted, faceted, worn)
     part = parts[random.integers(len(parts))](random, size)
     return warped(random, part) if random.random() < 0.6 else part
 
 
-def _compressed(random: Random, normals: Array) -> Array:
+def _compressed(random: Random, normals: Float64) -> Float64:
     """Return normals after storage as a JPEG of quality 75 to 98, with all colours or half."""
     image = np.round(127.5 * (normals[..., ::-1] + 1)).clip(0, 255).astype(np.uint8)
     quality = int(random.integers(75, 99))
@@ -246,7 +245,7 @@ def _compressed(random: Random, normals: Array) -> Array:
     return unit(np.asarray(read, np.float64)[..., ::-1] / 127.5 - 1)
 
 
-def crusted(random: Random, size: int) -> Array:
+def crusted(random: Random, size: int) -> Float64:
     """Return waves of all lengths, each stronger where the longer ones are high (multifractal).
 
     The waves are round, ridges, grooves, or bodies that meet at creases. From F. K. Musgrave,
@@ -271,7 +270,7 @@ def crusted(random: Random, size: int) -> Array:
     return height
 
 
-def faceted(random: Random, size: int) -> Array:
+def faceted(random: Random, size: int) -> Float64:
     """Return chipped stone: tilted planes that meet at edges, small ones on large ones."""
     height = np.zeros((size, size))
     places = np.mgrid[:size, :size].transpose(1, 2, 0).reshape(-1, 2)
@@ -290,7 +289,7 @@ def faceted(random: Random, size: int) -> Array:
     return height
 
 
-def worn(random: Random, size: int) -> Array:
+def worn(random: Random, size: int) -> Float64:
     """Return noise from which a round tool has removed ridges or filled grooves."""
     stretch = float(random.choice([1, 1, 2, 4]))
     height = power_noise(random, size, random.uniform(1.2, 2.2), stretch=stretch).astype(np.float32)
@@ -304,7 +303,7 @@ def worn(random: Random, size: int) -> Array:
     return height.astype(np.float64)
 
 
-def foliage(random: Random, size: int) -> Array:
+def foliage(random: Random, size: int) -> Float64:
     """Return folded leaves that hide parts of each other."""
     height = 4 * smooth(random, size)
     length = logarithmic(random, 5, 40)
@@ -326,7 +325,7 @@ def foliage(random: Random, size: int) -> Array:
     return height
 
 
-def patchy(random: Random, size: int) -> Array:
+def patchy(random: Random, size: int) -> Float64:
     """Return a smooth object that has fine detail in some places only."""
     base = smooth(random, size) if random.random() < 0.5 else bodies(random, size)
     kinds = (crusted, faceted, worn, rough)
@@ -337,7 +336,7 @@ def patchy(random: Random, size: int) -> Array:
     return np.asarray(base / slope(base) + strength * share * fine / slope(fine))
 
 
-def warped(random: Random, height: Array) -> Array:
+def warped(random: Random, height: Float64) -> Float64:
     """Return a surface that is folded and sheared sideways, by 0.5 to 8 pixels."""
     size, strength = len(height), logarithmic(random, 0.5, 8)
     power = random.uniform(1.2, 2.2)
@@ -354,6 +353,6 @@ def warped(random: Random, height: Array) -> Array:
     return np.asarray(moved, np.float64)
 
 
-def _waves(random: Random, size: int, wave: float) -> Array:
+def _waves(random: Random, size: int, wave: float) -> Float64:
     waves = gaussian_filter(random.standard_normal((size, size)), wave / 5, mode="wrap")
     return np.asarray(waves / waves.std())

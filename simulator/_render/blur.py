@@ -11,14 +11,10 @@ from functools import lru_cache
 import cv2
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from rig import in_threads
-
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
-Places = npt.NDArray[np.int64]
+from rig.arrays import Float32, Float64, Int16, Int64
 
 # Circles of confusion are rounded to this many steps per pixel of diameter.
 _STEPS = 8
@@ -30,9 +26,9 @@ _SPARE = 1e-3
 
 
 def blur(
-    planes: Values,
-    depth_mm: Array,
-    circle_px: Values,
+    planes: Float32,
+    depth_mm: Float64,
+    circle_px: Float32,
     sigma_px: float,
     largest_px: float | None = None,
 ) -> None:
@@ -80,16 +76,16 @@ def blur_reach(largest_px: float, sigma_px: float) -> int:
     return len(_kernels(largest_px)[0][0]) // 2 + len(gaussian(sigma_px)) // 2
 
 
-def gaussian(sigma_px: float) -> Array:
+def gaussian(sigma_px: float) -> Float64:
     """Return a Gaussian sampled at whole pixels, with the sum 1."""
     reach = max(1, math.ceil(_REACH_SIGMAS * sigma_px))
-    kernel: Array = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
+    kernel: Float64 = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_px) ** 2)
     kernel /= kernel.sum()
     return kernel
 
 
 @lru_cache(maxsize=4)
-def _kernels(largest_px: float) -> tuple[Values, npt.NDArray[np.int64]]:
+def _kernels(largest_px: float) -> tuple[Float32, Int64]:
     """Return the kernels of all circles up to the largest one, and how far each one reaches."""
     if largest_px > _MOST_PX:
         raise DataError(
@@ -105,7 +101,7 @@ def _kernels(largest_px: float) -> tuple[Values, npt.NDArray[np.int64]]:
     return table, reach
 
 
-def _disc(diameter_px: float, largest_px: float) -> Values:
+def _disc(diameter_px: float, largest_px: float) -> Float32:
     """Return the kernel of a uniform disc, with the sum 1 and the disc's variance.
 
     A disc that is integrated over pixels has the variance of the disc plus that of a pixel. The
@@ -116,7 +112,7 @@ def _disc(diameter_px: float, largest_px: float) -> Values:
     squared = fine[:, None] ** 2 + fine**2
     pixel = np.arange(-half, half + 1)
 
-    def covered(diameter: float) -> Array:
+    def covered(diameter: float) -> Float64:
         # The edge of the disc is a ramp of one sample, so the kernel changes continuously.
         share = np.clip((diameter / 2 - np.sqrt(squared)) * _FINE + 0.5, 0.0, 1.0)
         cells = share.reshape(2 * half + 1, _FINE, 2 * half + 1, _FINE).sum(axis=(1, 3))
@@ -130,7 +126,7 @@ def _disc(diameter_px: float, largest_px: float) -> Values:
     return covered(low).astype(np.float32)
 
 
-def _reach(kernel: Values) -> int:
+def _reach(kernel: Float32) -> int:
     """Return how many pixels a kernel reaches from its middle."""
     half = len(kernel) // 2
     used = np.flatnonzero(kernel.sum(axis=0) > 1e-4)
@@ -139,8 +135,8 @@ def _reach(kernel: Values) -> int:
 
 @numba.njit(nogil=True, cache=True)
 def _split(
-    first: int, last: int, depth: Array, index: npt.NDArray[np.int16], y: Places, x: Places,
-    reach: int, middle: Array, widest: Places,
+    first: int, last: int, depth: Float64, index: Int16, y: Int64, x: Int64,
+    reach: int, middle: Float64, widest: Int64,
 ) -> None:  # fmt: skip
     """Write the depth between near and far, and the largest index, around pixels (y, x)."""
     rows, columns = depth.shape
@@ -157,14 +153,14 @@ def _split(
 def _defocus(
     first: int,
     last: int,
-    planes: Values,
-    depth: Array,
-    index: npt.NDArray[np.int16],
-    y: Places,
-    x: Places,
-    middle: Array,
-    widest: Places,
-    table: Values,
+    planes: Float32,
+    depth: Float64,
+    index: Int16,
+    y: Int64,
+    x: Int64,
+    middle: Float64,
+    widest: Int64,
+    table: Float32,
 ) -> None:
     """Gather pixels (y, x) from kernels that depend on where the light comes from.
 

@@ -6,12 +6,10 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError
+from rig.arrays import Float32, Float64
 from simulator._render.blur import blur
 from simulator._scene.lens import Lens
 from simulator._shapes.patterns import Pattern
-
-Array = npt.NDArray[np.float64]
-FloatImage = npt.NDArray[np.float32]
 
 _FINE = 8
 _STRIP = 1 << 15  # pixels with edges that are sampled at a time
@@ -25,7 +23,7 @@ def board_view(
     *,
     sheet_mm: tuple[float, float],
     background: float = 0.02,
-) -> FloatImage:
+) -> Float32:
     """Render a flat sheet with a pattern under even light, without noise.
 
     Parameters
@@ -85,10 +83,10 @@ def board_view(
     return image
 
 
-def _integrated(pattern: Pattern, places: Array, half_mm: Array, background: float) -> FloatImage:
+def _integrated(pattern: Pattern, places: Float64, half_mm: Float64, background: float) -> Float32:
     """Integrate over pixels; ``places`` has one more pixel on each side of the image."""
 
-    def values(at: Array) -> Array:
+    def values(at: Float64) -> Float64:
         on_sheet = np.all(np.abs(at) <= half_mm, axis=-1)
         return np.where(on_sheet, pattern.evaluate(at[..., 0], at[..., 1]), background)
 

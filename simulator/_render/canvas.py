@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from rig.arrays import Bool, Float32, Float64, Int8, Int16, Int64
 from simulator._render.blur import blur
 from simulator._render.chrome import MirroredLights, draw_mirrored_lights
 from simulator._render.rendering import Rendering, Truth
 from simulator._render.shade import Shader
 from simulator._render.trace import Seen, meets, see
 from simulator._scene.scene import Scene
-
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
-Whole = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 _NOWHERE = np.zeros(0, np.int64), np.zeros(0, np.int64)
 
@@ -104,7 +99,7 @@ class Canvas:
                 y, x = (v.ravel() for v in np.mgrid[first:last, wide])
                 self._draw_again(y, x, only_met=True)
 
-    def _draw_again(self, all_y: Whole, all_x: Whole, *, only_met: bool) -> None:
+    def _draw_again(self, all_y: Int64, all_x: Int64, *, only_met: bool) -> None:
         """Draw pixels with 16 samples: all, or those that sphere or clutter touches."""
         # The even grid, kept for sharp lenses, is exact to 1/8 pixel at edges along the axes.
         sharp, samples = self._scene.lens.sharp, len(_GRID_X)
@@ -143,7 +138,7 @@ class Canvas:
         for images in (self._planes, self._ambient[None]):
             blur(images, self._depth, circle, lens.blur_px, largest_px)
 
-    def _integrate_shadows(self, allowed: Mask) -> None:
+    def _integrate_shadows(self, allowed: Bool) -> None:
         """Average the edges of shadows over their pixels."""
         edges = [_beside(dark, self._label) & allowed for dark in self._shadows]
         y, x = np.nonzero(np.logical_or.reduce(edges)) if edges else _NOWHERE
@@ -151,7 +146,7 @@ class Canvas:
             part = slice(start, start + POINTS // 4)
             self._integrate_part(edges, y[part], x[part])
 
-    def _integrate_part(self, edges: list[Mask], y: Whole, x: Whole) -> None:
+    def _integrate_part(self, edges: list[Bool], y: Int64, x: Int64) -> None:
         place = x, y + self._top
         seen = see(self._scene, *self._rays(*place))
         albedo = self._mean_albedo(seen, *place) if self._scene.sharp else self._albedo_at(seen)
@@ -194,28 +189,28 @@ class Canvas:
         )
         return Rendering(self._planes, self._ambient, truth, scene)
 
-    def _rays(self, x: Array | Whole, y: Array | Whole) -> tuple[Array, Array]:
+    def _rays(self, x: Float64 | Int64, y: Float64 | Int64) -> tuple[Float64, Float64]:
         origins, rays = self._scene.lens.origins_and_rays(x.ravel(), y.ravel())
         return np.ascontiguousarray(origins), np.ascontiguousarray(rays)
 
-    def _channel(self, x: Whole, y: Whole) -> npt.NDArray[np.int8]:
+    def _channel(self, x: Int64, y: Int64) -> Int8:
         if self._colour is not None:
             return np.full(len(x), self._colour, np.int8)
         channel = self._scene.lens.channel(x, y)
         return np.full(len(x), -1, np.int8) if channel is None else channel.astype(np.int8)
 
-    def _albedo_at(self, seen: Seen) -> Values:
+    def _albedo_at(self, seen: Seen) -> Float32:
         x, y = seen.points_mm[:, 0], seen.points_mm[:, 1]
         return self._scene.albedo(x, y, seen.on_object, seen.item)
 
-    def _mean_albedo(self, seen: Seen, x: Whole, y: Whole) -> Values:
+    def _mean_albedo(self, seen: Seen, x: Int64, y: Int64) -> Float32:
         """Return the mean albedo over each pixel, on the tangent plane of the point it sees."""
         mean = np.zeros((len(x), 3), np.float32)
         for points in self._around(seen, x, y):
             mean += self._scene.albedo(points[:, 0], points[:, 1], seen.on_object, seen.item)
         return mean / np.float32(len(_LATTICE_X))
 
-    def _around(self, seen: Seen, x: Whole, y: Whole) -> Iterator[Array]:
+    def _around(self, seen: Seen, x: Int64, y: Int64) -> Iterator[Float64]:
         """Yield points ``(n, 3)`` that are spread over each pixel, on the tangent plane."""
         for shift_x, shift_y in zip(_LATTICE_X, _LATTICE_Y, strict=True):
             origins, rays = self._rays(x + shift_x, y + shift_y)
@@ -227,14 +222,14 @@ class Canvas:
             yield points
 
 
-def _labels(seen: Seen, spheres: int) -> npt.NDArray[np.int64]:
+def _labels(seen: Seen, spheres: int) -> Int64:
     """Return a number for each object: spheres from 0, then clutter; board -1, object -2."""
     flat = np.where(seen.on_object, -2, -1)
     own = np.where(seen.item >= 0, seen.item + spheres, flat)
     return np.where(seen.direct, own, seen.sphere)
 
 
-def silhouettes(label: npt.NDArray[np.int16], depth_mm: Array, step_mm: Array | float) -> Mask:
+def silhouettes(label: Int16, depth_mm: Float64, step_mm: Float64 | float) -> Bool:
     """Return the pixels on both sides of an edge between objects, and at steps of an object.
 
     Parameters
@@ -256,9 +251,7 @@ def silhouettes(label: npt.NDArray[np.int16], depth_mm: Array, step_mm: Array | 
     return edge
 
 
-def _beside(
-    values: npt.NDArray[np.int16] | Mask, same: npt.NDArray[np.int16] | None = None
-) -> Mask:
+def _beside(values: Int16 | Bool, same: Int16 | None = None) -> Bool:
     """Return the pixels on both sides of an edge; if objects are given, not of one between them."""
     edge = np.zeros(values.shape, np.bool_)
     for axis in range(2):

@@ -7,16 +7,13 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from rig import in_threads, short_repr
+from rig.arrays import Bool, Float32, Float64
 from simulator._render.shadow import Occluders
 from simulator._scene.clutter import BALL, BOX
 from simulator._scene.lens import Lens
 from simulator._scene.scene import ChromeSphere, Scene
-
-Array = npt.NDArray[np.float64]
-Flags = npt.NDArray[np.bool_]
 
 _MOST_RINGS = 16
 _REACH_SIGMAS = 6.0
@@ -50,12 +47,12 @@ class MirroredLights:
         ``(S, N)`` diameter of the circle of confusion of the mirrored light, 0 without defocus.
     """
 
-    pixels: Array
-    signal: Array
-    spots: Array
-    shares: Array
+    pixels: Float64
+    signal: Float64
+    spots: Float64
+    shares: Float64
     sigma_px: float
-    circle_px: Array
+    circle_px: Float64
 
     __repr__ = short_repr
 
@@ -104,7 +101,7 @@ def find_mirrored_lights(scene: Scene, occluders: Occluders | None = None) -> Mi
 
 
 def draw_mirrored_lights(
-    scene: Scene, mirrored: MirroredLights, planes: npt.NDArray[np.float32], *, top: int = 0
+    scene: Scene, mirrored: MirroredLights, planes: Float32, *, top: int = 0
 ) -> None:
     """Add the mirrored lights to the images, in place.
 
@@ -138,17 +135,15 @@ def draw_mirrored_lights(
         in_threads(_draw, len(planes), planes, spots, shares, gains, sigma, top)
 
 
-def splat(
-    plane: npt.NDArray[np.float32], x_px: float, y_px: float, sigma: float, sum_: float
-) -> None:
+def splat(plane: Float32, x_px: float, y_px: float, sigma: float, sum_: float) -> None:
     """Add a Gaussian spot, integrated over each pixel, whose pixels have the sum ``sum_``."""
     spot, share = np.array([[[x_px, y_px]]]), np.array([[sum_]])
     _draw(0, 1, plane[None], spot, share, np.ones((1, 2, 2)), sigma, 0)
 
 
 def _mirrored(
-    scene: Scene, disc_mm: Array, occluders: Occluders | None
-) -> tuple[Array, Array, Array, Array]:
+    scene: Scene, disc_mm: Float64, occluders: Occluders | None
+) -> tuple[Float64, Float64, Float64, Float64]:
     """Mirror points of every LED's disc.
 
     Return pixels, shares of the signal, pixels per mm, and the depth of the virtual image.
@@ -205,7 +200,7 @@ def _mirrored(
     return pixels.reshape(*shape, 2), shares.reshape(shape), scale.reshape(shape), depths
 
 
-def _behind_clutter(scene: Scene, points: Array) -> Flags:
+def _behind_clutter(scene: Scene, points: Float64) -> Bool:
     """Return which points of a sphere clutter hides from the camera."""
     clutter, lens = scene.clutter_table, scene.lens
     balls, boxes = clutter[clutter[:, 0] == BALL], clutter[clutter[:, 0] == BOX]
@@ -213,11 +208,11 @@ def _behind_clutter(scene: Scene, points: Array) -> Flags:
     even, solid = np.ones((1, len(points)), np.float32), np.zeros(len(points), np.bool_)
     objects = Occluders(balls[:, 1:5], None, boxes[:, 1:])
     near = lens.camera is not None
-    hidden: Flags = objects.occlude(even, points, points, solid, np.array([[eye]]), near)[0]
+    hidden: Bool = objects.occlude(even, points, points, solid, np.array([[eye]]), near)[0]
     return hidden
 
 
-def _disc(rings: int) -> Array:
+def _disc(rings: int) -> Float64:
     """Return points spread uniformly over the unit disc, ``(K, 2)``, on rings of equal area.
 
     Their mean and variance are those of the disc for any number of rings.
@@ -232,8 +227,8 @@ def _disc(rings: int) -> Array:
 
 
 def _in_shadow(
-    occluders: Occluders, sphere: ChromeSphere, points: Array, lights: Array, *, near: bool
-) -> Flags:
+    occluders: Occluders, sphere: ChromeSphere, points: Float64, lights: Float64, *, near: bool
+) -> Bool:
     """Return which points receive no light from the centre of their LED.
 
     ``points`` has the same number of points for each LED.
@@ -251,10 +246,10 @@ def _in_shadow(
 def _draw(
     first: int,
     last: int,
-    planes: npt.NDArray[np.float32],
-    spots: Array,
-    shares: Array,
-    gains: Array,
+    planes: Float32,
+    spots: Float64,
+    shares: Float64,
+    gains: Float64,
     sigma: float,
     top: int,
 ) -> None:
@@ -279,8 +274,8 @@ def _draw(
 
 
 def mirror_points(
-    lens: Lens, sphere: ChromeSphere, lights: Array, *, near: bool
-) -> tuple[Array, Flags]:
+    lens: Lens, sphere: ChromeSphere, lights: Float64, *, near: bool
+) -> tuple[Float64, Bool]:
     """Find the points of a sphere that mirror lights into the camera (Alhazen's problem).
 
     The point is in the plane of eye, light and centre, and its normal bisects the angle between eye
@@ -324,8 +319,8 @@ def mirror_points(
 
 
 def image_depth_mm(
-    lens: Lens, sphere: ChromeSphere, points: Array, distance_mm: Array | float
-) -> Array:
+    lens: Lens, sphere: ChromeSphere, points: Float64, distance_mm: Float64 | float
+) -> Float64:
     """Return the depth of the virtual images of lights behind the points that mirror them.
 
     This is the tangential focus, ``1 / image = 1 / light + 2 / (R cos t)`` for the angle t of
@@ -355,11 +350,11 @@ def image_depth_mm(
 def mm_per_pixel(
     lens: Lens,
     sphere: ChromeSphere,
-    pixels: Array,
-    frame: tuple[Array, Array, Array, Array],
+    pixels: Float64,
+    frame: tuple[Float64, Float64, Float64, Float64],
     *,
     near: bool,
-) -> Array:
+) -> Float64:
     """Return the derivative of the mirrored ray's position on the lights, ``(n, 2, 2)``.
 
     The unit is mm per pixel, or for distant lights radians per pixel on the sphere of directions.
@@ -382,7 +377,7 @@ def mm_per_pixel(
     return np.stack(columns, axis=2)
 
 
-def _mirror_ray(lens: Lens, sphere: ChromeSphere, pixels: Array) -> tuple[Array, Array]:
+def _mirror_ray(lens: Lens, sphere: ChromeSphere, pixels: Float64) -> tuple[Float64, Float64]:
     """Return start and unit direction of the rays of pixels after their reflection."""
     origins, rays = lens.origins_and_rays(pixels[:, 0], pixels[:, 1])
     direction = rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -394,7 +389,7 @@ def _mirror_ray(lens: Lens, sphere: ChromeSphere, pixels: Array) -> tuple[Array,
     return start, direction - 2 * (direction * normal).sum(axis=1, keepdims=True) * normal
 
 
-def toward(lights: Array, points: Array, *, near: bool) -> Array:
+def toward(lights: Float64, points: Float64, *, near: bool) -> Float64:
     """Return unit directions from points to lights."""
     if not near:
         return lights
@@ -402,20 +397,20 @@ def toward(lights: Array, points: Array, *, near: bool) -> Array:
     return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))
 
 
-def _angle(a: Array, b: Array) -> Array:
+def _angle(a: Float64, b: Float64) -> Float64:
     cross = np.linalg.norm(np.cross(a, b), axis=1)
     return np.asarray(np.arctan2(cross, (a * b).sum(axis=1)))
 
 
-def between(start: Array, way: Array, length: Array | float, sphere: ChromeSphere) -> Flags:
+def between(start: Float64, way: Float64, length: Float64 | float, sphere: ChromeSphere) -> Bool:
     """Return which line segments, given by start, unit direction and length, pass a sphere."""
     middle = np.array(sphere.centre_mm)
     t = np.clip(((middle - start) * way).sum(axis=1), 0.0, length)
-    inside: Flags = np.linalg.norm(start + t[:, None] * way - middle, axis=1) < sphere.radius_mm
+    inside: Bool = np.linalg.norm(start + t[:, None] * way - middle, axis=1) < sphere.radius_mm
     return inside
 
 
-def across(axes: Array) -> tuple[Array, Array]:
+def across(axes: Float64) -> tuple[Float64, Float64]:
     """Return two unit vectors at right angles to each axis and to each other."""
     helper = np.where(np.abs(axes[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     first = np.cross(axes, helper)

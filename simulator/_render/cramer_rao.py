@@ -8,14 +8,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, Lights, NoiseModel
 from rig import in_threads, short_repr
+from rig.arrays import Bool, Float32, Float64, Floating, Integer
 from simulator._render.shade import lamp_table
-
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
 
 # Determinants below this share of the product of the diagonal mean that the lights are coplanar.
 _SINGULAR = 1e-10
@@ -45,24 +42,24 @@ class Measurement:
     """
 
     noise: NoiseModel
-    photons_per_us: float | npt.NDArray[np.floating]
+    photons_per_us: float | Floating
     exposures_us: Sequence[float]
-    background_per_us: float | npt.NDArray[np.floating] = 0.0
-    channel: npt.NDArray[np.integer] | None = None
+    background_per_us: float | Floating = 0.0
+    channel: Integer | None = None
     gain_db: float = 0.0
 
     __repr__ = short_repr
 
 
 def cramer_rao_deg(
-    normals: npt.NDArray[np.floating],
-    albedo: npt.NDArray[np.floating],
+    normals: Floating,
+    albedo: Floating,
     lights: Lights,
     measurement: Measurement,
     *,
-    points_mm: npt.NDArray[np.floating] | None = None,
-    shadows: npt.NDArray[np.bool_] | None = None,
-) -> Values:
+    points_mm: Floating | None = None,
+    shadows: Bool | None = None,
+) -> Float32:
     r"""Return the Cramer-Rao bound of the angular error of normals under a measurement.
 
     The model is Lambertian: light i with vector ``l_i`` (direction times irradiance) yields
@@ -150,12 +147,12 @@ def cramer_rao_deg(
 
 
 def _check(
-    normals: npt.NDArray[np.floating],
-    albedo: npt.NDArray[np.floating],
+    normals: Floating,
+    albedo: Floating,
     lights: Lights,
     measurement: Measurement,
-    points_mm: npt.NDArray[np.floating] | None,
-    shadows: npt.NDArray[np.bool_] | None,
+    points_mm: Floating | None,
+    shadows: Bool | None,
 ) -> None:
     shape = normals.shape[:2]
     exposures_us = measurement.exposures_us
@@ -177,9 +174,7 @@ def _check(
         )
 
 
-def _colours(
-    albedo: npt.NDArray[np.floating], channel: npt.NDArray[np.integer] | None
-) -> tuple[npt.NDArray[np.floating], npt.NDArray[np.floating]]:
+def _colours(albedo: Floating, channel: Integer | None) -> tuple[Floating, Floating]:
     """Return the weights of the intensities, ``(H, W, 3)`` with sum 1, and the albedo of pixels.
 
     A pixel sees its albedo times the weighted mean of the intensities.
@@ -192,14 +187,14 @@ def _colours(
     return np.where(total > 0, colour, 1.0) / np.where(total > 0, total, 3.0), total[..., 0] / 3
 
 
-def _plane(name: str, value: float | npt.NDArray[np.floating], shape: tuple[int, ...]) -> Array:
+def _plane(name: str, value: float | Floating, shape: tuple[int, ...]) -> Float64:
     array = np.asarray(value, np.float64)
     if array.ndim and array.shape != shape:
         raise DataError(f"Cramer-Rao bound: {name} has shape {array.shape}, expected {shape}")
     return np.full(shape, array)
 
 
-def _light_table(lights: Lights) -> Array:
+def _light_table(lights: Lights) -> Float64:
     """Return `lamp_table` of lights that shine on the origin."""
     if lights.positions_mm is not None:
         place = lights.positions_mm
@@ -215,21 +210,21 @@ def _light_table(lights: Lights) -> Array:
 def _bound(
     first: int,
     last: int,
-    normals: Values,
-    albedo: Values,
-    points: Values,
-    shadows: npt.NDArray[np.bool_],
-    share: Values,
-    lights: Array,
-    intensities: Array,
+    normals: Float32,
+    albedo: Float32,
+    points: Float32,
+    shadows: Bool,
+    share: Float32,
+    lights: Float64,
+    intensities: Float64,
     near: bool,
-    rate: Array,
-    background: Array,
-    exposures: Array,
+    rate: Float64,
+    background: Float64,
+    exposures: Float64,
     dark_e_per_us: float,
     floor_variance: float,
     white_e: float,
-    out: Values,
+    out: Float32,
 ) -> None:
     width = albedo.shape[1]
     for row in range(first, last):

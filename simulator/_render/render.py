@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import BandFile, ComputedRows, DataError, MapRows, StorageError, storage_error
 from rig import Progress, memory_of_computer, no_progress
+from rig.arrays import Bool, Float64
 from simulator._render.blur import blur_reach
 from simulator._render.canvas import POINTS, Canvas
 from simulator._render.chrome import MirroredLights, find_mirrored_lights
@@ -27,8 +27,6 @@ from simulator._scene.scene import Scene
 _BYTES_PER_LIGHT, _BYTES_PER_PIXEL, _BYTES_AT_WORK = 5, 48, 2**27
 # Smallest and largest number of samples of the shadow grid across the object.
 _SHADOW_SAMPLES = (512, 3900)
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
 # Memory of a pixel of a band while it is rendered, and of all that depends on no pixel.
 _STORED_PER_LIGHT, _STORED_PER_PIXEL, _STORED_AT_WORK = 10, 150, 2**27
 _MEMORY_BYTES = 2**30
@@ -100,7 +98,7 @@ class StoredRendering:
         size = self.scene.lens.size
 
         def unpacked(kept: BandFile) -> ComputedRows:
-            def read(rows: slice) -> Mask:
+            def read(rows: slice) -> Bool:
                 return np.unpackbits(kept[rows], axis=1, count=size[1]).view(np.bool_)
 
             return ComputedRows(size, np.dtype(np.bool_), read)
@@ -127,7 +125,7 @@ class StoredRendering:
         )
 
     @property
-    def highlights_px(self) -> Array:
+    def highlights_px(self) -> Float64:
         """Positions of the mirrored lights; see `Truth`."""
         return self._mirrored.pixels
 

@@ -6,16 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, MapRows, NoiseModel
 from rig import pluralize, short_repr
+from rig.arrays import Bool, Float32, Float64
 from simulator._render.blur import blur
 from simulator._scene.lens import Lens
 from simulator._scene.scene import Scene
-
-Values = npt.NDArray[np.float32]
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,23 +46,23 @@ class Truth:
         Row of the image in which the maps begin.
     """
 
-    normals: npt.NDArray[np.float32]
-    height_mm: Array
-    albedo: npt.NDArray[np.float32]
-    mask: npt.NDArray[np.bool_]
-    sphere_masks: npt.NDArray[np.bool_]
-    sphere_centres_mm: Array
-    sphere_radii_mm: Array
-    highlights_px: Array
+    normals: Float32
+    height_mm: Float64
+    albedo: Float32
+    mask: Bool
+    sphere_masks: Bool
+    sphere_centres_mm: Float64
+    sphere_radii_mm: Float64
+    highlights_px: Float64
     lights: Lights
     lens: Lens
     noise: NoiseModel
     electrons_per_us: float
-    shadows: npt.NDArray[np.bool_] | None = None
+    shadows: Bool | None = None
     top: int = 0
 
     @classmethod
-    def of(cls, scene: Scene, highlights_px: Array, **maps: Any) -> Truth:
+    def of(cls, scene: Scene, highlights_px: Float64, **maps: Any) -> Truth:
         """Return the truth of a scene; ``maps`` are its maps and the row of the first."""
         return cls(
             sphere_centres_mm=scene.sphere_table[:, :3],
@@ -95,7 +92,7 @@ class Truth:
         return height, width
 
     @property
-    def depth_mm(self) -> Array | None:
+    def depth_mm(self) -> Float64 | None:
         """``(H, W)`` distance from the camera along the optical axis, NaN outside the mask.
 
         None for an orthographic lens.
@@ -103,7 +100,7 @@ class Truth:
         return None if self.camera is None else self.lens.camera_z_mm - self.height_mm
 
     @property
-    def points_mm(self) -> Array:
+    def points_mm(self) -> Float64:
         """``(H, W, 3)`` surface points at the pixels' centres, NaN outside the mask."""
         height, width = self.size
         x, y = np.meshgrid(np.arange(width), self.top + np.arange(height))
@@ -111,7 +108,7 @@ class Truth:
         return origins + (self.lens.camera_z_mm - self.height_mm)[..., None] * rays
 
 
-def resolved_normals(truth: Truth) -> Values:
+def resolved_normals(truth: Truth) -> Float32:
     r"""Return the normals of the ground truth, blurred as the lens blurs the images.
 
     A matte surface of albedo a and normal n sends ``a n . l`` under a light l. The lens averages
@@ -179,14 +176,14 @@ class Rendering:
         The rendered scene.
     """
 
-    planes: Values
-    ambient: Values
+    planes: Float32
+    ambient: Float32
     truth: Truth
     scene: Scene
 
     __repr__ = short_repr
 
-    def plane(self, led: int | None) -> Values:
+    def plane(self, led: int | None) -> Float32:
         """Return the image of one LED alone, or of the ambient light for None.
 
         Parameters
@@ -208,7 +205,7 @@ class Rendering:
             return self.ambient
         if not 0 <= led < len(self.planes):
             raise DataError(f"LED {led} is not in the scene, which has {len(self.planes)} LEDs")
-        alone: Values = self.planes[led]
+        alone: Float32 = self.planes[led]
         return alone
 
     def rows(self, first: int, last: int) -> Rendering:

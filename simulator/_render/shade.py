@@ -8,20 +8,16 @@ from functools import cached_property
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import Lights
 from rig import in_threads
+from rig.arrays import Bool, Float32, Float64, Int8, Int64
 from simulator._render.chrome import across
 from simulator._render.shadow import Occluders
 from simulator._render.trace import Seen
 from simulator._scene.clutter import BALL, BOX
 from simulator._scene.reflectance import reflect
 from simulator._scene.scene import Scene
-
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 _BLOCK = 1024
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
@@ -43,11 +39,11 @@ class Shader:
     shadow_step_mm: float
 
     @cached_property
-    def _lamps(self) -> Array:
+    def _lamps(self) -> Float64:
         return lamp_table(self.scene.lights)
 
     @cached_property
-    def _parts(self) -> Array:
+    def _parts(self) -> Float64:
         lights, count = self.scene.lights, self.scene.soft_shadow_samples
         return lamp_parts(lights, self.scene.led_radius_mm, count if lights.near else 1)
 
@@ -61,9 +57,7 @@ class Shader:
         round_ = np.concatenate([scene.sphere_table[:, :4], balls[:, 1:5]])
         return Occluders(round_, caster, boxes[:, 1:])
 
-    def shade(
-        self, seen: Seen, albedo: Values, channel: npt.NDArray[np.int8]
-    ) -> tuple[Values, Values, Mask]:
+    def shade(self, seen: Seen, albedo: Float32, channel: Int8) -> tuple[Float32, Float32, Bool]:
         """Return the radiance of points toward the camera.
 
         Parameters
@@ -104,8 +98,8 @@ class Shader:
         return light, ambient.astype(np.float32), dark
 
     def shade_partly(
-        self, led: int, seen: Seen, albedo: Values, channel: npt.NDArray[np.int8], samples: Array
-    ) -> Values:
+        self, led: int, seen: Seen, albedo: Float32, channel: Int8, samples: Float64
+    ) -> Float32:
         """Return the radiance of points that are partly in the shadow of one light.
 
         Parameters
@@ -137,16 +131,16 @@ class Shader:
         )
         light *= visible.reshape(count, -1).mean(axis=0)
         self._reflect(light, one, seen, albedo, channel)
-        shaded: Values = light[0]
+        shaded: Float32 = light[0]
         return shaded
 
     def _reflect(
         self,
-        light: Values,
+        light: Float32,
         lamps: slice,
         seen: Seen,
-        albedo: Values,
-        channel: npt.NDArray[np.int8],
+        albedo: Float32,
+        channel: Int8,
     ) -> None:
         """Convert the irradiance from some lamps to radiance, in place."""
         scene = self.scene
@@ -165,7 +159,7 @@ class Shader:
         )
 
 
-def _materials(seen: Seen) -> npt.NDArray[np.int64]:
+def _materials(seen: Seen) -> Int64:
     """Return the index of each point's material: 0 the object's, then those of the clutter.
 
     Points of the board, and all that a sphere mirrors, count as Lambertian (-1).
@@ -174,7 +168,7 @@ def _materials(seen: Seen) -> npt.NDArray[np.int64]:
     return np.where(seen.direct, index, -1)
 
 
-def lamp_table(lights: Lights) -> Array:
+def lamp_table(lights: Lights) -> Float64:
     """Return ``(N, 8)``: position or unit direction, axis, mu, and factor to 1 at the origin."""
     places = np.asarray(lights.positions_mm if lights.near else lights.directions)
     axes, mu = np.asarray(lights.axes), np.asarray(lights.mu)
@@ -186,7 +180,7 @@ def lamp_table(lights: Lights) -> Array:
     return np.column_stack([places, axes, mu, scale])
 
 
-def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Array:
+def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Float64:
     """Return ``(N, count, 3)`` positions that are spread uniformly over each lamp's disc.
 
     A single position is the lamp's centre, or a distant light's direction. More positions are on
@@ -202,7 +196,7 @@ def lamp_parts(lights: Lights, radius_mm: float, count: int) -> Array:
     return np.asarray(places[:, None] + u[:, None] * first[:, None] + v[:, None] * second[:, None])
 
 
-def irradiance(lamps: Array, points_mm: Array, normals: Array, *, near: bool) -> Values:
+def irradiance(lamps: Float64, points_mm: Float64, normals: Float64, *, near: bool) -> Float32:
     """Return the irradiance of points from lamps of intensity 1 without occlusion.
 
     The irradiance from a near lamp is ``max(cos t, 0)^mu / r^2 max(n . l, 0)``, with distance r and
@@ -232,7 +226,13 @@ def irradiance(lamps: Array, points_mm: Array, normals: Array, *, near: bool) ->
 
 @numba.njit(nogil=True, cache=True)
 def _irradiance(
-    first: int, last: int, lamps: Array, near: bool, points: Array, normals: Array, out: Values
+    first: int,
+    last: int,
+    lamps: Float64,
+    near: bool,
+    points: Float64,
+    normals: Float64,
+    out: Float32,
 ) -> None:
     count = out.shape[1]
     for block in range(first, last):

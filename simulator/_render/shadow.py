@@ -12,16 +12,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from rig import in_threads
+from rig.arrays import Bool, Float32, Float64
 from simulator._render.shadow_kernels import BLOCK, TILE, WALL, block
 from simulator._shapes.body import HeightGrid
 from simulator._shapes.bvh import TriangleTree
-
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
 
 _ROWS = 256
 # Safety factor on the interpolation error as estimated from second differences.
@@ -47,13 +43,19 @@ class Occluders:
         ``(B, 8)`` rows of centre, half edges, cosine and sine of the turn on the board.
     """
 
-    spheres: Array
+    spheres: Float64
     body: HeightGrid | TriangleTree | None
-    boxes: Array = field(default_factory=lambda: np.zeros((0, 8)))
+    boxes: Float64 = field(default_factory=lambda: np.zeros((0, 8)))
 
     def occlude(
-        self, light: Values, points_mm: Array, normals: Array, solid: Mask, lamps: Array, near: bool
-    ) -> Mask:
+        self,
+        light: Float32,
+        points_mm: Float64,
+        normals: Float64,
+        solid: Bool,
+        lamps: Float64,
+        near: bool,
+    ) -> Bool:
         """Remove the light that is blocked.
 
         Parameters
@@ -92,7 +94,9 @@ class Occluders:
         light *= seen * np.float32(1 / parts)
         return np.asarray(2 * seen < parts, np.bool_)
 
-    def _block(self, blocked: Mask, points: Array, solid: Mask, lamps: Array, near: bool) -> None:
+    def _block(
+        self, blocked: Bool, points: Float64, solid: Bool, lamps: Float64, near: bool
+    ) -> None:
         origin, step = (0.0, 0.0), 1.0
         if isinstance(self.body, HeightGrid):
             origin, step = self.body.origin_xy_mm, self.body.step_mm
@@ -117,13 +121,13 @@ class Occluders:
         )
 
     @cached_property
-    def _heights(self) -> Values:
+    def _heights(self) -> Float32:
         if isinstance(self.body, HeightGrid):
             return lowered(self.body)
         return np.zeros((0, 0), np.float32)
 
     @cached_property
-    def _tiles(self) -> Values:
+    def _tiles(self) -> Float32:
         """Maximum of each tile of the grid."""
         heights = self._heights
         for axis in range(2):
@@ -133,7 +137,7 @@ class Occluders:
         return heights
 
 
-def lowered(grid: HeightGrid) -> Values:
+def lowered(grid: HeightGrid) -> Float32:
     """Return heights whose interpolation is nowhere above the surface.
 
     The error of bilinear interpolation is at most an eighth of the sum of the second differences
@@ -168,11 +172,11 @@ def lowered(grid: HeightGrid) -> Values:
 
 def _block_by_mesh(
     tree: TriangleTree,
-    blocked: Mask,
-    points: Array,
-    normals: Array,
-    solid: Mask,
-    lamps: Array,
+    blocked: Bool,
+    points: Float64,
+    normals: Float64,
+    solid: Bool,
+    lamps: Float64,
     near: bool,
 ) -> None:
     lifted = points + _LIFT_MM * normals

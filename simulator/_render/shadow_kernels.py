@@ -12,12 +12,8 @@ from __future__ import annotations
 import math
 
 import numba
-import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64
 
 TILE = 16
 # Neighbouring heights that differ by more than this many steps are the two sides of a wall.
@@ -34,7 +30,7 @@ def _sphere_between(
     dy: float,
     dz: float,
     reach: float,
-    spheres: Array,
+    spheres: Float64,
 ) -> bool:
     """Return whether a sphere blocks the line from p to p + reach * d."""
     d2 = dx * dx + dy * dy + dz * dz
@@ -56,7 +52,7 @@ def _box_between(
     dy: float,
     dz: float,
     reach: float,
-    boxes: Array,
+    boxes: Float64,
 ) -> bool:
     """Return whether a box blocks the line from p to p + reach * d; its own face does not."""
     for j in range(len(boxes)):
@@ -92,9 +88,9 @@ def _field_between(
     dv: float,
     dz: float,
     reach: float,
-    heights: Values,
+    heights: Float32,
     columns: int,
-    tiles: Values,
+    tiles: Float32,
     top: float,
     wall: float,
 ) -> bool:
@@ -163,16 +159,16 @@ def _field_between(
 def block(
     first: int,
     last: int,
-    blocked: Mask,
-    points: Array,
-    solid: Mask,
-    lamps: Array,
+    blocked: Bool,
+    points: Float64,
+    solid: Bool,
+    lamps: Float64,
     near: bool,
-    spheres: Array,
-    boxes: Array,
-    heights: Values,
+    spheres: Float64,
+    boxes: Float64,
+    heights: Float32,
     columns: int,
-    tiles: Values,
+    tiles: Float32,
     origin_x: float,
     origin_y: float,
     step: float,

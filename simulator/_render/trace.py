@@ -7,17 +7,14 @@ from dataclasses import dataclass, fields
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from rig import in_threads
+from rig.arrays import Bool, Float64, Int64
 from simulator._scene.clutter import BALL
 from simulator._scene.scene import Scene
 
-# Compiled in: simulator/_scene/clutter.py ec764cfc5498
-
-Array = npt.NDArray[np.float64]
-Mask = npt.NDArray[np.bool_]
+# Compiled in: simulator/_scene/clutter.py f024ad283d66
 
 _BOUNCES = 4
 # Steps of the search for the relief of the board. Each one divides the error by the product of the
@@ -48,26 +45,26 @@ class Seen:
         than half its radius behind its surface; their depth is that of the tangential focus.
     """
 
-    points_mm: Array
-    normals: Array
-    on_object: Mask
-    sphere: npt.NDArray[np.int64]
-    lost: Mask
-    weight: Array
-    item: npt.NDArray[np.int64]
-    depth_mm: Array
+    points_mm: Float64
+    normals: Float64
+    on_object: Bool
+    sphere: Int64
+    lost: Bool
+    weight: Float64
+    item: Int64
+    depth_mm: Float64
 
-    def at(self, pick: npt.NDArray[np.int64] | Mask) -> Seen:
+    def at(self, pick: Int64 | Bool) -> Seen:
         """Return some of the points."""
         return Seen(**{part.name: getattr(self, part.name)[pick] for part in fields(self)})
 
     @property
-    def direct(self) -> Mask:
+    def direct(self) -> Bool:
         """``(n,)`` True if the ray hits no sphere."""
         return self.sphere < 0
 
 
-def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
+def see(scene: Scene, origins_mm: Float64, rays: Float64) -> Seen:
     """Trace camera rays to their end points.
 
     Rays that a sphere mirrors ignore the height of the object and the relief of the board: they end
@@ -129,12 +126,12 @@ def see(scene: Scene, origins_mm: Array, rays: Array) -> Seen:
 
 def _meet_relief(
     scene: Scene,
-    origins_mm: Array,
-    rays: Array,
-    on_board: Mask,
-    direct: Mask,
-    points: Array,
-    normals: Array,
+    origins_mm: Float64,
+    rays: Float64,
+    on_board: Bool,
+    direct: Bool,
+    points: Float64,
+    normals: Float64,
 ) -> None:
     """Move direct points of the board to its relief, and give all its points their normals."""
     ask = np.flatnonzero(on_board & direct)
@@ -149,7 +146,7 @@ def _meet_relief(
     normals[on_board] = scene.relief_at(points[on_board, 0], points[on_board, 1])[1]
 
 
-def meets(scene: Scene, origins_mm: Array, rays: Array) -> Mask:
+def meets(scene: Scene, origins_mm: Float64, rays: Float64) -> Bool:
     """Return which camera rays ``(n, 3)`` hit a sphere or clutter."""
     met = np.zeros(len(rays), np.bool_)
     in_threads(_meets, len(rays), origins_mm, rays, scene.sphere_table, scene.clutter_table, met)
@@ -158,7 +155,7 @@ def meets(scene: Scene, origins_mm: Array, rays: Array) -> Mask:
 
 @numba.njit(cache=True)
 def _ball_ahead(
-    px: float, py: float, pz: float, dx: float, dy: float, dz: float, balls: Array, j: int
+    px: float, py: float, pz: float, dx: float, dy: float, dz: float, balls: Float64, j: int
 ) -> float:
     """Return the way along the unit direction d to a ball: a row of centre, radius; or infinity."""
     ox, oy, oz = px - balls[j, 0], py - balls[j, 1], pz - balls[j, 2]
@@ -170,7 +167,7 @@ def _ball_ahead(
 
 @numba.njit(cache=True)
 def _box_ahead(
-    px: float, py: float, pz: float, dx: float, dy: float, dz: float, box: Array
+    px: float, py: float, pz: float, dx: float, dy: float, dz: float, box: Float64
 ) -> tuple[float, int, float]:
     """Return the way to a box or infinity, the axis of the face, and the sign of its normal."""
     cosine, sine = box[7], box[8]
@@ -197,7 +194,7 @@ def _box_ahead(
 
 @numba.njit(cache=True)
 def _clutter_ahead(
-    px: float, py: float, pz: float, dx: float, dy: float, dz: float, clutter: Array
+    px: float, py: float, pz: float, dx: float, dy: float, dz: float, clutter: Float64
 ) -> tuple[float, int]:
     """Return the way to the nearest piece of clutter, and its index; infinity and -1 for none."""
     best, hit = math.inf, -1
@@ -213,7 +210,13 @@ def _clutter_ahead(
 
 @numba.njit(nogil=True, cache=True)
 def _meets(
-    first: int, last: int, origins: Array, rays: Array, spheres: Array, clutter: Array, met: Mask
+    first: int,
+    last: int,
+    origins: Float64,
+    rays: Float64,
+    spheres: Float64,
+    clutter: Float64,
+    met: Bool,
 ) -> None:
     for i in range(first, last):
         px, py, pz = origins[i, 0], origins[i, 1], origins[i, 2]
@@ -229,18 +232,18 @@ def _meets(
 def _follow(
     begin: int,
     end: int,
-    origins: Array,
-    rays: Array,
-    spheres: Array,
-    clutter: Array,
-    first: npt.NDArray[np.int64],
-    entry: Array,
-    lost: Mask,
-    points: Array,
-    normals: Array,
-    weight: Array,
-    item: npt.NDArray[np.int64],
-    behind: Array,
+    origins: Float64,
+    rays: Float64,
+    spheres: Float64,
+    clutter: Float64,
+    first: Int64,
+    entry: Float64,
+    lost: Bool,
+    points: Float64,
+    normals: Float64,
+    weight: Float64,
+    item: Int64,
+    behind: Float64,
 ) -> None:
     for i in range(begin, end):
         px, py, pz = origins[i, 0], origins[i, 1], origins[i, 2]

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import (
     SOFTWARE,
@@ -24,6 +23,7 @@ from acquisition import (
     write_lights,
     write_mask,
 )
+from rig.arrays import AnyArray, Float32
 from simulator._render.cramer_rao import Measurement, cramer_rao_deg
 from simulator._render.render import StoredRendering
 from simulator._render.rendering import Rendering
@@ -112,10 +112,10 @@ def _save_maps(
     maps, lens = rendering.maps, rendering.truth_of(slice(0, 1)).lens
     size = maps["mask"].shape
 
-    def depth(rows: slice) -> npt.NDArray[Any]:
+    def depth(rows: slice) -> AnyArray:
         return lens.camera_z_mm - maps["height"][rows]
 
-    def bound(rows: slice) -> npt.NDArray[np.float32]:
+    def bound(rows: slice) -> Float32:
         return _bound_deg(rendering, rows, exposures_us)
 
     written: dict[str, MapRows] = {"normals": maps["normals"], "height": _single(maps["height"])}
@@ -145,7 +145,7 @@ def _single(values: MapRows) -> ComputedRows:
 
 def _bound_deg(
     rendering: Rendering | StoredRendering, rows: slice, exposures_us: Sequence[float]
-) -> npt.NDArray[np.float32]:
+) -> Float32:
     truth, dead = rendering.truth_of(rows), list(rendering.scene.lamps.dead)
     height, width = truth.size
     x, y = np.meshgrid(np.arange(width), truth.top + np.arange(height))

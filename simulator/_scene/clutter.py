@@ -6,13 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
+from rig.arrays import Float64
 from simulator._scene.reflectance import Ggx, Lambert
 from simulator._shapes.patterns import Albedo, check_albedo, check_length
-
-Array = npt.NDArray[np.float64]
 
 # First column of `clutter_table`.
 BALL, BOX = 0.0, 1.0
@@ -149,6 +147,6 @@ def _coat(roughness: float | None) -> Lambert | Ggx:
     return Lambert() if roughness is None else Ggx(roughness)
 
 
-def clutter_table(clutter: tuple[Clutter, ...]) -> Array:
+def clutter_table(clutter: tuple[Clutter, ...]) -> Float64:
     """Return ``(C, 9)``: kind, centre, radius or half edges, cosine and sine of the turn."""
     return np.array([item.row for item in clutter], np.float64).reshape(-1, 9)

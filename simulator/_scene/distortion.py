@@ -9,25 +9,23 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from rig import in_threads
-
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
 
 _NEWTON_STEPS = 60
 _HALVINGS = 20
 _TOLERANCE = 1e-12
 
 
-def distorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
+def distorted(x: Float64, y: Float64, coefficients: Float64) -> tuple[Float64, Float64]:
     """Return the distorted positions of ``x`` and ``y``, arrays of one shape."""
     out = np.zeros((x.size, 2))
     _distort(x.ravel(), y.ravel(), coefficients, out)
     return out[:, 0].reshape(x.shape), out[:, 1].reshape(x.shape)
 
 
-def undistorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
+def undistorted(x: Float64, y: Float64, coefficients: Float64) -> tuple[Float64, Float64]:
     """Return the undistorted positions, to 1e-12; NaN where no solution is inside the fold."""
     out = np.zeros((x.size, 2))
     fold = _fold(coefficients)
@@ -35,7 +33,7 @@ def undistorted(x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:
     return out[:, 0].reshape(x.shape), out[:, 1].reshape(x.shape)
 
 
-def _fold(coefficients: Array) -> float:
+def _fold(coefficients: Float64) -> float:
     """Return the squared radius at which the radial distortion folds over, or infinity.
 
     It is the first root of the derivative ``1 + 3 k1 r^2 + 5 k2 r^4 + 7 k3 r^6``. The polynomial is
@@ -49,7 +47,7 @@ def _fold(coefficients: Array) -> float:
 
 
 @numba.njit(cache=True)
-def _brown(x: float, y: float, k: Array) -> tuple[float, float, float, float, float]:
+def _brown(x: float, y: float, k: Float64) -> tuple[float, float, float, float, float]:
     """Return the distorted position and its derivatives xx, xy = yx, yy."""
     r2 = x * x + y * y
     radial = 1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
@@ -64,14 +62,14 @@ def _brown(x: float, y: float, k: Array) -> tuple[float, float, float, float, fl
 
 
 @numba.njit(cache=True)
-def _distort(x: Array, y: Array, k: Array, out: Array) -> None:
+def _distort(x: Float64, y: Float64, k: Float64, out: Float64) -> None:
     for i in range(len(x)):
         out[i, 0], out[i, 1] = _brown(x[i], y[i], k)[:2]
 
 
 @numba.njit(nogil=True, cache=True)
 def _undistort(
-    first: int, last: int, x: Array, y: Array, k: Array, fold: float, out: Array
+    first: int, last: int, x: Float64, y: Float64, k: Float64, fold: float, out: Float64
 ) -> None:
     """Invert the model by Newton's method; NaN if there is no solution inside the fold.
 

@@ -15,9 +15,8 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from rig import short_repr
+from rig.arrays import Float64, Int64, Integer
 from simulator._scene.distortion import distorted, undistorted
-
-Array = npt.NDArray[np.float64]
 
 _CFA_CHANNEL = {"R": 0, "G": 1, "B": 2}
 # Supported mosaics, by their first 2 x 2 pixels.
@@ -64,7 +63,7 @@ class Optics:
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise DataError(f"lens: {name} is {value}, it must be positive")
 
-    def circle_px(self, depth_mm: Array, focus_mm: float, focal_px: float) -> Array:
+    def circle_px(self, depth_mm: Float64, focus_mm: float, focal_px: float) -> Float64:
         """Return the diameters of the circles of confusion of points at depths.
 
         A point at depth s has the diameter ``focal_length / f_number * focal_px |1/s - 1/focus|``:
@@ -209,7 +208,7 @@ class Lens:
             return float(self.camera.working_distance_mm or 0.0)
         return float(self.height_mm or 0.0)
 
-    def origins_and_rays(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> tuple[Array, Array]:
+    def origins_and_rays(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> tuple[Float64, Float64]:
         """Return the origins and directions of the rays of pixels.
 
         Parameters
@@ -236,10 +235,10 @@ class Lens:
         right = (x - cx - skew * down) / fx
         if self._brown.any():
             right, down = undistorted(right, down, self._brown)
-        rays: Array = np.stack([right, -down, np.full_like(right, -1.0)], axis=-1)
+        rays: Float64 = np.stack([right, -down, np.full_like(right, -1.0)], axis=-1)
         return np.broadcast_to([0.0, 0.0, self.camera_z_mm], rays.shape), rays
 
-    def project(self, points_mm: Array) -> Array:
+    def project(self, points_mm: Float64) -> Float64:
         """Return the pixel positions ``(..., 2)`` of points ``(..., 3)`` below ``camera_z_mm``.
 
         If a point is so far outside the field that the distortion folds it back, its position is
@@ -258,23 +257,21 @@ class Lens:
             right, down = distorted(right, down, self._brown)
         return np.stack([fx * right + skew * down + cx, fy * down + cy], axis=-1)
 
-    def vignette(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> Array:
+    def vignette(self, x_px: npt.ArrayLike, y_px: npt.ArrayLike) -> Float64:
         """Return the share of light that reaches pixels: 1 on the axis, less in the corners."""
         _, rays = self.origins_and_rays(x_px, y_px)
         squared = 1 / (rays**2).sum(axis=-1)
-        factor: Array = 1 - self.vignetting * (1 - squared**2)
+        factor: Float64 = 1 - self.vignetting * (1 - squared**2)
         return factor
 
-    def channel(
-        self, x_px: npt.NDArray[np.integer[Any]], y_px: npt.NDArray[np.integer[Any]]
-    ) -> npt.NDArray[np.int64] | None:
+    def channel(self, x_px: Integer, y_px: Integer) -> Int64 | None:
         """Return the channel of pixels, 0 red, 1 green, 2 blue; None for a monochrome camera."""
         if self.cfa is None:
             return None
         filters = np.array([_CFA_CHANNEL[letter] for letter in self.cfa], np.int64)
         return filters[2 * (y_px % 2) + x_px % 2]
 
-    def circle_px(self, depth_mm: Array) -> Array:
+    def circle_px(self, depth_mm: Float64) -> Float64:
         """Return the diameters of the circles of confusion of points at depths from the camera.
 
         They are 0 for a sharp and for an orthographic lens.
@@ -293,7 +290,7 @@ class Lens:
             return self.psf_sigma_px
         return math.hypot(self.psf_sigma_px, self.optics.diffraction_px(float(self.camera.K[0, 0])))
 
-    def eye_to(self, points_mm: Array) -> Array:
+    def eye_to(self, points_mm: Float64) -> Float64:
         """Return the unit directions ``(..., 3)`` from points toward the camera."""
         if self.camera is None:
             return np.broadcast_to([0.0, 0.0, 1.0], points_mm.shape)
@@ -329,6 +326,6 @@ class Lens:
         return self.camera_z_mm if self.optics.focus_mm is None else self.optics.focus_mm
 
     @cached_property
-    def _brown(self) -> Array:
+    def _brown(self) -> Float64:
         """Coefficients k1, k2, p1, p2, k3."""
         return np.zeros(5) if self.camera is None else np.asarray(self.camera.distortion)

@@ -15,9 +15,7 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from rig import in_threads
-
-Array = npt.NDArray[np.float64]
-Values = npt.NDArray[np.float32]
+from rig.arrays import Float32, Float64, Int8, Int64
 
 _LAMBERT, _OREN_NAYAR, _GGX = 0, 1, 2
 _BLOCK = 1024
@@ -116,7 +114,7 @@ def reflectance(
     normals: npt.ArrayLike,
     toward_light: npt.ArrayLike,
     toward_eye: npt.ArrayLike,
-) -> Array:
+) -> Float64:
     """Return ``pi f_r`` of points.
 
     Parameters
@@ -149,16 +147,16 @@ def reflectance(
 
 def reflect(
     materials: tuple[Material, ...],
-    light: Values,
-    table: Array,
+    light: Float32,
+    table: Float64,
     near: bool,
-    intensities: Array,
-    points_mm: Array,
-    normals: Array,
-    toward_eye: Array,
-    albedo: Values,
-    channel: npt.NDArray[np.int8],
-    material: npt.NDArray[np.int64],
+    intensities: Float64,
+    points_mm: Float64,
+    normals: Float64,
+    toward_eye: Float64,
+    albedo: Float32,
+    channel: Int8,
+    material: Int64,
 ) -> None:
     """Convert irradiance to radiance in place.
 
@@ -228,11 +226,11 @@ def _reflectance(
     kind: float,
     first: float,
     second: float,
-    albedo: Array,
-    light: Array,
-    eye: Array,
-    between: Array,
-    out: Array,
+    albedo: Float64,
+    light: Float64,
+    eye: Float64,
+    between: Float64,
+    out: Float64,
 ) -> None:
     for i in range(len(out)):
         if light[i] > 0.0:
@@ -244,17 +242,17 @@ def _reflectance(
 def _reflect(
     first: int,
     last: int,
-    lobes: Array,
-    light: Values,
-    table: Array,
+    lobes: Float64,
+    light: Float32,
+    table: Float64,
     near: bool,
-    intensities: Array,
-    points: Array,
-    normals: Array,
-    eyes: Array,
-    albedo: Values,
-    channel: npt.NDArray[np.int8],
-    material: npt.NDArray[np.int64],
+    intensities: Float64,
+    points: Float64,
+    normals: Float64,
+    eyes: Float64,
+    albedo: Float32,
+    channel: Int8,
+    material: Int64,
 ) -> None:
     count = light.shape[1]
     for block in range(first, last):

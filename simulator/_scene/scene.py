@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, NoiseModel
 from rig import pluralize
+from rig.arrays import Bool, Float32, Float64, Int64
 from simulator._scene.clutter import Ball, Clutter, clutter_table
 from simulator._scene.lamps import Lamps
 from simulator._scene.lens import Lens
@@ -18,8 +18,6 @@ from simulator._scene.reflectance import Lambert, Material
 from simulator._shapes.body import Body
 from simulator._shapes.patterns import Even, Pattern
 from simulator._shapes.surface import Surface
-
-Array = npt.NDArray[np.float64]
 
 _MOST_PARTS = 1024
 _RINGS, _SPOKES = 12, 48
@@ -223,7 +221,7 @@ class Scene:
                 if item.gap_mm(tuple(place)) <= 0:
                     raise DataError(f"LED {name} is inside clutter {i}: move one of them")
 
-    def _floors(self, positions: Array) -> Array:
+    def _floors(self, positions: Float64) -> Float64:
         """Return the height of the surface under each position."""
         floors = np.zeros(len(positions))
         if self.body is not None:
@@ -245,11 +243,11 @@ class Scene:
 
     def albedo(
         self,
-        x_mm: Array,
-        y_mm: Array,
-        on_object: npt.NDArray[np.bool_],
-        item: npt.NDArray[np.int64],
-    ) -> npt.NDArray[np.float32]:
+        x_mm: Float64,
+        y_mm: Float64,
+        on_object: Bool,
+        item: Int64,
+    ) -> Float32:
         """Return the albedo ``(n, 3)`` at points on object and board, 0 beyond the board.
 
         ``item`` is the index of the clutter that a point is on, -1 for other points.
@@ -270,12 +268,12 @@ class Scene:
         return self.lens.camera
 
     @property
-    def irradiance(self) -> Array:
+    def irradiance(self) -> Float64:
         """``(N,)`` irradiance of each light at the origin, the mean over colours."""
         return np.asarray(np.asarray(self.lights.intensities).mean(axis=1))
 
     @property
-    def axial_intensity(self) -> Array:
+    def axial_intensity(self) -> Float64:
         """``(N,)`` radiant intensity of each LED along its axis, irradiance times mm^2."""
         positions = np.asarray(self.lights.positions_mm)
         axes, mu = np.asarray(self.lights.axes), np.asarray(self.lights.mu)
@@ -284,17 +282,17 @@ class Scene:
         return np.asarray(self.irradiance * squared / cosine**mu)
 
     @property
-    def sphere_table(self) -> Array:
+    def sphere_table(self) -> Float64:
         """``(S, 5)`` rows of centre, radius and reflectance."""
         rows = [(*s.centre_mm, s.radius_mm, s.reflectance) for s in self.spheres]
         return np.array(rows, np.float64).reshape(-1, 5)
 
     @property
-    def clutter_table(self) -> Array:
+    def clutter_table(self) -> Float64:
         """``(C, 9)`` rows, see `clutter_table`."""
         return clutter_table(self.clutter)
 
-    def relief_at(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array]:
+    def relief_at(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64]:
         """Return height ``(n,)`` and unit normals ``(n, 3)`` of the board's surface."""
         if self.relief is None:
             flat = np.zeros((len(x_mm), 3))

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from acquisition import CameraModel, DataError, Lights, led_id, read_camera, read_lights
 from rig import validation_message
+from rig.arrays import Float64
 from simulator._scene.clutter import Ball, Box
 from simulator._scene.lens import Lens, Optics
 from simulator._scene.reflectance import Ggx, Lambert, OrenNayar
@@ -219,7 +219,7 @@ def listed(
 ) -> Lights:
     """Return lights from lists with one row per light, see `Lights`."""
 
-    def array(rows: tuple[object, ...] | None) -> npt.NDArray[np.float64] | None:
+    def array(rows: tuple[object, ...] | None) -> Float64 | None:
         return None if rows is None else np.array(rows, np.float64)
 
     return Lights(

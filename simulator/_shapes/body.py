@@ -5,12 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
+from rig.arrays import Bool, Float32, Float64
 from simulator._shapes.bvh import TriangleTree
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +24,9 @@ class BodyHits:
         ``(...)`` True for rays that hit the body.
     """
 
-    points_mm: Array
-    normals: Array
-    hit: npt.NDArray[np.bool_]
+    points_mm: Float64
+    normals: Float64
+    hit: Bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +47,7 @@ class HeightGrid:
 
     origin_xy_mm: tuple[float, float]
     step_mm: float
-    heights_mm: npt.NDArray[np.float32]
+    heights_mm: Float32
 
 
 class Body(Protocol):
@@ -71,11 +67,11 @@ class Body(Protocol):
         """Height of the highest point above the board."""
         ...
 
-    def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
+    def inside(self, x_mm: Float64, y_mm: Float64) -> Bool:
         """Return which positions of the board the body covers, seen vertically from above."""
         ...
 
-    def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
+    def trace(self, origins_mm: Float64, directions: Float64) -> BodyHits:
         """Return the first hits of rays ``(..., 3)``; the two arrays are broadcast."""
         ...
 

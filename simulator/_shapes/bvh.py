@@ -13,13 +13,10 @@ from typing import Self
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from rig import in_threads
+from rig.arrays import Bool, Float64, Int32
 from simulator._shapes.bvh_growth import STACK, grow
-
-Array = npt.NDArray[np.float64]
-Counts = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +39,15 @@ class TriangleTree:
         ``(nodes,)``, see above.
     """
 
-    corners: Array
-    faces: Counts
-    bounds: Array
-    first: Counts
-    count: Counts
-    axis: Counts
+    corners: Float64
+    faces: Int32
+    bounds: Float64
+    first: Int32
+    count: Int32
+    axis: Int32
 
     @classmethod
-    def grow(cls, corners: Array) -> Self:
+    def grow(cls, corners: Float64) -> Self:
         """Build the tree of triangles with finite corners ``(F, 3, 3)``, F at least 1."""
         total = len(corners)
         low, high = corners.min(axis=1), corners.max(axis=1)
@@ -72,7 +69,7 @@ class TriangleTree:
             axis[:nodes].copy(),
         )
 
-    def closest(self, origins: Array, directions: Array) -> tuple[Array, Array, Counts]:
+    def closest(self, origins: Float64, directions: Float64) -> tuple[Float64, Float64, Int32]:
         """Find the first triangle on each ray.
 
         Parameters
@@ -103,9 +100,7 @@ class TriangleTree:
         )
         return t, weights, np.where(face >= 0, self.faces[face], -1).astype(np.int32)
 
-    def blocked(
-        self, origins: Array, directions: Array, reach: float = 1.0
-    ) -> npt.NDArray[np.bool_]:
+    def blocked(self, origins: Float64, directions: Float64, reach: float = 1.0) -> Bool:
         """Find which rays hit any triangle before they end.
 
         Parameters
@@ -141,12 +136,12 @@ class TriangleTree:
         return self.corners, self.bounds, self.first, self.count, self.axis
 
 
-Tree = tuple[Array, Array, Counts, Counts, Counts]
+Tree = tuple[Float64, Float64, Int32, Int32, Int32]
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _search(
-    origin: Array, direction: Array, tree: Tree, reach: float, any_will_do: bool, stack: Counts
+    origin: Float64, direction: Float64, tree: Tree, reach: float, any_will_do: bool, stack: Int32
 ) -> tuple[float, int, float, float]:
     """Return t, index of the triangle (-1: no hit) and weights of its first two corners."""
     corners, bounds, first, count, axis = tree
@@ -212,13 +207,13 @@ def _search(
 def _closest(
     first: int,
     last: int,
-    origins: Array,
-    directions: Array,
+    origins: Float64,
+    directions: Float64,
     tree: Tree,
     depth: int,
-    t: Array,
-    weights: Array,
-    face: Counts,
+    t: Float64,
+    weights: Float64,
+    face: Int32,
 ) -> None:
     stack = np.zeros(depth, np.int32)
     for i in range(first, last):
@@ -232,12 +227,12 @@ def _closest(
 def _any(
     first: int,
     last: int,
-    origins: Array,
-    directions: Array,
+    origins: Float64,
+    directions: Float64,
     tree: Tree,
     depth: int,
     reach: float,
-    found: npt.NDArray[np.bool_],
+    found: Bool,
 ) -> None:
     stack = np.zeros(depth, np.int32)
     for i in range(first, last):

@@ -9,10 +9,8 @@ import math
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Counts = npt.NDArray[np.int32]
+from rig.arrays import Float64, Int32
 
 STACK = 96  # maximum number of waiting nodes in a traversal of any tree
 _BINS = 16
@@ -22,13 +20,13 @@ _DEEP = 48
 
 
 @numba.njit(cache=True)
-def _area(box: Array) -> float:
+def _area(box: Float64) -> float:
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return float(x * y + y * z + z * x)
 
 
 @numba.njit(cache=True)
-def _widen(box: Array, low: Array, high: Array) -> None:
+def _widen(box: Float64, low: Float64, high: Float64) -> None:
     for c in range(3):
         box[c] = min(box[c], low[c])
         box[c + 3] = max(box[c + 3], high[c])
@@ -36,7 +34,7 @@ def _widen(box: Array, low: Array, high: Array) -> None:
 
 @numba.njit(cache=True)
 def _best_split(
-    low: Array, high: Array, order: Counts, start: int, stop: int, span: Array
+    low: Float64, high: Float64, order: Int32, start: int, stop: int, span: Float64
 ) -> tuple[int, int, float]:
     """Return axis, bin and cost of the cheapest split by the surface area heuristic."""
     best_axis, best_bin, best_cost = -1, 0, math.inf
@@ -78,13 +76,13 @@ def _best_split(
 
 @numba.njit(cache=True)
 def grow(
-    low: Array,
-    high: Array,
-    order: Counts,
-    bounds: Array,
-    first: Counts,
-    count: Counts,
-    axis: Counts,
+    low: Float64,
+    high: Float64,
+    order: Int32,
+    bounds: Float64,
+    first: Int32,
+    count: Int32,
+    axis: Int32,
 ) -> int:
     """Fill the node arrays depth first and return the number of nodes."""
     todo = np.zeros((STACK, 4), np.int64)  # start, stop, parent if a right child, depth

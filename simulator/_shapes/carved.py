@@ -9,15 +9,13 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from rig import in_threads
+from rig.arrays import Float64
 from simulator._shapes.carved_kernels import CELLS, leather, scales, textile, wood
 from simulator._shapes.field_trace import FieldBounds
 from simulator._shapes.surface import Surface, drawn, random_waves
-
-Array = npt.NDArray[np.float64]
 
 _DESIGN_RADIUS = 80.0  # lengths in the wood carving are for this radius
 
@@ -53,16 +51,16 @@ class _Relief(Surface):
     def _unit_mm(self) -> float:
         return float(getattr(self, self._unit or "radius_mm"))
 
-    def _draw(self, x: Array, y: Array, out: Array) -> None:
+    def _draw(self, x: Float64, y: Float64, out: Float64) -> None:
         """Write height and gradient at ``(n,)`` positions into ``out`` (3, n)."""
         in_threads(self._kernel, len(x), x, y, *self._drawing, out)
 
     @property
-    def _drawing(self) -> tuple[Array, ...]:
+    def _drawing(self) -> tuple[Float64, ...]:
         """What the kernel draws."""
         return (self._table,)
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         unit = self._unit_mm
         height, slope_x, slope_y = drawn(self._draw, x_mm, y_mm, unit)
         low, high = self._reaches
@@ -70,7 +68,7 @@ class _Relief(Surface):
         return gain * (height - low), gain / unit * slope_x, gain / unit * slope_y
 
     @cached_property
-    def _table(self) -> Array:
+    def _table(self) -> Float64:
         return np.random.default_rng(self.seed).uniform(-1.0, 1.0, (CELLS, CELLS, 3))
 
 
@@ -122,15 +120,15 @@ class WoodCarving(_Relief):
         return self.radius_mm / _DESIGN_RADIUS
 
     @cached_property
-    def _waves(self) -> Array:
+    def _waves(self) -> Float64:
         return random_waves(70.0, self.seed, count=5)
 
     @property
-    def _drawing(self) -> tuple[Array, ...]:
+    def _drawing(self) -> tuple[Float64, ...]:
         return _rosette(), self._waves
 
 
-def _rosette() -> Array:
+def _rosette() -> Float64:
     """Return the cuts; each is given by the centres of two overlapping discs and their radius."""
     cuts = []
     large = 42.0
@@ -185,12 +183,12 @@ class StepGauge(Surface):
         return math.sqrt(2) * self.radius_mm / len(self.heights_mm)
 
     @property
-    def edges_mm(self) -> Array:
+    def edges_mm(self) -> Float64:
         """``(n - 1,)`` x of the middle of each edge."""
         count = len(self.heights_mm)
         return self.tread_mm * (np.arange(1.0, count) - count / 2)
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         z = np.full(np.broadcast(x_mm, y_mm).shape, float(self.heights_mm[0]))
         zx = np.zeros_like(z)
         for at, rise in zip(self.edges_mm, np.diff(self.heights_mm), strict=True):

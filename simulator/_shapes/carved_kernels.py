@@ -14,10 +14,9 @@ from __future__ import annotations
 import math
 
 import numba
-import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from rig.arrays import Float64
+
 Point = tuple[float, float, float]
 
 CELLS = 64  # along each side of the table
@@ -25,7 +24,7 @@ _MASK = CELLS - 1  # for the index modulo CELLS, also below 0
 
 
 @numba.njit(cache=True)
-def _scale_at(u: float, v: float, table: Array) -> Point:
+def _scale_at(u: float, v: float, table: Float64) -> Point:
     """Return keeled rhombic scales in staggered rows; each row overlaps the next one below."""
     sharp = 30.0
     total = tu = tv = 0.0
@@ -53,7 +52,7 @@ def _scale_at(u: float, v: float, table: Array) -> Point:
 
 
 @numba.njit(cache=True)
-def _yarn(across: float, along: float, first: int, side: float, table: Array, lane: int) -> Point:
+def _yarn(across: float, along: float, first: int, side: float, table: Float64, lane: int) -> Point:
     """Return sums of exp(k h) and of its derivatives over the yarns near a point."""
     sharp = 16.0
     total = ta = tl = 0.0
@@ -75,7 +74,7 @@ def _yarn(across: float, along: float, first: int, side: float, table: Array, la
 
 
 @numba.njit(cache=True)
-def _textile_at(u: float, v: float, table: Array) -> Point:
+def _textile_at(u: float, v: float, table: Float64) -> Point:
     """Return a plain weave: warp along v, weft along u, alternating over and under."""
     warp, warp_u, warp_v = _yarn(u, v, math.floor(u), 1.0, table, 0)
     weft, weft_v, weft_u = _yarn(v, u, math.floor(v), -1.0, table, 1)
@@ -84,7 +83,7 @@ def _textile_at(u: float, v: float, table: Array) -> Point:
 
 
 @numba.njit(cache=True)
-def _cells(u: float, v: float, sharp: float, table: Array) -> tuple[Point, Point]:
+def _cells(u: float, v: float, sharp: float, table: Float64) -> tuple[Point, Point]:
     """Return two smooth functions of the random cells around a point, with gradients.
 
     The first is the squared distance to the centre of the nearest cell. The second is the degree to
@@ -129,7 +128,7 @@ def _cells(u: float, v: float, sharp: float, table: Array) -> tuple[Point, Point
 
 
 @numba.njit(cache=True)
-def _leather_at(u: float, v: float, table: Array) -> Point:
+def _leather_at(u: float, v: float, table: Float64) -> Point:
     """Return fine pebbles with a network of cracks; one unit is the width of a plate."""
     # Distorted positions bend the cracks and move the centres of the plates.
     a, b = 2.9 * v + 0.8, 3.7 * u + 2.1
@@ -167,7 +166,7 @@ def _soft_positive(t: float, k: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True)
-def _chips(x: float, y: float, lenses: Array) -> Point:
+def _chips(x: float, y: float, lenses: Float64) -> Point:
     """Return the depth (mm) of cuts in the shape of two overlapping discs, and its gradient."""
     depth = dx = dy = 0.0
     for i in range(len(lenses)):
@@ -190,7 +189,7 @@ def _chips(x: float, y: float, lenses: Array) -> Point:
 
 
 @numba.njit(cache=True)
-def _wood_at(x: float, y: float, lenses: Array, waves: Array) -> Point:
+def _wood_at(x: float, y: float, lenses: Float64, waves: Float64) -> Point:
     """Return a chip-carved rosette between two round grooves, in wood with grain."""
     cut, cut_x, cut_y = _chips(x, y, lenses)
     h, hx, hy = 0.95 - cut / 6.0, -cut_x / 6.0, -cut_y / 6.0
@@ -218,21 +217,21 @@ def _wood_at(x: float, y: float, lenses: Array, waves: Array) -> Point:
 
 
 @numba.njit(nogil=True, cache=True)
-def scales(first: int, last: int, x: Array, y: Array, table: Array, out: Array) -> None:
+def scales(first: int, last: int, x: Float64, y: Float64, table: Float64, out: Float64) -> None:
     """Write height and gradient of lizard scales into ``out`` (3, n)."""
     for i in range(first, last):
         out[0, i], out[1, i], out[2, i] = _scale_at(x[i], y[i], table)
 
 
 @numba.njit(nogil=True, cache=True)
-def textile(first: int, last: int, x: Array, y: Array, table: Array, out: Array) -> None:
+def textile(first: int, last: int, x: Float64, y: Float64, table: Float64, out: Float64) -> None:
     """Write height and gradient of a plain weave into ``out`` (3, n)."""
     for i in range(first, last):
         out[0, i], out[1, i], out[2, i] = _textile_at(x[i], y[i], table)
 
 
 @numba.njit(nogil=True, cache=True)
-def leather(first: int, last: int, x: Array, y: Array, table: Array, out: Array) -> None:
+def leather(first: int, last: int, x: Float64, y: Float64, table: Float64, out: Float64) -> None:
     """Write height and gradient of cracked leather into ``out`` (3, n)."""
     for i in range(first, last):
         out[0, i], out[1, i], out[2, i] = _leather_at(x[i], y[i], table)
@@ -240,7 +239,7 @@ def leather(first: int, last: int, x: Array, y: Array, table: Array, out: Array)
 
 @numba.njit(nogil=True, cache=True)
 def wood(
-    first: int, last: int, x: Array, y: Array, lenses: Array, waves: Array, out: Array
+    first: int, last: int, x: Float64, y: Float64, lenses: Float64, waves: Float64, out: Float64
 ) -> None:
     """Write height and gradient of a wood carving into ``out`` (3, n)."""
     for i in range(first, last):

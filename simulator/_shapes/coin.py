@@ -12,13 +12,11 @@ from functools import cached_property, lru_cache
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from rig import in_threads
+from rig.arrays import Float64
 from simulator._shapes.field_trace import FieldBounds
 from simulator._shapes.surface import SphericalCap, Surface, drawn, random_waves
-
-Array = npt.NDArray[np.float64]
 
 _DESIGN_RADIUS = 80.0  # all lengths below are for a coin of this radius
 _TEXT = "FIAT LVX"
@@ -71,20 +69,20 @@ class Coin(Surface):
         return SphericalCap(self.radius_mm, self.dome_mm)
 
     @cached_property
-    def _strokes(self) -> Array:
+    def _strokes(self) -> Float64:
         return np.concatenate([_letters(), _sun_rays()])
 
     @cached_property
-    def _grain(self) -> Array:
+    def _grain(self) -> Float64:
         return random_waves(_GRAIN_MM, self.seed, _GRAIN_WAVES)
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         z, zx, zy = self._dome.evaluate(x_mm, y_mm)
         scale = self.radius_mm / _DESIGN_RADIUS
         height, slope_x, slope_y = drawn(self._draw, x_mm, y_mm, scale)
         return z + height, zx + slope_x / scale, zy + slope_y / scale
 
-    def _draw(self, x: Array, y: Array, out: Array) -> None:
+    def _draw(self, x: Float64, y: Float64, out: Float64) -> None:
         figure = self._strokes, self._grain, self.relief_mm, self.grain_mm
         in_threads(_relief, len(x), x, y, *figure, out)
 
@@ -95,7 +93,7 @@ def _bounds(coin: Coin) -> FieldBounds:
     return super(Coin, coin).bounds
 
 
-def _letters() -> Array:
+def _letters() -> Float64:
     strokes = []
     middle = _LETTER_FOOT + _LETTER_HEIGHT / 2
     angle = math.radians(_LETTER_START_DEG)
@@ -113,7 +111,7 @@ def _letters() -> Array:
     return np.array(strokes)
 
 
-def _sun_rays() -> Array:
+def _sun_rays() -> Float64:
     rays = []
     for i, angle_deg in enumerate(range(0, 181, 18)):
         direction = np.array([math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))])
@@ -134,7 +132,7 @@ def _step(t: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True)
-def _stroke_union(x: float, y: float, strokes: Array) -> tuple[float, float, float]:
+def _stroke_union(x: float, y: float, strokes: Float64) -> tuple[float, float, float]:
     """Return the smooth union of ridges with a Gaussian profile, 0 to 1, and its gradient."""
     sigma2 = 1.15**2
     u = ux = uy = 0.0
@@ -191,7 +189,7 @@ def _rings(x: float, y: float) -> tuple[float, float, float]:
 
 
 @numba.njit(cache=True)
-def _hammered(x: float, y: float, grain: Array) -> tuple[float, float, float]:
+def _hammered(x: float, y: float, grain: Float64) -> tuple[float, float, float]:
     """Return random waves of rms 1 that fade out before the rim, and their gradient."""
     gain = math.sqrt(2.0 / len(grain))
     z = zx = zy = 0.0
@@ -210,13 +208,13 @@ def _hammered(x: float, y: float, grain: Array) -> tuple[float, float, float]:
 def _relief(
     first: int,
     last: int,
-    x: Array,
-    y: Array,
-    strokes: Array,
-    grain: Array,
+    x: Float64,
+    y: Float64,
+    strokes: Float64,
+    grain: Float64,
     relief: float,
     rms: float,
-    out: Array,
+    out: Float64,
 ) -> None:
     """Write height and gradient of everything above the dome into ``out`` (3, n)."""
     for i in range(first, last):

@@ -6,12 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
+from rig.arrays import Float64, Intp
 
-Array = npt.NDArray[np.float64]
-Evaluate = Callable[[Array, Array], tuple[Array, Array, Array]]
+Evaluate = Callable[[Float64, Float64], tuple[Float64, Float64, Float64]]
 
 # If the field rises by less than this share of the ray's descent, the ray crosses it only once.
 _MONOTONE = 0.9
@@ -36,11 +35,11 @@ def meet_field(
     evaluate: Evaluate,
     radius_mm: float,
     bounds: FieldBounds,
-    origins: Array,
-    directions: Array,
+    origins: Float64,
+    directions: Float64,
     *,
     square: bool = False,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Float64, Float64, Float64]:
     """Find the first hits of rays on ``z = height(x, y)`` within an outline.
 
     Rays that descend faster than the field can rise hit it once and are solved by Newton's method.
@@ -94,10 +93,10 @@ def meet_field(
 class _Rays:
     """Rays and the field under them."""
 
-    def __init__(self, evaluate: Evaluate, origins: Array, directions: Array) -> None:
+    def __init__(self, evaluate: Evaluate, origins: Float64, directions: Float64) -> None:
         self._evaluate, self._origins, self._directions = evaluate, origins, directions
 
-    def gap(self, which: npt.NDArray[np.intp], t: Array) -> tuple[Array, Array, Array, Array]:
+    def gap(self, which: Intp, t: Float64) -> tuple[Float64, Float64, Float64, Float64]:
         """Return height above the field, its change with t, and the field's gradient."""
         ox, oy, oz = self._origins[which].T
         dx, dy, dz = self._directions[which].T
@@ -105,12 +104,12 @@ class _Rays:
         return oz + t * dz - z, dz - zx * dx - zy * dy, zx, zy
 
 
-Out = tuple[Array, Array, Array]
+Out = tuple[Float64, Float64, Float64]
 
 
 def _reach(
-    radius: float, square: bool, bounds: FieldBounds, origins: Array, directions: Array
-) -> tuple[Array, Array]:
+    radius: float, square: bool, bounds: FieldBounds, origins: Float64, directions: Float64
+) -> tuple[Float64, Float64]:
     """Return t at which rays enter and leave the space inside the outline from bottom to top."""
     start, stop = _slab(origins[:, 2], directions[:, 2], bounds.bottom_mm, bounds.top_mm)
     if square:
@@ -123,7 +122,7 @@ def _reach(
     return np.maximum(start, 0.0), stop
 
 
-def _slab(origin: Array, way: Array, low: float, high: float) -> tuple[Array, Array]:
+def _slab(origin: Float64, way: Float64, low: float, high: float) -> tuple[Float64, Float64]:
     """Return t at which rays enter and leave a slab, which is widened by rounding errors."""
     slack = 1e-9 * (1 + high - low)
     moves = way != 0
@@ -134,7 +133,7 @@ def _slab(origin: Array, way: Array, low: float, high: float) -> tuple[Array, Ar
     return enter, np.where(moves, np.maximum(a, b), np.inf)
 
 
-def _circle(radius: float, origin: Array, way: Array) -> tuple[Array, Array]:
+def _circle(radius: float, origin: Float64, way: Float64) -> tuple[Float64, Float64]:
     """Return t at which rays enter and leave a vertical cylinder, widened by rounding errors."""
     square = (radius * (1 + 1e-9)) ** 2
     a, b = (way**2).sum(axis=1), (origin * way).sum(axis=1)
@@ -147,7 +146,7 @@ def _circle(radius: float, origin: Array, way: Array) -> tuple[Array, Array]:
     return enter, np.where(moves, (-b + half) / safe, np.inf)
 
 
-def _newton(rays: _Rays, todo: npt.NDArray[np.intp], now: Array, out: Out) -> npt.NDArray[np.intp]:
+def _newton(rays: _Rays, todo: Intp, now: Float64, out: Out) -> Intp:
     """Solve rays that hit the field once; return those that did not converge."""
     for _ in range(_NEWTON_ROUNDS):
         if not todo.size:
@@ -161,9 +160,7 @@ def _newton(rays: _Rays, todo: npt.NDArray[np.intp], now: Array, out: Out) -> np
     return todo
 
 
-def _march(
-    rays: _Rays, todo: npt.NDArray[np.intp], start: Array, stop: Array, rate: Array, out: Out
-) -> None:
+def _march(rays: _Rays, todo: Intp, start: Float64, stop: Float64, rate: Float64, out: Out) -> None:
     """Advance along each ray to its first crossing, then refine it."""
     stride = _STRIDE * (stop - start)
     gap = rays.gap(todo, start[todo])[0]
@@ -181,9 +178,7 @@ def _march(
         todo, now, gap = todo[keep], now[keep], gap[keep]
 
 
-def _close_in(
-    rays: _Rays, todo: npt.NDArray[np.intp], above: Array, below: Array, out: Out
-) -> None:
+def _close_in(rays: _Rays, todo: Intp, above: Float64, below: Float64, out: Out) -> None:
     """Narrow brackets by Newton steps that stay inside, otherwise and every third time by half."""
     now = below
     for turn in range(_CLOSING_ROUNDS):

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from rig import in_threads
+from rig.arrays import Float64
 from simulator._shapes.patterns import Albedo, Pattern, blend, turned
-
-Array = npt.NDArray[np.float64]
 
 # A glyph is 3 x 5 modules of a cell of 4 x 9: the rest is the space between letters and lines.
 _GLYPH_COLUMNS, _GLYPH_ROWS, _CELL_COLUMNS, _CELL_ROWS = 3, 5, 4, 9
@@ -45,7 +43,7 @@ class Cork(Pattern):
     grain_mm: float = 3.0
     seed: int = 0
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         share = _drawn(_cork, x_mm / self.grain_mm, y_mm / self.grain_mm, self.seed)
         return blend(self.low, self.high, share)
 
@@ -73,7 +71,7 @@ class Wood(Pattern):
     angle_deg: float = 0.0
     seed: int = 0
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         x, y = turned(x_mm, y_mm, self.angle_deg)
         share = _drawn(_wood, x / self.ring_mm, y / self.ring_mm, self.seed)
         return blend(self.low, self.high, share)
@@ -102,7 +100,7 @@ class Print(Pattern):
     angle_deg: float = 0.0
     seed: int = 0
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         module = self.line_mm / _CELL_ROWS
         x, y = turned(x_mm, y_mm, self.angle_deg)
         return blend(self.paper, self.ink, _drawn(_print, x / module, -y / module, self.seed))
@@ -131,7 +129,7 @@ class Weave(Pattern):
     angle_deg: float = 0.0
     seed: int = 0
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         x, y = turned(x_mm, y_mm, self.angle_deg)
         return blend(
             self.low, self.high, _drawn(_weave, x / self.yarn_mm, y / self.yarn_mm, self.seed)
@@ -139,8 +137,11 @@ class Weave(Pattern):
 
 
 def _drawn(
-    kernel: Callable[[int, int, Array, Array, int, Array], None], x: Array, y: Array, seed: int
-) -> Array:
+    kernel: Callable[[int, int, Float64, Float64, int, Float64], None],
+    x: Float64,
+    y: Float64,
+    seed: int,
+) -> Float64:
     """Return the values of a kernel at positions of one shape."""
     out = np.zeros(np.shape(x))
     flat_x, flat_y = (np.ascontiguousarray(v, np.float64).ravel() for v in (x, y))
@@ -176,7 +177,7 @@ def _smooth(x: float, y: float, seed: int) -> float:
 
 
 @numba.njit(nogil=True, cache=True)
-def _cork(begin: int, end: int, x: Array, y: Array, seed: int, out: Array) -> None:
+def _cork(begin: int, end: int, x: Float64, y: Float64, seed: int, out: Float64) -> None:
     for n in range(begin, end):
         column, row = math.floor(x[n]), math.floor(y[n])
         first = second = 9.0
@@ -197,7 +198,7 @@ def _cork(begin: int, end: int, x: Array, y: Array, seed: int, out: Array) -> No
 
 
 @numba.njit(nogil=True, cache=True)
-def _wood(first: int, last: int, x: Array, y: Array, seed: int, out: Array) -> None:
+def _wood(first: int, last: int, x: Float64, y: Float64, seed: int, out: Float64) -> None:
     for n in range(first, last):
         across = y[n] + 2.0 * _smooth(x[n] / 18.0, y[n] / 3.0, seed)
         across += 0.5 * _smooth(x[n] / 6.0, y[n], seed + 1)
@@ -210,7 +211,7 @@ def _wood(first: int, last: int, x: Array, y: Array, seed: int, out: Array) -> N
 
 
 @numba.njit(nogil=True, cache=True)
-def _print(first: int, last: int, x: Array, y: Array, seed: int, out: Array) -> None:
+def _print(first: int, last: int, x: Float64, y: Float64, seed: int, out: Float64) -> None:
     for n in range(first, last):
         column, row = math.floor(x[n]), math.floor(y[n])
         letter, line = math.floor(column / _CELL_COLUMNS), math.floor(row / _CELL_ROWS)
@@ -228,7 +229,7 @@ def _print(first: int, last: int, x: Array, y: Array, seed: int, out: Array) -> 
 
 
 @numba.njit(nogil=True, cache=True)
-def _weave(first: int, last: int, x: Array, y: Array, seed: int, out: Array) -> None:
+def _weave(first: int, last: int, x: Float64, y: Float64, seed: int, out: Float64) -> None:
     for n in range(first, last):
         i, j = math.floor(x[n]), math.floor(y[n])
         u, v = 2.0 * (x[n] - i) - 1.0, 2.0 * (y[n] - j) - 1.0

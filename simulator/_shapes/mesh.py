@@ -10,15 +10,12 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError, read_mesh_file
 from rig import short_repr
+from rig.arrays import Bool, Float64, Int64
 from simulator._shapes.body import BodyHits
 from simulator._shapes.bvh import TriangleTree
-
-Array = npt.NDArray[np.float64]
-Faces = npt.NDArray[np.int64]
 
 SUFFIXES = (".obj", ".ply", ".stl")
 
@@ -46,8 +43,8 @@ class MeshBody:
         exist, or a face has no area.
     """
 
-    vertices_mm: Array
-    faces: Faces
+    vertices_mm: Float64
+    faces: Int64
     smooth: bool = True
     name: str = "mesh"
 
@@ -146,13 +143,13 @@ class MeshBody:
         return TriangleTree.grow(self.vertices_mm[self.faces])
 
     @cached_property
-    def face_normals(self) -> Array:
+    def face_normals(self) -> Float64:
         """``(F, 3)`` unit normals of the faces; corners are counterclockwise."""
         crosses = self._crosses
         return np.asarray(crosses / np.linalg.norm(crosses, axis=1, keepdims=True))
 
     @cached_property
-    def vertex_normals(self) -> Array:
+    def vertex_normals(self) -> Float64:
         """``(V, 3)`` unit normals, the mean over the faces weighted by their angle at the vertex.
 
         These weights (Thuermer and Wuethrich, Computing vertex normals from polygonal facets, 1998)
@@ -174,7 +171,7 @@ class MeshBody:
         defined = length > 1e-9
         return np.where(defined, total / np.where(defined, length, 1.0), [0.0, 0.0, 1.0])
 
-    def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
+    def inside(self, x_mm: Float64, y_mm: Float64) -> Bool:
         """Return which positions of the board the mesh covers, seen vertically from above."""
         x, y = np.broadcast_arrays(x_mm, y_mm)
         covered = np.zeros(x.shape, np.bool_)
@@ -184,7 +181,7 @@ class MeshBody:
         covered[near] = self.tree.blocked(origins, down, math.inf)
         return covered
 
-    def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
+    def trace(self, origins_mm: Float64, directions: Float64) -> BodyHits:
         """Find the first hits of rays on the mesh.
 
         Parameters
@@ -219,12 +216,12 @@ class MeshBody:
         return self.tree
 
     @property
-    def _crosses(self) -> Array:
+    def _crosses(self) -> Float64:
         a, b, c = (self.vertices_mm[self.faces[:, i]] for i in range(3))
         return np.cross(b - a, c - a)
 
 
-def read_triangles(path: Path | str) -> tuple[Array, Faces]:
+def read_triangles(path: Path | str) -> tuple[Float64, Int64]:
     """Read the triangles of a mesh file; polygons are triangulated.
 
     Parameters
@@ -258,7 +255,7 @@ def read_triangles(path: Path | str) -> tuple[Array, Faces]:
     return mesh.vertices, faces
 
 
-def _rotation(turn_deg: Sequence[float]) -> Array:
+def _rotation(turn_deg: Sequence[float]) -> Float64:
     turn = np.eye(3)
     for axis, angle in enumerate(np.radians(turn_deg)):
         about = np.eye(3)

@@ -10,12 +10,11 @@ from typing import ClassVar
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
+from rig.arrays import Bool, Float64
 from simulator._shapes.surface import random_waves
 
-Array = npt.NDArray[np.float64]
 Albedo = float | tuple[float, float, float]
 
 # A marker is 6 x 6 modules within a square of 8 x 8, so all edges are on one grid.
@@ -43,7 +42,7 @@ class Pattern(ABC):
                 raise DataError(f"{name}: {key} is {values[key]}, it must be finite")
 
     @abstractmethod
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         """Return the albedo, 0 to 1.
 
         Parameters
@@ -65,7 +64,7 @@ class Even(Pattern):
 
     albedo: Albedo = 0.8
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         return blend(self.albedo, self.albedo, np.zeros(np.shape(x_mm)))
 
 
@@ -92,7 +91,7 @@ class Checker(Pattern):
     angle_deg: float = 0.0
     shift_mm: tuple[float, float] = (0.0, 0.0)
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         x, y = turned(x_mm - self.shift_mm[0], y_mm - self.shift_mm[1], self.angle_deg)
         odd = (np.floor(x / self.square_mm) + np.floor(y / self.square_mm)) % 2
         return blend(self.high, self.low, odd)
@@ -117,7 +116,7 @@ class Gradient(Pattern):
     length_mm: float = 160.0
     angle_deg: float = 0.0
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         angle = math.radians(self.angle_deg)
         along = (math.cos(angle) * x_mm + math.sin(angle) * y_mm) / self.length_mm
         return blend(self.low, self.high, np.clip(0.5 + along, 0.0, 1.0))
@@ -149,7 +148,7 @@ class Paint(Pattern):
                 "out of range: 0 <= low <= high <= 1, wavelength_mm > 0"
             )
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         waves = random_waves(self.wavelength_mm, self.seed, count=5)
         swing = sum(np.cos(kx * x_mm + ky * y_mm + phase) for kx, ky, phase in waves)
         # The sum of five waves is rarely near its extremes: tanh expands it to the bounds.
@@ -172,11 +171,11 @@ class ColourWheel(Pattern):
     low: float = 0.1
     high: float = 0.8
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         full = np.minimum(np.hypot(x_mm, y_mm) / self.radius_mm, 1.0)
         hue = np.arctan2(y_mm, x_mm)
         turn = np.cos(hue[..., None] - 2 * math.pi / 3 * np.arange(3))
-        albedo: Array = (self.low + self.high) / 2 + (self.high - self.low) / 2 * (
+        albedo: Float64 = (self.low + self.high) / 2 + (self.high - self.low) / 2 * (
             full[..., None] * turn
         )
         return albedo
@@ -215,13 +214,13 @@ class ChArUco(Pattern):
             )
 
     @property
-    def corners_mm(self) -> Array:
+    def corners_mm(self) -> Float64:
         """``(n, 2)`` inner corners of the squares, row by row from the upper left as in OpenCV."""
         x = (np.arange(1, self.columns) - self.columns / 2) * self.square_mm
         y = (self.rows / 2 - np.arange(1, self.rows)) * self.square_mm
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> Array:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
         modules = self._modules
         module_mm = self.square_mm / _MODULES_PER_SQUARE
         column = np.floor(x_mm / module_mm + modules.shape[1] / 2)
@@ -233,7 +232,7 @@ class ChArUco(Pattern):
         return np.where(white, self.white, self.black)
 
     @cached_property
-    def _modules(self) -> npt.NDArray[np.bool_]:
+    def _modules(self) -> Bool:
         board = cv2.aruco.CharucoBoard(
             (self.columns, self.rows),
             _MODULES_PER_SQUARE,
@@ -244,7 +243,7 @@ class ChArUco(Pattern):
         return np.asarray(board.generateImage(size, marginSize=0)) > 127
 
 
-def turned(x_mm: Array, y_mm: Array, angle_deg: float) -> tuple[Array, Array]:
+def turned(x_mm: Float64, y_mm: Float64, angle_deg: float) -> tuple[Float64, Float64]:
     """Return positions in axes that are turned counterclockwise by an angle."""
     cosine, sine = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     return cosine * x_mm + sine * y_mm, cosine * y_mm - sine * x_mm
@@ -279,7 +278,7 @@ def check_length(pattern: str, **values: float) -> None:
             raise DataError(f"{pattern}: {name} is {value}, it must be a positive length in mm")
 
 
-def blend(first: Albedo, second: Albedo, share: Array) -> Array:
+def blend(first: Albedo, second: Albedo, share: Float64) -> Float64:
     """Return ``first`` where the share is 0 and ``second`` where it is 1."""
     a, b = np.broadcast_arrays(np.asarray(first, np.float64), np.asarray(second, np.float64))
     weight = share[..., None] if a.ndim else share

@@ -11,14 +11,12 @@ from typing import ClassVar, Literal
 
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from acquisition import DataError
 from rig import in_threads
+from rig.arrays import Bool, Float64
 from simulator._shapes.body import BodyHits, HeightGrid
 from simulator._shapes.field_trace import FieldBounds, meet_field
-
-Array = npt.NDArray[np.float64]
 
 _WAVES = 24  # plane waves in band noise, enough to look isotropic
 _SAMPLES = 513  # samples along each side to find the extremes of a field
@@ -71,7 +69,7 @@ class Surface(ABC):
                 )
 
     @abstractmethod
-    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         """Return height and gradient.
 
         Parameters
@@ -103,9 +101,9 @@ class Surface(ABC):
         """Upper bound of the object's height above the board."""
         return self.bounds.top_mm
 
-    def inside(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.bool_]:
+    def inside(self, x_mm: Float64, y_mm: Float64) -> Bool:
         """Return which positions are within the outline, including its edge."""
-        within: npt.NDArray[np.bool_]
+        within: Bool
         if self.outline == "square":
             half = self.radius_mm / math.sqrt(2)
             within = np.maximum(np.abs(x_mm), np.abs(y_mm)) <= half
@@ -113,7 +111,7 @@ class Surface(ABC):
             within = x_mm**2 + y_mm**2 <= self.radius_mm**2
         return within
 
-    def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
+    def trace(self, origins_mm: Float64, directions: Float64) -> BodyHits:
         """Find the first hits of rays on the surface.
 
         Parameters
@@ -191,8 +189,11 @@ class Surface(ABC):
 
 
 def drawn(
-    draw: Callable[[Array, Array, Array], None], x_mm: Array, y_mm: Array, unit_mm: float = 1.0
-) -> Array:
+    draw: Callable[[Float64, Float64, Float64], None],
+    x_mm: Float64,
+    y_mm: Float64,
+    unit_mm: float = 1.0,
+) -> Float64:
     """Return ``(3, ...)`` height and gradient of a kernel at positions x and y of one shape.
 
     ``draw`` receives x and y, ``(n,)`` in units of ``unit_mm``, and an array of zeros ``(3, n)``
@@ -216,7 +217,7 @@ class Plane(Surface):
     slope_x: float = 0.0
     slope_y: float = 0.0
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         z = self.height_mm + self.slope_x * x_mm + self.slope_y * y_mm
         return z, np.full_like(z, self.slope_x), np.full_like(z, self.slope_y)
 
@@ -250,7 +251,7 @@ class SphericalCap(Surface):
         """Radius of the sphere of which the cap is a part."""
         return (self.radius_mm**2 + self.height_mm**2) / (2 * self.height_mm)
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         sphere = self.sphere_radius_mm
         squared = x_mm**2 + y_mm**2
         on_cap = squared <= self.radius_mm**2
@@ -266,7 +267,7 @@ class SphericalCap(Surface):
         rim = math.inf if upright else self.radius_mm / (self.sphere_radius_mm - self.height_mm)
         return FieldBounds(0.0, self.height_mm, rim)
 
-    def trace(self, origins_mm: Array, directions: Array) -> BodyHits:
+    def trace(self, origins_mm: Float64, directions: Float64) -> BodyHits:
         """Find the first hits of rays on the cap in closed form (see `Surface.trace`)."""
         origins, directions = np.broadcast_arrays(origins_mm, directions)
         centre = np.array([0.0, 0.0, self.height_mm - self.sphere_radius_mm])
@@ -290,7 +291,7 @@ class Ripples(Surface):
     wavelength_mm: float = 8.0
     _lengths = ("amplitude_mm", "wavelength_mm")
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         k = 2 * math.pi / self.wavelength_mm
         r = np.hypot(x_mm, y_mm)
         z = self.amplitude_mm * (1 + np.cos(k * r))
@@ -314,11 +315,11 @@ class BandNoise(Surface):
     seed: int = 0
     _lengths = ("rms_mm", "wavelength_mm")
 
-    def evaluate(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
+    def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
         waves = random_waves(self.wavelength_mm, self.seed, _WAVES)
         gain = self.rms_mm * math.sqrt(2 / _WAVES)
 
-        def draw(x: Array, y: Array, out: Array) -> None:
+        def draw(x: Float64, y: Float64, out: Float64) -> None:
             in_threads(add_waves, len(x), x, y, waves, gain, out)
 
         z, zx, zy = drawn(draw, x_mm, y_mm)
@@ -331,7 +332,7 @@ class BandNoise(Surface):
         return FieldBounds(self.height_mm - most, self.height_mm + most, slope)
 
 
-def random_waves(wavelength_mm: float, seed: int, count: int) -> Array:
+def random_waves(wavelength_mm: float, seed: int, count: int) -> Float64:
     """Return ``(count, 3)`` wave numbers kx, ky (rad/mm) and phases of waves of one wavelength.
 
     The directions are uniform over the half circle plus a random offset, so that even a few waves
@@ -346,7 +347,7 @@ def random_waves(wavelength_mm: float, seed: int, count: int) -> Array:
 
 @numba.njit(nogil=True, cache=True)
 def add_waves(
-    first: int, last: int, x: Array, y: Array, waves: Array, gain: float, out: Array
+    first: int, last: int, x: Float64, y: Float64, waves: Float64, gain: float, out: Float64
 ) -> None:
     """Add the height and gradient of plane waves to ``out`` (3, n)."""
     for i in range(first, last):

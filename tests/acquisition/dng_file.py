@@ -5,8 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
+from rig.arrays import UInt16
 
 Tag = tuple[int, int, int, bytes]
 _BYTE, _ASCII, _SHORT, _LONG, _RATIONAL, _SRATIONAL = 1, 2, 3, 4, 5, 10
@@ -33,7 +32,7 @@ def directory(tags: list[Tag], at: int) -> bytes:
 
 
 def dng(
-    pixels: npt.NDArray[np.uint16],
+    pixels: UInt16,
     *,
     black: tuple[int, int, int, int] = (64, 64, 64, 64),
     white: int = 4095,

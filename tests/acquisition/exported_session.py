@@ -6,7 +6,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._pixels.images import write_exr, write_png
 from acquisition._plan.planned_shot import PlannedShot
@@ -19,6 +18,7 @@ from acquisition._storage import make_folder
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights, led_id
 from rig import Mounting
+from rig.arrays import Bool, Float32, UInt16
 
 SIZE = (20, 28)
 LEDS = (0, 1, 3, 4)  # 2 is dead
@@ -38,7 +38,7 @@ TEXTS = {
 }
 
 
-def picture(number: int, shape: tuple[int, ...], largest: int = 4095) -> npt.NDArray[np.uint16]:
+def picture(number: int, shape: tuple[int, ...], largest: int = 4095) -> UInt16:
     return (
         np.random.default_rng(number).integers(0, largest, shape, endpoint=True).astype(np.uint16)
     )
@@ -105,13 +105,13 @@ def session(
     return folder
 
 
-def true_normals(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
+def true_normals(mask: Bool) -> Float32:
     normals = np.random.default_rng(5).normal(size=(*mask.shape, 3))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     return np.where(mask[..., None], normals, 0).astype(np.float32)
 
 
-def lit(folder: Path, bracket: int = 0) -> dict[int, npt.NDArray[np.uint16]]:
+def lit(folder: Path, bracket: int = 0) -> dict[int, UInt16]:
     """Pixels by LED."""
     return {
         frame.led: frame.read()

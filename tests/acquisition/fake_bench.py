@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._engine.engine import record
@@ -29,15 +28,14 @@ from rig import (
     RigConfig,
     Trigger,
 )
+from rig.arrays import UInt16
 
 LEDS = 6
 PLAN = CapturePlan(leds=(3, 0, 5), exposures_us=(200.0, 50.0), ambient=True, gain_db=2.0)
 LABELS = Labels("Ada", "coin")
 
 
-def seen(
-    led: int | None, exposure_us: float, albedo: float = 1.0, room: float = 0.0
-) -> npt.NDArray[np.uint16]:
+def seen(led: int | None, exposure_us: float, albedo: float = 1.0, room: float = 0.0) -> UInt16:
     """Return the frame of the camera: a ramp that grows with LED number and exposure, up to 4095.
 
     ``room`` is the light of the room in units of the light of the first LED.
@@ -149,7 +147,7 @@ class Gate:
         self.open = threading.Event()
         real = _session_writer.store_frame
 
-        def slow(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+        def slow(path: Path, pixels: UInt16) -> Any:
             assert self.open.wait(30)
             return real(path, pixels)
 

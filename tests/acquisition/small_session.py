@@ -6,19 +6,19 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from acquisition._plan.plan import CapturePlan
 from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
+from rig.arrays import UInt16
 
 SHAPE = (24, 32)
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 
 
-def picture(seed: int) -> npt.NDArray[np.uint16]:
+def picture(seed: int) -> UInt16:
     """Return grey values that deflate compresses well."""
     return np.random.default_rng(seed).integers(0, 40, SHAPE).astype(np.uint16)
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -30,10 +29,11 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._source.reader import read_source
 from acquisition._storage import lock_folder
+from rig.arrays import UInt16
 from tests.acquisition.small_session import PLAN, SHAPE, names, picture, whole, write
 
 
-def noise() -> npt.NDArray[np.uint16]:
+def noise() -> UInt16:
     return np.random.default_rng(9).integers(0, 65536, SHAPE).astype(np.uint16)
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._engine import carry_out as _carry_out
@@ -30,6 +29,7 @@ from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
 from rig import BoardError, CameraError, RigConfig
 from rig import Rig as RealRig
+from rig.arrays import Float32
 from simulator import ImageFormation
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, seen
 
@@ -226,7 +226,7 @@ def test_on_the_simulated_rig(tmp_path: Path) -> None:
     config = RigConfig(name="sim", driver="simulated", leds=4)
     base = np.arange(48, dtype=np.float32).reshape(6, 8)
 
-    def plane(led: int | None) -> npt.NDArray[np.float32]:
+    def plane(led: int | None) -> Float32:
         return np.zeros((6, 8), np.float32) if led is None else base * 0.02 * (led + 1)
 
     plan = CapturePlan(leds=(2, 0, 3), exposures_us=(500.0,))

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._engine.engine import record
@@ -18,6 +17,7 @@ from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from rig import CameraError, RigError
 from rig import Rig as RealRig
+from rig.arrays import UInt16
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, seen
 
 
@@ -123,7 +123,7 @@ def test_the_journal_has_the_order_of_the_plan(
     real = _session_writer.store_frame
     second_is_there = threading.Event()
 
-    def uneven(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+    def uneven(path: Path, pixels: UInt16) -> Any:
         if path.name.startswith("D_200us"):
             assert second_is_there.wait(20)
         stored = real(path, pixels)

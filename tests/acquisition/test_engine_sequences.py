@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._engine.engine import record
@@ -16,11 +15,12 @@ from acquisition._session.verify import verify_session
 from acquisition._values.noise_model import NoiseModel
 from rig import Rig as RealRig
 from rig import RigConfig
+from rig.arrays import Float32
 from simulator import ImageFormation
 from tests.acquisition.fake_bench import LABELS, Gate, events_of
 
 
-def _plane(led: int | None) -> npt.NDArray[np.float32]:
+def _plane(led: int | None) -> Float32:
     base = np.arange(48, dtype=np.float32).reshape(6, 8)
     return np.zeros((6, 8), np.float32) if led is None else base * np.float32(0.01 * (led + 1))
 

@@ -10,8 +10,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._engine import carry_out as _carry_out
@@ -26,6 +24,7 @@ from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from rig import CameraError
 from rig import Rig as RealRig
+from rig.arrays import UInt16
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, Gate, events_of
 
 
@@ -119,7 +118,7 @@ def test_a_slow_disk_may_finish_after_an_error(
 ) -> None:
     real = _session_writer.store_frame
 
-    def slow(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+    def slow(path: Path, pixels: UInt16) -> Any:
         time.sleep(0.1)
         return real(path, pixels)
 

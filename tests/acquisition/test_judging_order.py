@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._engine import engine as _engine
@@ -20,6 +19,7 @@ from acquisition._session import writer as _session_writer
 from acquisition._session.session import Session
 from acquisition._values.noise_model import NoiseModel
 from rig import CameraError, CameraFrame, Rig, RigConfig, RigError
+from rig.arrays import Float32, UInt16
 from simulator import ImageFormation
 from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on, seen
 
@@ -52,7 +52,7 @@ def sequenced_rig(light: dict[int, float]) -> Rig:
     """Return a rig with uniform LEDs of the given brightness, grey values per microsecond."""
     from simulator._simulated_rig import simulated_rig
 
-    def plane(led: int | None) -> npt.NDArray[np.float32]:
+    def plane(led: int | None) -> Float32:
         return np.full((6, 8), 0.0 if led is None else light[led], np.float32)
 
     config = RigConfig(name="sim", driver="simulated", leds=3, trigger="board", settle_ms=0.5)
@@ -66,7 +66,7 @@ def sequenced_rig(light: dict[int, float]) -> Rig:
 def slow_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     real = _session_writer.store_frame
 
-    def slow(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+    def slow(path: Path, pixels: UInt16) -> Any:
         time.sleep(0.05)
         return real(path, pixels)
 

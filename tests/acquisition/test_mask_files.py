@@ -6,10 +6,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition import DataError, read_mask, read_mask_shares, write_exr, write_png
+from rig.arrays import Generic
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ from acquisition import DataError, read_mask, read_mask_shares, write_exr, write
         pytest.param(np.array([[-1, 0.2, 7, np.nan]], np.float32), [[0, 0.2, 1, 0]], id="floats"),
     ],
 )
-def test_shares(tmp_path: Path, pixels: npt.NDArray[np.generic], shares: list[object]) -> None:
+def test_shares(tmp_path: Path, pixels: Generic, shares: list[object]) -> None:
     path = tmp_path / ("m.exr" if pixels.dtype == np.float32 else "m.png")
     (write_exr if pixels.dtype == np.float32 else write_png)(path, pixels)  # type: ignore[operator]
     np.testing.assert_allclose(read_mask_shares(path), shares, rtol=1e-6)

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -24,6 +23,7 @@ from acquisition._metering.light_level import (
 from acquisition._metering.metering import meter
 from acquisition._plan.plan import CapturePlan
 from rig import CameraFrame, CameraInfo, Rig, RigError, Shot
+from rig.arrays import Float64
 from tests.quick_sample import quick
 
 BLACK_DN = 64.0
@@ -41,7 +41,7 @@ class NumberRig:
     step_us: float = 0.0
     range_us: tuple[float, float] = (10.0, 10e6)
     noise_dn: float = 2.0
-    ramp: npt.NDArray[np.float64] = field(default_factory=lambda: RAMP)
+    ramp: Float64 = field(default_factory=lambda: RAMP)
     shots: list[tuple[int | None, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:

@@ -9,7 +9,6 @@ from unittest.mock import ANY
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError
@@ -19,8 +18,7 @@ from acquisition._pixels.pile_up import PileUp, find_pile_up
 from acquisition._session.session import Session
 from acquisition._source.reader import read_source
 from acquisition._values.transfer_curve import SRGB
-
-Images = npt.NDArray[np.floating]
+from rig.arrays import Floating, Generic, UInt8, UInt16
 
 SIZE = 64
 AROUND = np.linspace(0, 2 * np.pi, 8, endpoint=False)
@@ -29,30 +27,30 @@ ABOVE = np.vstack([RING, [[0, 0, 1]]])
 Y, X = (np.mgrid[:SIZE, :SIZE] - SIZE / 2) / (0.45 * SIZE)
 
 
-def shaded(slope_x: Images, slope_y: Images, lights: Images = RING) -> Images:
+def shaded(slope_x: Floating, slope_y: Floating, lights: Floating = RING) -> Floating:
     normals = np.stack([slope_x, slope_y, np.ones_like(slope_x)], -1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     return 0.8 * np.clip(np.einsum("hwc,nc->nhw", normals, lights), 0, None)
 
 
-def waves() -> Images:
+def waves() -> Floating:
     return shaded(0.8 * np.sin(3 * X + Y), 0.6 * np.cos(4 * Y))
 
 
-def noisy(images: Images, sigma: float = 0.002) -> Images:
+def noisy(images: Floating, sigma: float = 0.002) -> Floating:
     return images + np.random.default_rng(4).normal(0, sigma, images.shape)
 
 
-def found(images: npt.NDArray[np.generic], side: int = 1) -> PileUp | None:
+def found(images: Generic, side: int = 1) -> PileUp | None:
     white = np.inf if images.dtype.kind == "f" else np.iinfo(images.dtype).max
     return find_pile_up([lambda image=image: image for image in images], side, float(white))
 
 
-def dn16(images: Images) -> npt.NDArray[np.uint16]:
+def dn16(images: Floating) -> UInt16:
     return np.rint(np.clip(images, 0, 1) * 65535).astype(np.uint16)
 
 
-def dn8(images: Images) -> npt.NDArray[np.uint8]:
+def dn8(images: Floating) -> UInt8:
     return np.rint(np.clip(images, 0, 1) * 255).astype(np.uint8)
 
 
@@ -102,24 +100,24 @@ def test_each_colour_has_a_level_of_its_own() -> None:
     assert pile.brightest == images.max()
 
 
-def plateau() -> Images:
+def plateau() -> Floating:
     """A flat top, the brightest under the light above it, with rounded edges."""
     far = np.clip(np.hypot(X, Y) - 0.5, 0, None) / np.maximum(np.hypot(X, Y), 1e-9)
     return shaded(X * far, Y * far, ABOVE)
 
 
-def low_relief() -> Images:
+def low_relief() -> Floating:
     """An area that nearly faces the light above it."""
     far = np.clip(np.hypot(X, Y) - 0.6, 0, None)
     return shaded(0.05 * np.sin(6 * X) + 3 * X * far, 0.05 * np.cos(5 * Y) + 3 * Y * far, ABOVE)
 
 
-def facets() -> Images:
+def facets() -> Floating:
     steepest = np.round(np.arctan2(Y, X) / (np.pi / 4)) * np.pi / 4
     return shaded(0.75 * np.cos(steepest), 0.75 * np.sin(steepest))
 
 
-def label() -> Images:
+def label() -> Floating:
     images = noisy(waves() * 0.8)
     images[:, :12, :20] = 0.9
     return images
@@ -142,7 +140,7 @@ def label() -> Images:
         pytest.param(lambda: np.floor(noisy(waves()) * 40) / 40, id="few grey values"),
     ],
 )
-def test_nothing_is_found_where_nothing_was_clipped(scene: Callable[[], Images]) -> None:
+def test_nothing_is_found_where_nothing_was_clipped(scene: Callable[[], Floating]) -> None:
     images = scene()
     jpeg = [cv2.imdecode(cv2.imencode(".jpg", each)[1], 0) for each in dn8(images)]
     for samples in (dn16(images), dn8(images), np.stack(jpeg), images.astype(np.float32)):

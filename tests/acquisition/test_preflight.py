@@ -13,7 +13,6 @@ from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._plan.plan import CapturePlan
@@ -31,6 +30,7 @@ from acquisition._preflight.trial_frames import (
     detail,
 )
 from rig import BoardError, RigConfig
+from rig.arrays import Float64, UInt16
 from simulator import _simulated_rig
 from simulator._camera.virtual_camera import VirtualCamera
 from simulator._open_rig import BenchFlaws, open_rig_seeing
@@ -306,22 +306,20 @@ def test_a_disk_that_refuses_to_flush_or_returns_other_data(
 # Checks of synthetic images.
 
 
-def scene(sigma_px: float = 0.0, seed: int = 3) -> npt.NDArray[np.float64]:
+def scene(sigma_px: float = 0.0, seed: int = 3) -> Float64:
     """Return a blurred random texture with a mean of 0.1 grey values per microsecond."""
     image = np.random.default_rng(seed).uniform(0.02, 0.18, (120, 160))
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma_px) if sigma_px else image, np.float64)
 
 
-def frame(
-    light: npt.NDArray[np.float64], exposure_us: float, seed: int, gamma: float = 1.0
-) -> npt.NDArray[np.uint16]:
+def frame(light: Float64, exposure_us: float, seed: int, gamma: float = 1.0) -> UInt16:
     grey = 64 + 4031 * (np.clip(light * exposure_us / 4031, 0, 1)) ** gamma
     grey += np.random.default_rng(seed).normal(0, 3.0, light.shape)
     return np.clip(np.rint(grey), 0, WHITE_DN).astype(np.uint16)
 
 
 def trials(
-    light: npt.NDArray[np.float64], room: float = 0.0, gamma: float = 1.0, long_us: float = 10_000.0
+    light: Float64, room: float = 0.0, gamma: float = 1.0, long_us: float = 10_000.0
 ) -> Trials:
     off = np.full(light.shape, room)
     half_us = long_us / 2
@@ -421,7 +419,7 @@ def test_an_led_without_light_fails() -> None:
 
 
 def test_the_longest_and_the_shortest_bracket_are_judged() -> None:
-    def shot(exposure_us: float) -> tuple[float, npt.NDArray[np.uint16]]:
+    def shot(exposure_us: float) -> tuple[float, UInt16]:
         return exposure_us, frame(scene(), exposure_us, 1)
 
     def state(*exposures_us: float, limit: float = 1.0) -> str:

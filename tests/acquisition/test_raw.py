@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError, MissingPathError
@@ -23,6 +22,7 @@ from acquisition._session.verify import verify_session
 from acquisition._source.reader import read_source
 from acquisition._values.image_names import is_raw
 from acquisition._values.lights import Lights
+from rig.arrays import Int64
 from tests.acquisition.dng_file import SHORT, SRATIONAL, Tag, dng, tag
 
 DATA = os.environ.get("SGP_DATA")
@@ -148,7 +148,7 @@ def test_a_tethered_camera_that_writes_raw_and_jpeg(tmp_path: Path) -> None:
 MONO = [tag(262, SHORT, (34892,)), tag(50713, SHORT, (1, 1)), tag(50714, SHORT, (64,))]
 
 
-def ramp(levels: npt.NDArray[np.int64]) -> Tag:
+def ramp(levels: Int64) -> Tag:
     """Build BlackLevelDeltaV."""
     return tag(50716, SRATIONAL, tuple(int(part) for level in levels for part in (level, 1)))
 

@@ -9,8 +9,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
-import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._engine.engine import record, resume
@@ -22,6 +20,7 @@ from acquisition._session import writer as _session_writer
 from acquisition._session.manifest import CameraRecord
 from acquisition._session.session import Session
 from rig import CameraError, Rig, RigError
+from rig.arrays import UInt16
 from tests.acquisition.fake_bench import LABELS, Bench, rig_on, seen
 from tests.acquisition.test_judging_order import spoil
 
@@ -171,7 +170,7 @@ def test_a_dark_frame_that_is_taken_again_does_not_replace_the_ambient_one(
     real, ambient_is_taken = _session_writer.store_frame, threading.Event()
     journal = tmp_path / "s" / "journal.jsonl"
 
-    def slow(path: Path, pixels: npt.NDArray[np.uint16]) -> Any:
+    def slow(path: Path, pixels: UInt16) -> Any:
         assert ambient_is_taken.wait(30)
         return real(path, pixels)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._engine.rejection import SeenLight, is_lit, rejection
@@ -14,14 +13,13 @@ from acquisition._pixels.frame_quality import FrameQuality
 from acquisition._pixels.quality import measure_quality
 from acquisition._plan.planned_shot import PlannedShot
 from rig import RigError
+from rig.arrays import Float64
 
 SIZE = (480, 640)
 BLACK, WHITE = 64.0, 4095.0
 
 
-def frame(
-    seed: int, light_dn: npt.NDArray[np.float64] | float = 0.0, offset_dn: float = 0.0
-) -> FrameQuality:
+def frame(seed: int, light_dn: Float64 | float = 0.0, offset_dn: float = 0.0) -> FrameQuality:
     """Return a frame with shot noise, 2 DN of read noise and a fixed set of hot pixels."""
     rng = np.random.default_rng(seed)
     image = (
@@ -33,7 +31,7 @@ def frame(
     return measure_quality(raw, white_level_dn=WHITE, black_level_dn=BLACK)
 
 
-def spot(pixels: int, bright_dn: float) -> npt.NDArray[np.float64]:
+def spot(pixels: int, bright_dn: float) -> Float64:
     light = np.zeros(SIZE)
     light.ravel()[100_000 : 100_000 + pixels] = bright_dn
     return light
@@ -66,7 +64,7 @@ def test_a_drifting_black_level_is_not_light(offset_dn: float) -> None:
     ],
 )
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_light_is_seen(light_dn: npt.NDArray[np.float64] | float, seed: int) -> None:
+def test_light_is_seen(light_dn: Float64 | float, seed: int) -> None:
     assert is_lit(frame(seed, light_dn).percentiles_dn, unlit(), WHITE - BLACK)
 
 
@@ -133,7 +131,7 @@ def test_a_flat_is_judged_by_the_led_that_lights_it() -> None:
     assert "LED 3 gave no light" in str(error)
 
 
-def gave(light_dn: npt.NDArray[np.float64] | float, exposure_us: float) -> SeenLight | None:
+def gave(light_dn: Float64 | float, exposure_us: float) -> SeenLight | None:
     return SeenLight.of(exposure_us, frame(2, light_dn).percentiles_dn, unlit(), WHITE - BLACK)
 
 
@@ -146,7 +144,7 @@ def gave(light_dn: npt.NDArray[np.float64] | float, exposure_us: float) -> SeenL
     ],
 )
 def test_an_exposure_too_short_for_its_light_counts(
-    light_dn: npt.NDArray[np.float64] | float, exposure_us: float
+    light_dn: Float64 | float, exposure_us: float
 ) -> None:
     light = gave(light_dn, exposure_us)
     assert light is not None
@@ -162,7 +160,7 @@ def test_an_exposure_too_short_for_its_light_counts(
     ],
 )
 def test_light_that_must_be_visible_is_missing(
-    light_dn: npt.NDArray[np.float64] | float, exposure_us: float
+    light_dn: Float64 | float, exposure_us: float
 ) -> None:
     error = judged(LIGHT, frame(1), seen=gave(light_dn, exposure_us))
     assert isinstance(error, RigError)

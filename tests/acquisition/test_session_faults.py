@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError, StorageError
@@ -19,6 +18,7 @@ from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
+from rig.arrays import UInt16
 
 
 def manifest() -> Manifest:
@@ -31,7 +31,7 @@ def manifest() -> Manifest:
     )
 
 
-def picture(seed: int) -> npt.NDArray[np.uint16]:
+def picture(seed: int) -> UInt16:
     return np.random.default_rng(seed).integers(0, 4096, (6, 8)).astype(np.uint16)
 
 

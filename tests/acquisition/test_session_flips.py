@@ -5,7 +5,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError
@@ -15,11 +14,12 @@ from acquisition._session.session import Session
 from acquisition._session.session_frame import SessionFrame
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
+from rig.arrays import UInt16
 
 FLIPS = 250
 
 
-def picture(index: int) -> npt.NDArray[np.uint16]:
+def picture(index: int) -> UInt16:
     return np.random.default_rng(index).integers(0, 4096, (12, 16)).astype(np.uint16)
 
 
@@ -43,7 +43,7 @@ def folder(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
     return tmp_path / "s"
 
 
-def outcome(frame: SessionFrame) -> npt.NDArray[np.uint16] | str:
+def outcome(frame: SessionFrame) -> UInt16 | str:
     try:
         return frame.read()
     except DataError as error:

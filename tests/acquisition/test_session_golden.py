@@ -20,7 +20,6 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError
@@ -44,6 +43,7 @@ from acquisition._values.light_errors import LightErrors
 from acquisition._values.lights import Lights
 from acquisition._values.setup import Calibrated, Setup, UsedSphere
 from rig import Mounting
+from rig.arrays import UInt16
 
 FOLDERS = {
     1: Path(__file__).parent / "golden_session",
@@ -85,7 +85,7 @@ def samples_of(file: bytes) -> bytes:
     return file[found[273] : found[273] + found[279]]
 
 
-def pixels_of(number: int) -> npt.NDArray[np.uint16]:
+def pixels_of(number: int) -> UInt16:
     return np.arange(48, dtype=np.uint16).reshape(6, 8) * 80 + number
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._plan.plan import CapturePlan
@@ -22,6 +21,7 @@ from acquisition._plan.planned_shot import PlannedShot
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
+from rig.arrays import UInt16
 from tests.quick_sample import quick
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="forks processes")
@@ -155,7 +155,7 @@ def server() -> Iterator[Server]:
     server.close()
 
 
-def pixels_of(frame: PlannedShot, shots: tuple[PlannedShot, ...]) -> npt.NDArray[np.uint16]:
+def pixels_of(frame: PlannedShot, shots: tuple[PlannedShot, ...]) -> UInt16:
     rng = np.random.default_rng(shots.index(frame))
     return rng.integers(0, 4096, (16, 16)).astype(np.uint16)
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError, StorageError
@@ -24,6 +23,7 @@ from acquisition._session.manifest import CameraRecord, Manifest
 from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
+from rig.arrays import UInt16
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")
 
@@ -55,7 +55,7 @@ def unharmed(victim: Path) -> bool:
     return [(p.name, p.read_bytes()) for p in victim.parent.iterdir()] == [("victim", b"mine")]
 
 
-def picture(seed: int) -> npt.NDArray[np.uint16]:
+def picture(seed: int) -> UInt16:
     return np.random.default_rng(seed).integers(0, 40, (24, 32)).astype(np.uint16)
 
 

@@ -4,12 +4,12 @@ import math
 from fractions import Fraction
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition._pixels.quality import measure_quality
+from rig.arrays import UInt16
 
 
 @settings(deadline=None, max_examples=50)
@@ -33,7 +33,7 @@ def test_counts_are_exact(seed: int, height: int, width: int, colour: bool, whit
         assert found.sharpness == 0.0
 
 
-def sine(period_px: float, amplitude: float, height: int = 200) -> npt.NDArray[np.uint16]:
+def sine(period_px: float, amplitude: float, height: int = 200) -> UInt16:
     x = np.arange(240)
     row = 10000 + amplitude * np.sin(2 * np.pi * x / period_px)
     return np.broadcast_to(np.round(row), (height, 240)).astype(np.uint16)

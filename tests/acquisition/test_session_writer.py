@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError, MissingPathError, StorageError
@@ -24,6 +23,7 @@ from acquisition._session.writer import SessionWriter
 from acquisition._values.camera_model import CameraModel
 from acquisition._values.lights import Lights
 from acquisition._values.noise_model import NoiseModel
+from rig.arrays import UInt16
 
 PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,))
 
@@ -39,7 +39,7 @@ def manifest(**changed: Any) -> Manifest:
     return Manifest(**{**values, **changed})
 
 
-def picture(seed: int) -> npt.NDArray[np.uint16]:
+def picture(seed: int) -> UInt16:
     return np.random.default_rng(seed).integers(0, 4096, (6, 8)).astype(np.uint16)
 
 
@@ -171,9 +171,7 @@ def test_a_recording_with_missing_shots_cannot_be_completed(tmp_path: Path) -> N
         pytest.param(np.full((6, 8), 4096, np.uint16), "12 bits", id="high-aligned"),
     ],
 )
-def test_a_frame_that_does_not_fit_is_refused(
-    tmp_path: Path, pixels: npt.NDArray[np.uint16], said: str
-) -> None:
+def test_a_frame_that_does_not_fit_is_refused(tmp_path: Path, pixels: UInt16, said: str) -> None:
     with SessionWriter.create(tmp_path / "s", manifest()) as writer:
         with pytest.raises(DataError, match=said):
             writer.write_frame(writer.missing[0], pixels)

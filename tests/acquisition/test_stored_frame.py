@@ -7,7 +7,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,9 +15,10 @@ from acquisition._errors import StorageError
 from acquisition._pixels.images import read_image
 from acquisition._session.session_frame import pixels_sha256
 from acquisition._session.stored_frame import store_frame
+from rig.arrays import UInt16
 
 
-def picture(shape: tuple[int, ...], seed: int = 0) -> npt.NDArray[np.uint16]:
+def picture(shape: tuple[int, ...], seed: int = 0) -> UInt16:
     return np.random.default_rng(seed).integers(0, 65536, shape).astype(np.uint16)
 
 
@@ -56,7 +56,7 @@ def test_equal_pixels_give_equal_bytes(tmp_path: Path) -> None:
         pytest.param(picture((80, 120))[::2, ::2], id="strided"),
     ],
 )
-def test_arrays_that_are_not_contiguous(tmp_path: Path, view: npt.NDArray[np.uint16]) -> None:
+def test_arrays_that_are_not_contiguous(tmp_path: Path, view: UInt16) -> None:
     stored = store_frame(tmp_path / "a.tif", view)
     np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), view)
     assert stored.pixels_sha256 == pixels_sha256(view)

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition._errors import DataError, MissingPathError, StorageError
@@ -25,12 +24,13 @@ from acquisition._session.session import Session
 from acquisition._session.verify import verify_session
 from acquisition._session.writer import SessionWriter
 from acquisition._values.lights import Lights
+from rig.arrays import UInt16
 
 SHAPE = (8, 10)
 BEGIN_NS = 1_700_000_000 * 10**9
 
 
-def picture(number: int) -> npt.NDArray[np.uint16]:
+def picture(number: int) -> UInt16:
     return np.random.default_rng(number).integers(0, 65536, SHAPE).astype(np.uint16)
 
 

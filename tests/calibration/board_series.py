@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from acquisition import CameraModel
 from calibration import BoardView, CharucoBoard
+from rig.arrays import Float32, Float64
 from simulator import ChArUco, Lens, board_view
 
-Array = npt.NDArray[np.float64]
-Pose = tuple[Array, Array]
+Pose = tuple[Float64, Float64]
 
 BOARD = CharucoBoard(11, 8, 20.0)
 PRINT = ChArUco(BOARD.columns, BOARD.rows, BOARD.square_mm)
@@ -24,7 +24,7 @@ FLAT: Pose = (np.eye(3), np.zeros(3))
 _ELECTRONS, _READ_E = 8000.0, 8.0
 
 
-def turned(axis: npt.ArrayLike, angle: float) -> Array:
+def turned(axis: npt.ArrayLike, angle: float) -> Float64:
     """Rodrigues' rotation by an angle in radians about a unit axis."""
     x, y, z = np.asarray(axis, np.float64)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -51,7 +51,7 @@ def shot(
     lens: Lens | None = None,
     printed: ChArUco = PRINT,
     sheet_mm: tuple[float, float] = SHEET_MM,
-) -> npt.NDArray[np.float32]:
+) -> Float32:
     """Return an image with blur, shot noise and read noise, in electrons."""
     lens = lens or Lens.of(CAMERA, sharp=False)
     image = board_view(lens, printed, *pose, sheet_mm=sheet_mm)
@@ -60,7 +60,7 @@ def shot(
     return noisy.astype(np.float32)
 
 
-def shots(seed: int, count: int = 15) -> Iterator[npt.NDArray[np.float32]]:
+def shots(seed: int, count: int = 15) -> Iterator[Float32]:
     for k, pose in enumerate(poses(seed, count)):
         yield shot(pose, 1000 * seed + k)
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,9 +15,8 @@ from scipy.spatial.transform import Rotation
 from acquisition import Calibrated, DataError, LightErrors, Lights
 from calibration import LightComparison, compare_lights, compare_with_rig
 from rig import RigConfig
+from rig.arrays import Float64
 from tests.quick_sample import quick
-
-Array = npt.NDArray[np.float64]
 
 
 def dome(count: int, seed: int = 0) -> Lights:
@@ -37,12 +35,12 @@ def ring(count: int) -> Lights:
     return Lights(positions_mm=300 * flat)
 
 
-def turned(angle_deg: float, axis: tuple[float, float, float]) -> Array:
+def turned(angle_deg: float, axis: tuple[float, float, float]) -> Float64:
     unit = np.array(axis) / np.linalg.norm(axis)
     return np.asarray(Rotation.from_rotvec(np.radians(angle_deg) * unit).as_matrix())
 
 
-def at(lights: Lights, vectors: Array) -> Lights:
+def at(lights: Lights, vectors: Float64) -> Lights:
     if lights.near:
         return replace(lights, positions_mm=vectors, axes=None)
     return Lights(directions=vectors, ids=lights.ids)
@@ -136,7 +134,7 @@ SHUFFLED = np.array([5, 8, 0, 11, 1, 3, 9, 4, 10, 2, 7, 6])
     ],
 )
 def test_the_cause_is_named(
-    near: bool, noise: float, change: Callable[[Array], Array], expected: list[str], words: str
+    near: bool, noise: float, change: Callable[[Float64], Float64], expected: list[str], words: str
 ) -> None:
     before = dome(12) if near else dome(12).distant()
     vectors = before.unit_directions if before.positions_mm is None else before.positions_mm
@@ -348,7 +346,7 @@ def test_lights_are_matched_by_name() -> None:
     assert codes(compare_lights(before, renamed)) == ["lights-matched-by-order"]
 
 
-def config(positions: Array) -> RigConfig:
+def config(positions: Float64) -> RigConfig:
     rows = tuple(tuple(row) for row in positions.tolist())
     return RigConfig(name="dome one", driver="bench", leds=len(rows), led_positions_mm=rows)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from processing._surface import alternation
@@ -13,13 +12,13 @@ from processing._surface.alternation import Alternation, Pair
 from processing._surface.anchors import Anchors
 from processing._surface.grid_graph import divergence
 from processing._surface.multigrid import solve
+from rig.arrays import Float64
 
-Double = npt.NDArray[np.float64]
 ROWS, COLUMNS = 24, 30
 SLOPE = 0.4
 
 
-def plane(scale: float = 1.0) -> tuple[Alternation, Double]:
+def plane(scale: float = 1.0) -> tuple[Alternation, Float64]:
     """Return the problem of a plane that rises to the right, and its heights in pixels."""
     right, down = np.zeros((2, ROWS + 2, COLUMNS + 2), np.float32)
     right[1:-1, 1:-2], down[1:-2, 1:-1] = 1, 1
@@ -38,7 +37,7 @@ def indifferent(problem: Alternation) -> tuple[Pair, Pair]:
     return one, one
 
 
-def within(u: Double) -> Double:
+def within(u: Float64) -> Float64:
     inner = u[1:-1, 1:-1]
     return inner - inner.mean()
 

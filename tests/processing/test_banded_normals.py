@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition import Frame, read_source
 from processing import Reconstruction, reconstruct
 from processing._reconstruction import reconstruct as source_to_normals
 from processing._reconstruction import recorded_images
+from rig.arrays import AnyArray
 from tests.processing.test_colours import recording
 from tests.processing.test_reconstruct import session  # noqa: F401
 from tests.quick_sample import quick
@@ -93,10 +93,10 @@ def test_maps_of_colours_do_not_depend_on_the_bands(
     assert banded.uncertainty.neighbour_correlation == whole.uncertainty.neighbour_correlation
 
 
-def black(frame: Frame) -> Callable[[], npt.NDArray[Any]]:
+def black(frame: Frame) -> Callable[[], AnyArray]:
     """Return a loader of a frame whose first rows have no light."""
 
-    def load() -> npt.NDArray[Any]:
+    def load() -> AnyArray:
         pixels = frame.load().copy()
         pixels[:9] = 0
         return pixels

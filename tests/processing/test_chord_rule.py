@@ -1,25 +1,23 @@
 """Edges of the chord rule against its closed forms: steps on spheres and planes, weights c^4."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from processing._surface.chord_rule import orthographic_edges, perspective_edges
+from rig.arrays import Float32, Float64
 
-Double = npt.NDArray[np.float64]
 
-
-def even(normal: Double, size: tuple[int, int] = (3, 4)) -> npt.NDArray[np.float32]:
+def even(normal: Float64, size: tuple[int, int] = (3, 4)) -> Float32:
     return np.broadcast_to(normal / np.linalg.norm(normal), (*size, 3)).astype(np.float32)
 
 
-def tilted(degrees: float, around: float = 0.3) -> Double:
+def tilted(degrees: float, around: float = 0.3) -> Float64:
     angle = np.radians(degrees)
     side = np.array([np.cos(around), np.sin(around)]) * np.sin(angle)
     return np.array([*side, np.cos(angle)])
 
 
-def rays_of(size: tuple[int, int], focal_px: float, centre: tuple[float, float]) -> Double:
+def rays_of(size: tuple[int, int], focal_px: float, centre: tuple[float, float]) -> Float64:
     rows, columns = np.indices(size, np.float64)
     x, y = (columns - centre[0]) / focal_px, -(rows - centre[1]) / focal_px
     return np.stack([x, y, -np.ones(size)], axis=2)
@@ -98,7 +96,7 @@ def test_a_sphere_is_exact() -> None:
 )
 @pytest.mark.parametrize("seen_from", ["far", "camera"])
 def test_pixels_without_an_edge(
-    first: Double, second: Double, joined: bool, seen_from: str
+    first: Float64, second: Float64, joined: bool, seen_from: str
 ) -> None:
     normals = np.stack([first, second])[None].astype(np.float32)
     mask = np.ones((1, 2), bool)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from processing._detail.choices import FilterKind
@@ -14,15 +13,14 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals
+from rig.arrays import Bool, Float64
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
-Mask = npt.NDArray[np.bool_]
-Double = npt.NDArray[np.float64]
 PAPER = ShapeFilter("gaussian", 1, 5)
 UP = (0.0, 0.0, 1.0)
 
 
-def caps(seed: int, size: int = 320) -> tuple[NormalMap, Double]:
+def caps(seed: int, size: int = 320) -> tuple[NormalMap, Float64]:
     """Return a map with many occlusions, balls with relief in front of a relief, and its depth.
 
     The parameters of the filters were chosen on scenes of this kind with other seeds, so these
@@ -31,7 +29,7 @@ def caps(seed: int, size: int = 320) -> tuple[NormalMap, Double]:
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:size, :size].astype(float)
 
-    def relief() -> tuple[Double, Double]:
+    def relief() -> tuple[Float64, Float64]:
         steepness, wavelength = rng.uniform(0.1, 0.35), rng.uniform(1.2, 3)
         dy, dx = np.gradient(cv2.GaussianBlur(rng.normal(size=(size, size)), (0, 0), wavelength))
         gain = steepness / np.hypot(dx, dy).std()
@@ -53,7 +51,7 @@ def caps(seed: int, size: int = 320) -> tuple[NormalMap, Double]:
     return NormalMap.from_vectors(np.stack([-dx, dy, np.ones_like(dx)], axis=2)), height
 
 
-def occlusion_band(depth: Double, mask: Mask, jump: float = 5.0, reach_px: float = 5.0) -> Mask:
+def occlusion_band(depth: Float64, mask: Bool, jump: float = 5.0, reach_px: float = 5.0) -> Bool:
     """Return the pixels of a mask near a depth jump between neighbours."""
     inside = mask & np.isfinite(depth)
     depth = np.where(inside, depth, 0)
@@ -68,7 +66,7 @@ def occlusion_band(depth: Double, mask: Mask, jump: float = 5.0, reach_px: float
     return mask & (np.asarray(far) <= reach_px)
 
 
-def figures(normal_map: NormalMap, band: Mask, by: ShapeFilter) -> tuple[float, float, float]:
+def figures(normal_map: NormalMap, band: Bool, by: ShapeFilter) -> tuple[float, float, float]:
     """Return mean residual angles in the band, by both filters, and the detail angle elsewhere."""
     parts = separate(normal_map, shape_filter=by)
     own = parts.separability_map_deg[band].mean()
@@ -77,7 +75,7 @@ def figures(normal_map: NormalMap, band: Mask, by: ShapeFilter) -> tuple[float, 
     return float(own), float(paper), float(away)
 
 
-def mean_figures(maps: list[tuple[NormalMap, Mask]], by: ShapeFilter) -> Double:
+def mean_figures(maps: list[tuple[NormalMap, Bool]], by: ShapeFilter) -> Float64:
     return np.asarray([figures(*case, by) for case in maps]).mean(axis=0)
 
 

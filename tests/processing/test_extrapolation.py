@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition import CameraModel
 from processing._surface.chord_rule import ChordRule
+from rig.arrays import Float64
 
-Double = npt.NDArray[np.float64]
 ROWS, COLUMNS = 9, 40
 WINDOW = slice(0, ROWS), slice(0, COLUMNS)
 
 
-def largest_errors(normals: Double, truth: Double, camera: CameraModel | None = None) -> Double:
+def largest_errors(normals: Float64, truth: Float64, camera: CameraModel | None = None) -> Float64:
     """Return the largest error of a step by the chord rule, and by extrapolation, in pixels."""
     mask = np.ones(truth.shape, bool)
     window = slice(0, truth.shape[0]), slice(0, truth.shape[1])
@@ -31,7 +30,7 @@ def largest_errors(normals: Double, truth: Double, camera: CameraModel | None = 
     return np.array(errors)
 
 
-def waves(length: float) -> tuple[Double, Double]:
+def waves(length: float) -> tuple[Float64, Float64]:
     """Return normals and heights of waves with slopes up to 1, of a length in pixels."""
     y, x = np.mgrid[:ROWS, :COLUMNS] / length
     heights = 0.7 * length * np.sin(x) * np.cos(y + 0.3)
@@ -40,7 +39,7 @@ def waves(length: float) -> tuple[Double, Double]:
     return normals / np.linalg.norm(normals, axis=2, keepdims=True), heights
 
 
-def waves_in_perspective(length: float) -> tuple[Double, Double, CameraModel]:
+def waves_in_perspective(length: float) -> tuple[Float64, Float64, CameraModel]:
     """Return normals, logarithms of depths, and a camera whose focal length grows with the waves.
 
     A point is d r, with the depth d = exp(g) and the ray r: its derivatives are d (g' r + r').
@@ -61,7 +60,7 @@ def waves_in_perspective(length: float) -> tuple[Double, Double, CameraModel]:
 
 @pytest.mark.parametrize("scene", [waves, waves_in_perspective])
 def test_errors_fall_with_the_fifth_power_of_the_pixel(
-    scene: Callable[[float], tuple[Double, Double] | tuple[Double, Double, CameraModel]],
+    scene: Callable[[float], tuple[Float64, Float64] | tuple[Float64, Float64, CameraModel]],
 ) -> None:
     coarse, fine = (largest_errors(*scene(length)) for length in (6.0, 12.0))
     # In pixels, which are half as large: the second power, and the fourth.

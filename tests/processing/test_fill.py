@@ -7,14 +7,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition import DataError
 from processing import NormalMap, angle_deg, fill_holes, read_normals, separate
+from rig.arrays import Bool
 from tests.quick_sample import quick
 
-Mask = npt.NDArray[np.bool_]
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 
 
@@ -25,7 +24,7 @@ def ball(size: int = 120) -> NormalMap:
     return NormalMap.from_vectors(vectors, x**2 + y**2 < 0.8)
 
 
-def disc(size: tuple[int, int], x: float, y: float, radius: float) -> Mask:
+def disc(size: tuple[int, int], x: float, y: float, radius: float) -> Bool:
     rows, columns = np.indices(size)
     return (columns - x) ** 2 + (rows - y) ** 2 <= radius**2
 
@@ -112,7 +111,7 @@ def test_missing_parts_join_the_object(rough: NormalMap) -> None:
         pytest.param(HOLES["inside"], {"seed": -1}, "seed of -1", id="seed"),
     ],
 )
-def test_bad_input(rough: NormalMap, holes: Mask, options: dict[str, int], message: str) -> None:
+def test_bad_input(rough: NormalMap, holes: Bool, options: dict[str, int], message: str) -> None:
     with pytest.raises(DataError, match=message):
         fill_holes(rough, holes, **options)  # type: ignore[arg-type]
 

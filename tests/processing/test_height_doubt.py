@@ -5,25 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition import CameraModel, DataError
 from processing import HeightMap, HeightPrior, NormalMap, integrate
-
-Double = npt.NDArray[np.float64]
-Float = npt.NDArray[np.float32]
+from rig.arrays import Bool, Float32, Float64
 
 
 @dataclass(frozen=True, eq=False)
 class Waves:
     """A wavy surface on a disc, and its normals."""
 
-    height: Double
-    vectors: Double
-    mask: npt.NDArray[np.bool_]
+    height: Float64
+    vectors: Float64
+    mask: Bool
 
-    def noisy(self, sigma_deg: Float, seed: int) -> NormalMap:
+    def noisy(self, sigma_deg: Float32, seed: int) -> NormalMap:
         noise = np.random.default_rng(seed).normal(size=self.vectors.shape)
         turned = self.vectors + np.radians(sigma_deg)[..., None] / np.sqrt(2) * noise
         return NormalMap.from_vectors(turned, self.mask)
@@ -44,7 +41,7 @@ def flat(rows: int, columns: int) -> NormalMap:
     return NormalMap.from_vectors(np.tile([0.0, 0.0, 1.0], (rows, columns, 1)))
 
 
-def rms(surface: HeightMap, truth: Double, where: npt.NDArray[np.bool_]) -> float:
+def rms(surface: HeightMap, truth: Float64, where: Bool) -> float:
     error = (surface.height - truth)[where & surface.mask]
     return float(np.std(error))
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition import CameraModel, DataError
@@ -13,12 +12,12 @@ from calibration import EstimateError
 from processing._normal_map import NormalMap
 from processing._surface.height_map import HeightMap
 from processing._surface.integration import integrate
+from rig.arrays import Float64
 
-Double = npt.NDArray[np.float64]
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 
 
-def grid(rows: int, columns: int) -> tuple[Double, Double]:
+def grid(rows: int, columns: int) -> tuple[Float64, Float64]:
     """Return X (right) and Y (up) of every pixel, in pixels from the image centre."""
     r, c = np.mgrid[:rows, :columns].astype(np.float64)
     return c - (columns - 1) / 2, (rows - 1) / 2 - r
@@ -29,13 +28,13 @@ def camera(rows: int = 90, columns: int = 120, distance: float | None = 400.0) -
     return CameraModel(K, columns, rows, distance, np.array([-0.1, 0.05, 1e-3, -2e-3, 0]))
 
 
-def off(surface: HeightMap, truth: Double) -> float:
+def off(surface: HeightMap, truth: Float64) -> float:
     """Return the largest deviation from the truth, up to a constant, relative to its range."""
     error = (surface.height.astype(np.float64) - truth)[surface.mask]
     return float(np.ptp(error) / 2 / np.ptp(truth[surface.mask]))
 
 
-def bump(rows: int = 160, columns: int = 200) -> tuple[NormalMap, Double]:
+def bump(rows: int = 160, columns: int = 200) -> tuple[NormalMap, Float64]:
     """Return a Gaussian hill to the right of and above the centre."""
     x, y = grid(rows, columns)
     z = 25 * np.exp(-((x - 30) ** 2 + (y - 20) ** 2) / 1000)

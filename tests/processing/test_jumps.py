@@ -6,7 +6,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,12 +13,12 @@ from hypothesis import strategies as st
 from acquisition import CameraModel, DataError, read_camera, read_mask
 from processing import HeightMap, NormalMap, height_mesh, integrate, read_normals
 from processing._surface.face_kernels import faces_of
+from rig.arrays import Float64
 
-Double = npt.NDArray[np.float64]
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 
 
-def horn(size: int = 120) -> tuple[NormalMap, Double]:
+def horn(size: int = 120) -> tuple[NormalMap, Float64]:
     """Return a tilted horn whose lower end is in the ground, and which hides ground elsewhere."""
     y, x = np.mgrid[1 : -1 : size * 1j, -1 : 1 : size * 1j] * (size / 2)
     across, along = y - 3, x + 0.45 * size
@@ -33,19 +32,19 @@ def horn(size: int = 120) -> tuple[NormalMap, Double]:
     return normals, np.where(on_horn, horn, ground)
 
 
-def error(surface: HeightMap, truth: Double) -> float:
+def error(surface: HeightMap, truth: Float64) -> float:
     difference = (surface.height - truth)[surface.mask]
     return float(np.abs(difference - np.median(difference)).mean())
 
 
 @pytest.fixture(scope="module")
-def surfaces() -> tuple[HeightMap, HeightMap, Double]:
+def surfaces() -> tuple[HeightMap, HeightMap, Float64]:
     """Return the surface of the horn without and with jumps, and the truth."""
     normals, truth = horn()
     return integrate(normals), integrate(normals, discontinuity=True), truth
 
 
-def test_a_horn_above_the_ground(surfaces: tuple[HeightMap, HeightMap, Double]) -> None:
+def test_a_horn_above_the_ground(surfaces: tuple[HeightMap, HeightMap, Float64]) -> None:
     plain, jumps, truth = surfaces
     assert error(jumps, truth) < 0.1 * error(plain, truth)
     assert plain.jumps is None

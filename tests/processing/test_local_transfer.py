@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,10 +17,10 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals
+from rig.arrays import Bool, Float64
 from tests.quick_sample import quick
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
-Mask = npt.NDArray[np.bool_]
 
 
 def relief(seed: int, size: tuple[int, int], slope: float = 3.0) -> NormalMap:
@@ -37,7 +36,7 @@ def ball(size: int = 120) -> NormalMap:
     return NormalMap.from_vectors(np.stack([x, y, z], axis=2), x**2 + y**2 < 0.8)
 
 
-def ellipse(size: tuple[int, int], x: float, y: float, a: float, b: float) -> Mask:
+def ellipse(size: tuple[int, int], x: float, y: float, a: float, b: float) -> Bool:
     rows, columns = np.mgrid[: size[0], : size[1]]
     return np.asarray(((columns - x) / a) ** 2 + ((rows - y) / b) ** 2 <= 1)
 
@@ -95,7 +94,7 @@ def test_placed_normals_are_those_of_the_placed_surface(
 ) -> None:
     """The placed normals of a smooth height field equal those computed from its slopes."""
 
-    def normals(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> NormalMap:
+    def normals(x: Float64, y: Float64) -> NormalMap:
         # The gradient of 3 cos(x / 12) + 2 sin(y / 9), with y upwards instead of rows downwards.
         dx, dy = -np.sin(x / 12) / 4, 2 * np.cos(y / 9) / 9
         return NormalMap.from_vectors(np.stack([-dx, dy, np.ones_like(x)], axis=2))

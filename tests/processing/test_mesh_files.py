@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import trimesh
 from hypothesis import given, settings
@@ -18,6 +17,7 @@ from processing._normal_map import NormalMap
 from processing._surface.face_kernels import faces_of
 from processing._surface.height_map import HeightMap
 from processing._surface.integration import integrate
+from rig.arrays import Bool
 
 FORMATS = ("ply", "obj", "stl", "glb")
 
@@ -34,7 +34,7 @@ def dome(rows: int = 40, columns: int = 50, hole: bool = True) -> tuple[NormalMa
     return normal_map, integrate(normal_map, pixel_mm=0.5)
 
 
-def flat(mask: npt.NDArray[np.bool_]) -> HeightMap:
+def flat(mask: Bool) -> HeightMap:
     return integrate(NormalMap.from_vectors(np.broadcast_to((0.0, 0, 1), (*mask.shape, 3)), mask))
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 import trimesh
 from hypothesis import given, settings
@@ -27,9 +26,8 @@ from processing import (
 )
 from processing._surface.rim import rim
 from processing._surface.simplification import pixels_of
+from rig.arrays import Bool
 from tests.processing.test_mesh_files import dome, flat, read
-
-Bools = npt.NDArray[np.bool_]
 
 
 def relief(camera: CameraModel | None = None) -> tuple[NormalMap, HeightMap]:
@@ -143,7 +141,7 @@ def test_a_solid_is_watertight_and_has_its_volume(distance: float | str | None) 
 def test_any_mask_gives_a_watertight_solid(
     rows: int, columns: int, inside: list[bool], fewer: bool
 ) -> None:
-    mask: Bools = np.array(inside[: rows * columns]).reshape(rows, columns)
+    mask: Bool = np.array(inside[: rows * columns]).reshape(rows, columns)
     mask[:2, :2] = True
     mesh = height_mesh(flat(mask), triangles=max(4, rows * columns // 3) if fewer else None)
     solid = solid_mesh(mesh, base=1.0)

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import numba
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,13 +10,12 @@ from scipy.sparse.csgraph import connected_components
 
 from processing._surface.grid_graph import apply_laplacian, divergence, label_parts
 from processing._surface.multigrid import _cycle, coarsened, solve
+from rig.arrays import Bool, Float32, Float64
 
-Float = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
-Graph = tuple[Float, Float]
+Graph = tuple[Float32, Float32]
 
 
-def graph(mask: Mask, seed: int | None = None, low: float = 0.0) -> Graph:
+def graph(mask: Bool, seed: int | None = None, low: float = 0.0) -> Graph:
     """Return edges between the pixels of a mask, with weight 1 or random in 10^low .. 1."""
     rows, columns = mask.shape
     right, down = np.zeros((2, rows + 2, columns + 2), np.float32)
@@ -30,14 +28,14 @@ def graph(mask: Mask, seed: int | None = None, low: float = 0.0) -> Graph:
     return right, down
 
 
-def steps(u: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], ...]:
+def steps(u: Float64) -> tuple[Float64, ...]:
     step_right, step_down = np.zeros((2, *u.shape))
     step_right[:, :-1] = np.diff(u, axis=1)
     step_down[:-1] = np.diff(u, axis=0)
     return step_right, step_down
 
 
-def matrix(right: Float, down: Float) -> sparse.csr_array:
+def matrix(right: Float32, down: Float32) -> sparse.csr_array:
     node = np.arange(right.size).reshape(right.shape)
     i = np.concatenate([node[:, :-1].ravel(), node[:-1].ravel()])
     j = np.concatenate([node[:, 1:].ravel(), node[1:].ravel()])
@@ -122,24 +120,24 @@ def test_inconsistent_steps_are_solved_by_least_squares() -> None:
     assert energy == pytest.approx(float((u * out).sum()))
 
 
-def waves(size: tuple[int, int]) -> npt.NDArray[np.float64]:
+def waves(size: tuple[int, int]) -> Float64:
     y, x = np.meshgrid(*(np.linspace(-1, 1, n + 2) for n in size), indexing="ij")
     return 100 * (np.sin(3 * x) * np.cos(2 * y) + x)
 
 
-def disc(n: int) -> Mask:
+def disc(n: int) -> Bool:
     y, x = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j]
     return (x**2 + y**2 < 0.9) & ((x - 0.2) ** 2 + (y - 0.3) ** 2 > 0.02)
 
 
-def serpentine(n: int) -> Mask:
+def serpentine(n: int) -> Bool:
     mask = np.ones((n, n), bool)
     mask[3::8, 3:] = False
     mask[7::8, :-3] = False
     return mask
 
 
-def maze(cells: int, wide: int) -> Mask:
+def maze(cells: int, wide: int) -> Bool:
     """Return the passages between walls of one pixel, without loops (depth-first search)."""
     rng, pitch = np.random.default_rng(5), wide + 1
     mask = np.zeros((cells * pitch + 1,) * 2, bool)
@@ -190,7 +188,7 @@ def test_mazes_are_solved(wide: int, seed: int | None) -> None:
         pytest.param(serpentine(200), None, 200, id="serpentine"),
     ],
 )
-def test_a_few_iterations_suffice(mask: Mask, seed: int | None, iterations: int) -> None:
+def test_a_few_iterations_suffice(mask: Bool, seed: int | None, iterations: int) -> None:
     right, down = graph(mask, seed, -2)
     truth = waves(mask.shape)
     solution = solve(right, down, divergence(right, down, *steps(truth)))

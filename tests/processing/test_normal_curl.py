@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from acquisition import CameraModel, DataError
 from processing import NormalMap, curl_notices, integrate, normal_curl
+from rig.arrays import Float64
 from tests.processing.test_jumps import horn
 
 CAMERA = CameraModel(np.array([[300.0, 0, 60], [0, 300.0, 50], [0, 0, 1]]), 120, 100, 400.0)
 
 
-def of_slopes(p: npt.NDArray[np.float64], q: npt.NDArray[np.float64]) -> NormalMap:
+def of_slopes(p: Float64, q: Float64) -> NormalMap:
     """Return normals of slopes to the right and up."""
     return NormalMap.from_vectors(np.dstack([-p, -q, np.ones_like(p)]))
 

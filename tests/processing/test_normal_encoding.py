@@ -7,18 +7,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from processing._normal_encoding import normal_encoding
 from processing._normal_map_files import read_normals, store_normals
-
-Codes = npt.NDArray[np.uint8]
+from rig.arrays import Float64, UInt8
 
 Y, X = np.mgrid[:60, :80]
 
 
-def surface(slope: float) -> npt.NDArray[np.float64]:
+def surface(slope: float) -> Float64:
     """Return unit normals ``(60, 80, 3)`` whose slopes are up to about ``slope``."""
     right = slope * np.sin(X / 7.3 + Y / 11) * np.cos(Y / 19)
     up = slope * np.cos(X / 13 - Y / 8.1)
@@ -28,7 +26,7 @@ def surface(slope: float) -> npt.NDArray[np.float64]:
 
 def coded(
     scale: float, zero: float, rounded: Callable[..., object] = np.rint
-) -> Callable[..., Codes]:
+) -> Callable[..., UInt8]:
     return lambda n: np.clip(rounded(n * scale + zero), 0, 255).astype(np.uint8)
 
 
@@ -44,7 +42,7 @@ def coded(
         pytest.param(coded(127, 128, np.floor), 127.5, id="around 128, rounded down"),
     ],
 )
-def test_the_code_of_zero(slope: float, code: Callable[..., Codes], zero: float) -> None:
+def test_the_code_of_zero(slope: float, code: Callable[..., UInt8], zero: float) -> None:
     codes = code(surface(slope)).reshape(-1, 3)
     found = normal_encoding((codes / 127.5 - 1).astype(np.float32))
     # Shallow slopes leave the scales 127.5 and 128 open, and then the answer is None.
@@ -84,7 +82,7 @@ def test_lossy_codes_do_not_show_it_or_show_it_rightly(change: str, zero: float)
 )
 @pytest.mark.parametrize("most", [255, 65535])
 def test_curves_and_two_channels_are_undone(
-    tmp_path: Path, coded_as: Callable[..., npt.NDArray[np.float64]], said: str, most: int
+    tmp_path: Path, coded_as: Callable[..., Float64], said: str, most: int
 ) -> None:
     # Away from black, where the sRGB curve is a line.
     normals = surface(0.8)
@@ -109,7 +107,7 @@ def test_a_flat_map(tmp_path: Path, code: tuple[int, int, int], facing: int) -> 
     assert (normals == [0, 0, 1]).all() == facing
 
 
-def _light(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _light(values: Float64) -> Float64:
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 
@@ -121,9 +119,7 @@ def _light(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         pytest.param(_light, ["inverse of the sRGB curve"], id="taken for sRGB"),
     ],
 )
-def test_encoded_floats(
-    tmp_path: Path, change: Callable[..., npt.NDArray[np.float64]], said: list[str]
-) -> None:
+def test_encoded_floats(tmp_path: Path, change: Callable[..., Float64], said: list[str]) -> None:
     normals = surface(0.8)
     np.save(tmp_path / "n.npy", change(normals / 2 + 0.5).astype(np.float32))
     found = read_normals(tmp_path / "n.npy")

@@ -9,17 +9,17 @@ from scipy.spatial.transform import Rotation
 
 from processing._detail.rotation import rotate_between, rotate_from_z, rotate_to_z
 from processing._metrics import angle_deg
+from rig.arrays import Float32
 
-Normals = npt.NDArray[np.float32]
 ROUND_TRIP_DEG = 5e-5
 
 
-def unit(vectors: npt.ArrayLike) -> Normals:
+def unit(vectors: npt.ArrayLike) -> Float32:
     v = np.atleast_2d(np.asarray(vectors, np.float64))
     return (v / np.linalg.norm(v, axis=-1, keepdims=True)).astype(np.float32)[None]
 
 
-def random_unit(rng: np.random.Generator, count: int) -> Normals:
+def random_unit(rng: np.random.Generator, count: int) -> Float32:
     return unit(rng.normal(size=(count, 3)))
 
 

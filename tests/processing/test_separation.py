@@ -6,7 +6,6 @@ from typing import get_args
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,6 +18,7 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._metrics import angle_deg, ssim
 from processing._normal_map import NormalMap
 from processing._normal_map_files import read_normals, write_normals
+from rig.arrays import Float64
 from tests.quick_sample import quick
 
 ROUND_TRIP_DEG = 5e-5
@@ -40,7 +40,7 @@ def read(folder: str) -> NormalMap:
     return NormalMap.from_vectors(image[..., 2::-1].astype(np.float64) / full * 2 - 1, mask)
 
 
-def direct_shape(normal_map: NormalMap, kernel: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def direct_shape(normal_map: NormalMap, kernel: Float64) -> Float64:
     """Return the masked convolution, computed pixel by pixel."""
     radius = len(kernel) // 2
     normals = np.pad(
@@ -113,7 +113,7 @@ def test_combine_from_files(kind: FilterKind, tmp_path: Path) -> None:
     write_normals(tmp_path, parts.shape, "shape")
     write_normals(tmp_path, parts.detail, "detail")
 
-    def error_deg(shape: str, detail: str) -> npt.NDArray[np.float64]:
+    def error_deg(shape: str, detail: str) -> Float64:
         back = combine(*(read_normals(tmp_path / name).normal_map for name in (shape, detail)))
         np.testing.assert_array_equal(back.mask, normal_map.mask)
         return angle_deg(back.normals, normal_map.normals)[back.mask]
@@ -145,7 +145,7 @@ def test_higher_orders_filter_the_rest_again(size: tuple[int, int], order: int, 
     radius = w if order == 1 else int(np.ceil(3 * by.sigma_px))
     kernel = np.exp(-0.5 * (np.arange(-radius, radius + 1) / by.sigma_px) ** 2)
 
-    def blur(image: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def blur(image: Float64) -> Float64:
         for axis in (0, 1):
             image = ndimage.correlate1d(image, kernel / kernel.sum(), axis, mode="mirror")
         return image

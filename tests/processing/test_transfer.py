@@ -5,7 +5,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,6 +17,7 @@ from processing._detail.shape_filter import ShapeFilter
 from processing._detail.transfer import TransferResult, scale_slopes, transfer
 from processing._metrics import angle_deg
 from processing._normal_map import NormalMap
+from rig.arrays import Bool
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")
 TARGETS = ("bear", "buddha", "cat", "cow", "goblet")
@@ -64,7 +64,7 @@ def test_largest_rectangle_is_the_largest(seed: int, rows: int, columns: int, fu
     assert mask[y : y + height, x : x + width].all()
 
 
-def masked(size: tuple[int, int], box: tuple[slice, slice]) -> npt.NDArray[np.bool_]:
+def masked(size: tuple[int, int], box: tuple[slice, slice]) -> Bool:
     mask = np.zeros(size, bool)
     mask[box] = True
     return mask

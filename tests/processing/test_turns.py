@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from processing._surface.turns import evenness
+from rig.arrays import Bool, Float32, Float64
 
-Float = npt.NDArray[np.float32]
 ROWS, COLUMNS = 20, 30
 
 
-def bent(angles: npt.NDArray[np.float64]) -> Float:
+def bent(angles: Float64) -> Float32:
     """Return normals that are turned about the y axis by an angle for each column."""
     row = np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
     return np.broadcast_to(row, (ROWS, len(angles), 3)).astype(np.float32)
 
 
-def weights(normals: Float, mask: npt.NDArray[np.bool_] | None = None) -> tuple[Float, Float]:
+def weights(normals: Float32, mask: Bool | None = None) -> tuple[Float32, Float32]:
     rows, columns = normals.shape[:2]
     mask = np.ones((rows, columns), bool) if mask is None else mask
     right, down = np.zeros((2, rows + 2, columns + 2), np.float32)

@@ -7,7 +7,7 @@ import re
 from dataclasses import fields, is_dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, get_origin
 
 import numpy as np
 import pytest
@@ -17,13 +17,14 @@ import calibration
 import processing
 import rig
 import simulator
-from rig import Notice, short_repr
+from rig import Notice, arrays, short_repr
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
 ROOMS = ("rig", "acquisition", "calibration", "processing", "simulator")
 LONGEST = 160
-# Annotations of arrays, by the names that the packages use.
-_ARRAY = re.compile(r"NDArray|\b(Array|Double|Faces|Float|FloatImage|Mask|Values|Whole)\b")
+_ALIASES = [name for name, kind in vars(arrays).items() if get_origin(kind) is np.ndarray]
+# Annotations of arrays, not of functions that return one.
+_ARRAY = re.compile(rf"^(?!Callable).*\b(NDArray|{'|'.join(_ALIASES)})\b")
 
 ONES = np.ones((4, 5), np.float32)
 MASK = np.ones((4, 5), np.bool_)

@@ -15,13 +15,10 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 
 import processing._surface.multigrid_kernels as kernels
 from processing._surface.grid_graph import apply_laplacian
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
+from rig.arrays import Bool, Float32, Float64
 
 # Smoothing sweeps before and after the coarse correction.
 _SWEEPS = 2
@@ -33,12 +30,12 @@ _MAX_ITERATIONS = 200
 
 @dataclass(frozen=True, eq=False)
 class _Level:
-    right: Float
-    down: Float
-    screen: Float
-    inverse: Float = field(init=False)
-    x: Float = field(init=False)
-    b: Float = field(init=False)
+    right: Float32
+    down: Float32
+    screen: Float32
+    inverse: Float32 = field(init=False)
+    x: Float32 = field(init=False)
+    b: Float32 = field(init=False)
 
     def __post_init__(self) -> None:
         diagonal = self.right + self.down + self.screen
@@ -73,9 +70,7 @@ class Bilaplacian:
         The number a, greater than 0.
     """
 
-    def __init__(
-        self, right: Float, down: Float, inside: npt.NDArray[np.bool_], anchor: float
-    ) -> None:
+    def __init__(self, right: Float32, down: Float32, inside: Bool, anchor: float) -> None:
         self._anchor = anchor
         level = _Level(right, down, inside * np.float32(anchor))
         self._levels = [level]
@@ -84,7 +79,7 @@ class Bilaplacian:
             level = _Level(right, down, _gathered(level.screen))
             self._levels.append(level)
 
-    def apply(self, u: Double, out: Double) -> Double:
+    def apply(self, u: Float64, out: Float64) -> Float64:
         """Write the matrix times `u` into `out` and return L u."""
         finest = self._levels[0]
         once = np.zeros_like(u)
@@ -93,7 +88,7 @@ class Bilaplacian:
         out += self._anchor**2 * u
         return once
 
-    def solve(self, b: Double, start: Double, tolerance: float) -> Double:
+    def solve(self, b: Float64, start: Float64, tolerance: float) -> Float64:
         """Solve for u.
 
         Parameters
@@ -126,7 +121,7 @@ class Bilaplacian:
             kernels.step(u, residual, direction, product, gamma / curvature)
         raise ArithmeticError(f"no solution within {_MAX_ITERATIONS} iterations")
 
-    def _cycle(self, residual: Double | Float) -> Float:
+    def _cycle(self, residual: Float64 | Float32) -> Float32:
         """Return one V-cycle's solution of (L + a) x = residual: symmetric, positive."""
         levels = self._levels
         levels[0].b[...] = residual
@@ -147,7 +142,7 @@ class Bilaplacian:
         return levels[0].x
 
 
-def _gathered(screen: Float) -> Float:
+def _gathered(screen: Float32) -> Float32:
     """Return a screening term summed over 2 x 2 pixels, as the kernels aggregate them."""
     inner = screen[1:-1, 1:-1]
     inner = np.pad(inner, [(0, length % 2) for length in inner.shape])

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.paper.peers.mesh import Float, GridMesh, Mask
+from benchmarks.paper.peers.mesh import GridMesh
+from rig.arrays import Bool, Float32
 
 
 class Displacement:
@@ -28,23 +29,23 @@ class Displacement:
     """
 
     def __init__(
-        self, target: Float, mesh: GridMesh, region: Mask | None = None, w: int = 5
+        self, target: Float32, mesh: GridMesh, region: Bool | None = None, w: int = 5
     ) -> None:
         self._target, self._mesh, self._w = target, mesh, w
         self._base = mesh.base(target, w)
         self._normals = mesh.normals(self._base)
-        self._weight: Float | None = None
+        self._weight: Float32 | None = None
         if region is not None:
             # The weight outside the region stays 0: vertices there must not move.
             blurred = mesh.base(region[:, None].astype(np.float32), w)
             self._weight = np.where(region[:, None], blurred, np.float32(0))
 
-    def put(self, source: Float) -> Float:
+    def put(self, source: Float32) -> Float32:
         """Return the target's base, ``(V, 3)``, with the displacements of the source."""
         base = self._mesh.base(source, self._w)
         height = np.einsum("ij,ij->i", source - base, self._mesh.normals(base))
-        moved: Float = self._base + height[:, None] * self._normals
+        moved: Float32 = self._base + height[:, None] * self._normals
         if self._weight is None:
             return moved
-        blended: Float = self._weight * moved + (1 - self._weight) * self._target
+        blended: Float32 = self._weight * moved + (1 - self._weight) * self._target
         return blended

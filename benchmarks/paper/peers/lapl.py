@@ -13,16 +13,15 @@ from collections.abc import Callable
 
 import numba
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse import linalg
 
 from benchmarks.paper.peers.bilaplacian import Bilaplacian
-from benchmarks.paper.peers.mesh import Float, GridMesh, Mask
+from benchmarks.paper.peers.mesh import GridMesh
+from rig.arrays import Bool, Float32, Float64
 
-Double = npt.NDArray[np.float64]
 # Takes a symmetric positive matrix; returns its solver for ``(n, 3)`` right-hand sides.
-Factorise = Callable[[sparse.csc_array], Callable[[Double], Double]]
+Factorise = Callable[[sparse.csc_array], Callable[[Float64], Float64]]
 
 # Weight of the target's base positions relative to the differential coordinates, at w=5. Waves
 # longer than about 22 vertices follow the base: they belong to the shape.
@@ -33,7 +32,7 @@ _REGION_ANCHOR = 1e-4
 _TOLERANCE = 1e-4
 
 
-def superlu(matrix: sparse.csc_array) -> Callable[[Double], Double]:
+def superlu(matrix: sparse.csc_array) -> Callable[[Float64], Float64]:
     """Factorise with SuperLU: minimum degree of A' + A, without pivoting."""
     factors = linalg.splu(
         matrix,
@@ -65,9 +64,9 @@ class LaplacianEditing:
 
     def __init__(
         self,
-        target: Float,
+        target: Float32,
         mesh: GridMesh,
-        region: Mask | None = None,
+        region: Bool | None = None,
         w: int = 5,
         factorise: Factorise | None = None,
     ) -> None:
@@ -81,13 +80,13 @@ class LaplacianEditing:
         self._wanted = np.where(within, mesh.laplacian(self._base), mesh.laplacian(target))
         self._wanted -= mesh.laplacian(self._start)
         anchor = _ANCHOR * (5 / w) ** 2 if region is None else _REGION_ANCHOR
-        self._solve: Callable[[Double, Double], Double]
+        self._solve: Callable[[Float64, Float64], Float64]
         if region is None and factorise is None:
             self._solve = _by_multigrid(mesh, anchor)
         else:
             self._solve = _directly(mesh, self._region, anchor, factorise or superlu)
 
-    def put(self, source: Float) -> Float:
+    def put(self, source: Float32) -> Float32:
         """Return the vertices, ``(V, 3)``, of the target's base with the source's detail."""
         base = self._mesh.base(source, self._w)
         detail, normals = source - base, self._mesh.normals(base)
@@ -101,11 +100,11 @@ class LaplacianEditing:
         return moved
 
 
-def _by_multigrid(mesh: GridMesh, anchor: float) -> Callable[[Double, Double], Double]:
+def _by_multigrid(mesh: GridMesh, anchor: float) -> Callable[[Float64, Float64], Float64]:
     inside = np.pad(mesh.inside, 1)
     matrix = Bilaplacian(*mesh.edges, inside, anchor)
 
-    def solve(b: Double, guess: Double) -> Double:
+    def solve(b: Float64, guess: Float64) -> Float64:
         solution = np.zeros_like(b)
         for axis in range(b.shape[1]):
             right_side, start = np.zeros((2, *inside.shape))
@@ -117,8 +116,8 @@ def _by_multigrid(mesh: GridMesh, anchor: float) -> Callable[[Double, Double], D
 
 
 def _directly(
-    mesh: GridMesh, region: Mask, anchor: float, factorise: Factorise
-) -> Callable[[Double, Double], Double]:
+    mesh: GridMesh, region: Bool, anchor: float, factorise: Factorise
+) -> Callable[[Float64, Float64], Float64]:
     # Vertices outside the region are fixed: only the columns of the region are unknowns.
     columns = _matrix(mesh)[:, np.flatnonzero(region)]
     normal = columns.T @ columns + anchor**2 * sparse.eye_array(columns.shape[1])
@@ -143,7 +142,7 @@ def _matrix(mesh: GridMesh) -> sparse.csc_array:
 
 
 @numba.njit(cache=True)
-def turned(vectors: Double, starts: Float, ends: Float) -> Double:
+def turned(vectors: Float64, starts: Float32, ends: Float32) -> Float64:
     """Apply to each vector the shortest rotation between two unit vectors that are not opposite."""
     out = np.zeros_like(vectors)
     for v in range(len(vectors)):

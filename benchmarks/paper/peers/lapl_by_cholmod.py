@@ -12,17 +12,16 @@ from functools import partial
 from importlib import import_module
 
 import numpy as np
-import numpy.typing as npt
 from scipy import sparse
 
 from benchmarks.paper.measure import run_methods
 from benchmarks.paper.peers.lapl import LaplacianEditing
+from rig.arrays import Float64
 
-Double = npt.NDArray[np.float64]
 METHOD = "LAPL, CHOLMOD"
 
 
-def by_cholmod(matrix: sparse.csc_array) -> Callable[[Double], Double]:
+def by_cholmod(matrix: sparse.csc_array) -> Callable[[Float64], Float64]:
     """Factorise with CHOLMOD: approximate minimum degree, supernodes."""
     cvxopt, cholmod = import_module("cvxopt"), import_module("cvxopt.cholmod")
     cholmod.options["supernodal"] = 2
@@ -31,7 +30,7 @@ def by_cholmod(matrix: sparse.csc_array) -> Callable[[Double], Double]:
     factors = cholmod.symbolic(system)
     cholmod.numeric(system, factors)
 
-    def solve(b: Double) -> Double:
+    def solve(b: Float64) -> Float64:
         x = cvxopt.matrix(b)
         cholmod.solve(factors, x)
         return np.array(x)

@@ -13,14 +13,9 @@ from functools import cached_property
 import cv2
 import numba
 import numpy as np
-import numpy.typing as npt
 
 from processing._surface.grid_graph import apply_laplacian
-
-Float = npt.NDArray[np.float32]
-Double = npt.NDArray[np.float64]
-Faces = npt.NDArray[np.int32]
-Mask = npt.NDArray[np.bool_]
+from rig.arrays import Bool, Float32, Float64, Int32, Int64
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,8 +30,8 @@ class GridMesh:
         ``(F, 3)`` int32 vertex numbers, counter-clockwise seen from the front.
     """
 
-    mask: Mask
-    faces: Faces
+    mask: Bool
+    faces: Int32
 
     @cached_property
     def window(self) -> tuple[slice, slice]:
@@ -45,12 +40,12 @@ class GridMesh:
         return slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
 
     @cached_property
-    def inside(self) -> Mask:
+    def inside(self) -> Bool:
         """``(h, w)`` bool: the mask in its window."""
         return np.ascontiguousarray(self.mask[self.window])
 
     @cached_property
-    def edges(self) -> tuple[Float, Float]:
+    def edges(self) -> tuple[Float32, Float32]:
         """``right`` and ``down``, ``(h+2, w+2)``: 1/4 for each edge along a row or a column.
 
         Both have an empty border, as in `processing._surface.grid_graph`. They are proportional to
@@ -68,7 +63,7 @@ class GridMesh:
         )
         return right, down
 
-    def base(self, vertices: Float, w: int) -> Float:
+    def base(self, vertices: Float32, w: int) -> Float32:
         """Return the smooth base of vertices, or of other values.
 
         Parameters
@@ -87,7 +82,7 @@ class GridMesh:
         sums = smooth[self.inside]
         return np.asarray(sums[:, :-1] / sums[:, -1:], np.float32)
 
-    def laplacian(self, values: Float | Double) -> Double:
+    def laplacian(self, values: Float32 | Float64) -> Float64:
         """Return the differences ``(V, k)`` between values and those of their neighbours.
 
         Each is a quarter of the sum over the up to four neighbours along rows and columns.
@@ -102,15 +97,13 @@ class GridMesh:
             out[:, axis] = applied[inside]
         return out
 
-    def normals(self, vertices: Float) -> Float:
+    def normals(self, vertices: Float32) -> Float32:
         """Return area-weighted unit normals ``(V, 3)``; (0, 0, 1) for a vertex without a face."""
         return _vertex_normals(vertices, self.faces)
 
 
 @numba.njit(cache=True)
-def _mark_edges(
-    faces: Faces, pixels: npt.NDArray[np.int64], width: int, right: Float, down: Float
-) -> None:
+def _mark_edges(faces: Int32, pixels: Int64, width: int, right: Float32, down: Float32) -> None:
     for f in range(len(faces)):
         for k in range(3):
             a, b = pixels[faces[f, k]], pixels[faces[f, (k + 1) % 3]]
@@ -121,7 +114,7 @@ def _mark_edges(
 
 
 @numba.njit(cache=True)
-def _vertex_normals(vertices: Float, faces: Faces) -> Float:
+def _vertex_normals(vertices: Float32, faces: Int32) -> Float32:
     total = np.zeros(vertices.shape, np.float64)
     for f in range(len(faces)):
         i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]

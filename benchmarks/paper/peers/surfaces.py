@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 import processing
-from benchmarks.paper.peers.mesh import Float, GridMesh, Mask
+from benchmarks.paper.peers.mesh import GridMesh
+from rig.arrays import Bool, Float32
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +24,8 @@ class Surfaces:
         because their relative heights are not known.
     """
 
-    source: Float
-    target: Float
+    source: Float32
+    target: Float32
     mesh: GridMesh
 
     @classmethod
@@ -37,7 +38,7 @@ class Surfaces:
         starts, whole = _surface_on(source, pixels, ends)
         return cls(starts, ends, GridMesh(pixels.mask, triangles.faces[whole]))
 
-    def read(self, vertices: Float, elsewhere: processing.NormalMap) -> processing.NormalMap:
+    def read(self, vertices: Float32, elsewhere: processing.NormalMap) -> processing.NormalMap:
         """Return a map of the area-weighted normals of the vertices.
 
         Pixels without a face keep the normals of the map `elsewhere`.
@@ -51,8 +52,8 @@ class Surfaces:
 
 
 def _surface_on(
-    normal_map: processing.NormalMap, mesh: GridMesh, instead: Float
-) -> tuple[Float, Mask]:
+    normal_map: processing.NormalMap, mesh: GridMesh, instead: Float32
+) -> tuple[Float32, Bool]:
     """Return a map's surface at a mesh's vertices, and which faces are within one part of it.
 
     Vertices that the surface does not cover are taken from `instead`.
@@ -64,7 +65,9 @@ def _surface_on(
     return vertices, (parts[:, 0] >= 0) & (parts == parts[:, :1]).all(axis=1)
 
 
-def _read(vertices: Float, mesh: GridMesh, elsewhere: processing.NormalMap) -> processing.NormalMap:
+def _read(
+    vertices: Float32, mesh: GridMesh, elsewhere: processing.NormalMap
+) -> processing.NormalMap:
     touched = np.zeros(len(vertices), np.bool_)
     touched[mesh.faces] = True
     normals = elsewhere.normals.copy()
