@@ -1,1 +1,0 @@
-"""Maps larger than memory: files of rows that fill band by band."""

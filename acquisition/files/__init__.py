@@ -1,0 +1,1 @@
+"""Files: durable writes, temporary and staged files, bands of rows, texts, JSON and TOML."""

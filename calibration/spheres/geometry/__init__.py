@@ -1,0 +1,1 @@
+"""Geometry of spheres in images: ellipses, cones, mirror rays, and robust fits."""

@@ -1,0 +1,1 @@
+"""Highlights on spheres: where they are, and whether a ball mirrors."""

@@ -1,0 +1,1 @@
+"""Whether given values, images and recordings agree with the spheres."""

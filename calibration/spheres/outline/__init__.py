@@ -1,0 +1,1 @@
+"""Outlines of spheres, from edges, masks and what the spheres mirror."""

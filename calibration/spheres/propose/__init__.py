@@ -1,0 +1,1 @@
+"""Where spheres may be: marked by a person, or found without masks."""

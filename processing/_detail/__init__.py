@@ -1,1 +1,0 @@
-"""Separation, measurement and transfer of the shape and detail of normal maps."""

@@ -1,1 +1,0 @@
-"""Synthesis of detail components from exemplars, and its quality figures."""

@@ -1,0 +1,1 @@
+"""Whether images, lights and normals of a recording agree."""

@@ -1,0 +1,1 @@
+"""Normals and albedo from images in colour."""

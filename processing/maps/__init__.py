@@ -1,0 +1,1 @@
+"""Normal maps and masks, their files, and their comparison."""

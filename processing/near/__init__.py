@@ -1,0 +1,1 @@
+"""Heights of surfaces under near lights."""

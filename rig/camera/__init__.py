@@ -1,0 +1,1 @@
+"""What a rig requires of a camera, and how it is mounted."""

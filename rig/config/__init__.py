@@ -1,0 +1,1 @@
+"""Rig files, and the installed rigs."""

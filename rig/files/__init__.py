@@ -1,0 +1,1 @@
+"""Files that are read: their guard, and their status."""

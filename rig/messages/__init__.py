@@ -1,0 +1,1 @@
+"""What functions report to people: notices, progress, and the wording of messages."""

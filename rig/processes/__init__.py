@@ -1,0 +1,1 @@
+"""How a program ends, how it starts another one, and how much memory it may use."""

@@ -1,0 +1,1 @@
+"""LED board and camera as one rig, and how it is opened."""

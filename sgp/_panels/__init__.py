@@ -1,1 +1,0 @@
-"""Panels of sheets: results as pictures."""

@@ -1,0 +1,1 @@
+"""What the commands that calibrate share: boards, their views, marks of spheres."""

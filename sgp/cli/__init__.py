@@ -1,0 +1,1 @@
+"""The terminal: start and exit, options, help, progress, and lines that fit."""

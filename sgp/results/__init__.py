@@ -1,0 +1,1 @@
+"""Results on disk: record, figures, hashes, verification."""

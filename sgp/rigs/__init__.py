@@ -1,0 +1,1 @@
+"""What the user configured, and the lights of rig files."""

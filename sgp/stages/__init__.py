@@ -1,0 +1,1 @@
+"""Stages of a run: what they read, compute, write and report."""

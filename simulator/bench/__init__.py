@@ -1,0 +1,1 @@
+"""What the processes of the simulated bench share: state, wiring, folders."""

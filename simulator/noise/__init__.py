@@ -1,0 +1,1 @@
+"""Random numbers that depend only on key and counter."""

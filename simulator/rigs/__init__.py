@@ -1,0 +1,1 @@
+"""Simulated rigs whose camera sees a rendered scene."""
