@@ -1,4 +1,4 @@
-"""Build the 3D library of the report from its packages: `sgp/_report/vendor/three.js`.
+"""Build the 3D library of the report from its packages: `sgp/report/vendor/three.js`.
 
 npm and a network are needed here, and only here: the page contains the result.
 
@@ -14,7 +14,7 @@ from typing import Final
 
 THREE: Final = "three@0.187.0"
 ESBUILD: Final = "esbuild@0.28.2"
-PLACE: Final = Path(__file__).parents[1] / "sgp" / "_report" / "vendor"
+PLACE: Final = Path(__file__).parents[1] / "sgp" / "report" / "vendor"
 USED: Final = """
 export {
   AmbientLight, BufferAttribute, BufferGeometry, CanvasTexture, DirectionalLight, DoubleSide, Mesh,

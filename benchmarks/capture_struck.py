@@ -81,7 +81,7 @@ def stall():
 
 def unplug():
     """Unplug the camera instead of exposing."""
-    import simulator._simulated_rig as simulated
+    import simulator.rigs.bench_rig as simulated
 
     class Unplugged(simulated.GentlCamera):
         def __init__(self, *words, **more):
@@ -93,8 +93,8 @@ def unplug():
 
 def reset():
     """Restart the board in the middle of a command."""
-    import simulator._simulated_rig as simulated
-    from simulator._board.faults import BoardFault
+    import simulator.rigs.bench_rig as simulated
+    from simulator.led_board.faults import BoardFault
 
     class Restarting(simulated.VirtualBoard):
         def __init__(self, *words):
@@ -106,7 +106,7 @@ def reset():
 
 def jump():
     """Make the system clock wrong by a different number of hours every time it is read."""
-    import acquisition._session.writer as session_writer
+    import acquisition.session.writer as session_writer
 
     calls = [0]
 

@@ -21,7 +21,7 @@ from calibration import demosaic, luma
 from processing import photometric_stereo
 from rig.arrays import Bool, Float32, Float64
 from simulator import bench_sensor
-from simulator._camera.sensor import sensor_image
+from simulator.camera.sensor import sensor_image
 
 _SIZE = (240, 320)
 _SEEDS = (11, 12)

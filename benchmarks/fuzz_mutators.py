@@ -192,7 +192,7 @@ def within_glb(data: bytes, dice: Random) -> bytes:
 
 def within_journal(data: bytes, dice: Random) -> bytes:
     """Damage a journal and compute the hash of every line again, so that all hashes match."""
-    from acquisition._storage import sha256_of
+    from acquisition.files.storage import sha256_of
 
     previous, lines = "0" * 64, []
     for one in mutated(data, dice, text=True).split(b"\n"):

@@ -61,9 +61,9 @@ from acquisition import (
     read_transfer,
     verify_session,
 )
-from acquisition._import.image import read_for_import
-from acquisition._pixels.icc_curve import icc_curve
-from acquisition._pixels.image_facts import image_facts
+from acquisition.imports.image import read_for_import
+from acquisition.pixels.icc_curve import icc_curve
+from acquisition.pixels.stated_facts import image_facts
 from processing import read_geometry, read_normals, read_ptm
 from rig import RigConfigError, UnreadableError, read_rig_config
 from simulator import MeshBody, read_scene

@@ -19,9 +19,9 @@ from near_heights import images, rendered
 from acquisition import Lights
 from calibration import EstimateError
 from processing import light_strengths, normal_uncertainty, photometric_stereo
-from processing._reconstruction.near_height import NearHeight, near_height
-from processing._reconstruction.views import Perspective
-from processing._uncertainty.normal_uncertainty import STRUCTURED
+from processing.images.viewing_rays import Perspective
+from processing.near.near_height import NearHeight, near_height
+from processing.noise.normal_errors import STRUCTURED
 
 MATTE = (
     "coin", "tilted-plane", "sphere", "scales", "woodcarving", "leather", "textile", "plane",

@@ -28,7 +28,7 @@ from sphere_setups import smaller
 
 from acquisition import CameraModel
 from calibration import EstimateError, calibrate_spheres
-from calibration._spheres.reflection import mirror_points
+from calibration.spheres.geometry.reflection import mirror_points
 from rig.arrays import Float32, Float64
 from simulator import Truth
 

@@ -20,7 +20,7 @@ import numpy as np
 from harness import command_line
 
 import processing
-from processing._detail.seam import seam_steps
+from processing.detail.seam import seam_steps
 from rig.arrays import Bool
 
 # Around a hole: a map this much larger is filled, and detail this near is compared.

@@ -22,11 +22,11 @@ from harness import Cost, alone, command_line, measured
 from scipy import sparse
 from scipy.sparse import linalg
 
-from processing._normal_map import NormalMap
-from processing._surface.chord_rule import orthographic_edges
-from processing._surface.grid_graph import divergence
-from processing._surface.integration import integrate
-from processing._surface.multigrid import solve
+from processing.maps.normal_map import NormalMap
+from processing.surface.chord_rule import orthographic_edges
+from processing.surface.grid_graph import divergence
+from processing.surface.integration import integrate
+from processing.surface.multigrid import solve
 from rig.arrays import Bool, Float32, Float64
 
 Graph = tuple[Float32, Float32, Float64]

@@ -22,10 +22,10 @@ from sphere_setups import CORNERS, Exact, smaller
 
 from acquisition import CameraModel, angle_deg
 from calibration import EstimateError, SphereCalibration, calibrate_spheres
-from calibration._spheres.ellipse import fit_ellipse
+from calibration.spheres.geometry.ellipse import fit_ellipse
 from rig.arrays import Float32, Float64
 from simulator import ChromeSphere, Even, Lens, Scene, Truth, bench_sensor, dome_lights, render
-from simulator._camera.sensor import sensor_image
+from simulator.camera.sensor import sensor_image
 
 LONG_US, SHORT_US = 20000.0, 40.0
 # Largest mean errors that are accepted at full size, by the number of spheres.

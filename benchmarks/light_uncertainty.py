@@ -22,10 +22,10 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.stats import chi2
 
 from acquisition import CameraModel
-from calibration._spheres.joint_refinement import Observation, predicted_highlights
-from calibration._spheres.light_positions import LocatedLights, locate_lights
-from calibration._spheres.outline_noise import viewing_cone
-from calibration._spheres.placed import place
+from calibration.spheres.outline.outline_noise import viewing_cone
+from calibration.spheres.solve.joint_refinement import Observation, predicted_highlights
+from calibration.spheres.solve.light_positions import LocatedLights, locate_lights
+from calibration.spheres.solve.sphere_positions import place
 from rig.arrays import Float64
 
 EDGE_PX, ALONG_PX, SYSTEMATIC_PX = 0.3, 4.0, 0.03

@@ -15,10 +15,16 @@ import numpy as np
 import trimesh
 from harness import Cost, command_line, copy_s, measured
 
-from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
-from simulator._shapes.coin import Coin
-from simulator._shapes.mesh import MeshBody
-from simulator._shapes.surface import BandNoise, Ripples, SphericalCap
+from simulator.shapes.carved_surfaces import (
+    CrackedLeather,
+    LizardScales,
+    StepGauge,
+    Textile,
+    WoodCarving,
+)
+from simulator.shapes.coin import Coin
+from simulator.shapes.mesh import MeshBody
+from simulator.shapes.surface import BandNoise, Ripples, SphericalCap
 
 EYE, LAMP = np.array([0.0, 0.0, 600.0]), np.array([250.0, 120.0, 350.0])
 

@@ -18,9 +18,9 @@ from harness import command_line
 
 from acquisition import Lights
 from processing import angular_error, photometric_stereo
-from processing._reconstruction.near_height import near_height
-from processing._reconstruction.views import Perspective
-from processing._stereo.method import Method
+from processing.images.viewing_rays import Perspective
+from processing.near.near_height import near_height
+from processing.stereo.method import Method
 from rig.arrays import AnyArray, Float32
 from simulator import Ggx, Rendering, Truth, render, scene_named
 

@@ -18,7 +18,7 @@ from acquisition import Frame, Lights, Source, angle_deg
 from calibration import Stack, linear_stack
 from rig.arrays import Bool, Float64
 from simulator import Measurement, bench_sensor, cramer_rao_deg
-from simulator._camera.sensor import sensor_image
+from simulator.camera.sensor import sensor_image
 
 _SIZE = 161
 _CASES = {

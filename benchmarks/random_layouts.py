@@ -33,7 +33,7 @@ from simulator import (
     dome_lights,
     render,
 )
-from simulator._camera.sensor import sensor_image
+from simulator.camera.sensor import sensor_image
 
 # Width, height, and how often a size is drawn.
 SIZES = (((640, 512), 0.5), ((960, 804), 0.3), ((1280, 1024), 0.15), ((2448, 2048), 0.05))

@@ -18,8 +18,8 @@ from normal_uncertainty import FLOOR, SLOPE, Case, ball, recorded, relief
 
 from calibration import StackNoise
 from processing import SampleKind, photometric_stereo
-from processing._stereo.method import METHODS
-from processing._uncertainty.pixel_variances import kinds_of
+from processing.noise.pixel_variances import kinds_of
+from processing.stereo.method import METHODS
 from rig.arrays import Bool
 
 

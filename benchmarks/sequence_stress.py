@@ -29,7 +29,7 @@ from acquisition import (
     verify_session,
 )
 from rig import Board, Rig, RigConfig, RigError, open_genicam
-from simulator._bench_state import BenchState
+from simulator.bench.state import BenchState
 
 BLACK_DN = 100
 

@@ -7,9 +7,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from acquisition import CapturePlan, PlannedShot
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import CameraReport, SessionWriter
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.value_records import SensorRecord
+from acquisition.session.writer import CameraReport, SessionWriter
 from rig.arrays import AnyArray
 
 

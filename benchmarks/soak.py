@@ -28,11 +28,11 @@ from harness import busy, busy_option, command_line, resident_bytes
 
 from acquisition import NoiseModel
 from rig import Board, Rig, RigConfig, RigError, open_genicam
-from simulator._bench_state import BenchState
-from simulator._board.faults import BoardFault
-from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.sensor import ImageFormation
+from simulator.bench.state import BenchState
+from simulator.camera.gentl_camera import GentlCamera, GentlDevice
+from simulator.camera.sensor import ImageFormation
+from simulator.led_board.faults import BoardFault
+from simulator.led_board.virtual_board import VirtualBoard
 
 LEDS = 36
 BITS = 8

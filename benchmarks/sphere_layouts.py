@@ -39,15 +39,15 @@ from layout_scores import Score, append_score, read_scores, table
 from random_layouts import Layout, layout_of, outline, radius_px, scene_of
 
 from calibration import EstimateError, SphereCalibration, calibrate_spheres, find_spheres
-from calibration._spheres.cone import OUTLINE_SIGMA_PX, Cone
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.joint_refinement import (
+from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX, Cone
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.solve.joint_refinement import (
     KnownSpheres,
     Observation,
     linearise,
     predicted_highlights,
 )
-from calibration._spheres.placed import place
+from calibration.spheres.solve.sphere_positions import place
 from rig.arrays import Float64
 from simulator import ChromeSphere
 

@@ -17,10 +17,10 @@ from light_uncertainty import COMMON_PX, HIGHLIGHT_PX, camera, dome, outline_poi
 
 from acquisition import CameraModel, angle_deg
 from calibration import EstimateError
-from calibration._spheres.joint_refinement import Observation, predicted_highlights
-from calibration._spheres.light_positions import locate_lights
-from calibration._spheres.outline_noise import viewing_cone
-from calibration._spheres.placed import place
+from calibration.spheres.outline.outline_noise import viewing_cone
+from calibration.spheres.solve.joint_refinement import Observation, predicted_highlights
+from calibration.spheres.solve.light_positions import locate_lights
+from calibration.spheres.solve.sphere_positions import place
 from rig.arrays import Float64
 
 CORNERS = [(-105, -82), (105, 82), (-105, 82), (105, -82)]

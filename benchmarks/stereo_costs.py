@@ -30,7 +30,7 @@ from whole_commands import cost as command_cost
 from acquisition import Lights, PlannedShot, read_source, write_lights, write_mask
 from calibration import linear_stack
 from processing import Method, normal_uncertainty, photometric_stereo
-from processing._stereo.method import METHODS
+from processing.stereo.method import METHODS
 from rig.arrays import Float32, Float64, UInt16
 
 _NOISE = 0.01

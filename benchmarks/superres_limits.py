@@ -87,10 +87,10 @@ def learnt(known: Half, other: Half, steps: int) -> list[float]:
     import onnx
     import torch
 
-    from sgp._superres.pairs import SYMMETRIES, pair, turned
-    from sgp._superres.rdn import RdnSize
-    from sgp._superres.torch_layers import as_images, forward
-    from sgp._superres.training import loss, results, squared_angle, squared_chord
+    from sgp.training.pairs import SYMMETRIES, pair, turned
+    from sgp.training.rdn import RdnSize
+    from sgp.training.steps import loss, results, squared_angle, squared_chord
+    from sgp.training.torch_layers import as_images, forward
 
     torch.set_num_threads(1)
     model = processing.read_superres_model(None, _SCALE)

@@ -18,11 +18,11 @@ from harness import command_line
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from calibration._spheres.input_tests import InputTest, check_inputs, doubtful
-from calibration._spheres.joint_refinement import Observation, predicted_highlights
-from calibration._spheres.light_positions import locate_lights
-from calibration._spheres.outline_noise import viewing_cone
-from calibration._spheres.placed import place
+from calibration.spheres.judge.input_tests import InputTest, check_inputs, doubtful
+from calibration.spheres.outline.outline_noise import viewing_cone
+from calibration.spheres.solve.joint_refinement import Observation, predicted_highlights
+from calibration.spheres.solve.light_positions import locate_lights
+from calibration.spheres.solve.sphere_positions import place
 
 CASES = {
     "correct": ("", 0.0),

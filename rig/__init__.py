@@ -2,10 +2,11 @@
 
 import lazy_loader
 
+from rig.kernels.cache import adapt_numba
+
 # Loaded at once: a signal handler needs them, and it must not import.
-from rig._ending import end_program as end_program
-from rig._ending import resend_signal as resend_signal
-from rig._kernel_cache import adapt_numba
+from rig.processes.ending import end_program as end_program
+from rig.processes.ending import resend_signal as resend_signal
 
 # Before the first kernel of any package is decorated.
 adapt_numba()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Self
 
-from rig._guard import SgpError
+from rig.files.guard import SgpError
 
 
 class RigError(SgpError, RuntimeError):

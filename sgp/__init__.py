@@ -4,8 +4,8 @@
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
-    from sgp._record import ResultRecord as ResultRecord
-    from sgp._record import read_record as read_record
+    from sgp.results.record import ResultRecord as ResultRecord
+    from sgp.results.record import read_record as read_record
 
 __version__ = "0.1.0"
 __all__ = ["ResultRecord", "capture", "main", "read_record"]
@@ -14,7 +14,7 @@ __all__ = ["ResultRecord", "capture", "main", "read_record"]
 def __getattr__(name: str) -> object:
     # Loaded on first use: the commands start without it.
     if name in ("ResultRecord", "read_record"):
-        from sgp import _record
+        from sgp.results import record as _record
 
         return getattr(_record, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
@@ -31,7 +31,7 @@ def capture() -> None:
 
 
 def _enter(name: str) -> None:
-    from sgp._entry import enter
+    from sgp.cli.entry import enter
 
     def run() -> None:
         from sgp import app

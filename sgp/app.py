@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 from cyclopts import App, CycloptsError, Group, Parameter
 
 from sgp import __version__
-from sgp._help import HelpPage, PlainConsole, flowing, page, usage_complaint
-from sgp._terminal import STDERR, fitted, printable, printable_lines
+from sgp.cli.help import HelpPage, PlainConsole, flowing, page, usage_complaint
+from sgp.cli.terminal import STDERR, fitted, printable, printable_lines
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -262,9 +262,9 @@ def _take_common_options(app: App) -> None:
         """
         command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
         if getattr(command, "__module__", "").startswith("sgp.commands."):
-            from sgp._entry import begin_work
-            from sgp._options import require_inputs
-            from sgp._own_files import own_files_named
+            from sgp.cli.entry import begin_work
+            from sgp.cli.options import require_inputs
+            from sgp.results.own_files import own_files_named
 
             begin_work()
             require_inputs(command, bound.arguments)
@@ -306,14 +306,14 @@ def run(app: App, tokens: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as error:  # noqa: BLE001 - every error becomes one line here
-        from sgp._exit import error_text, exit_code
+        from sgp.cli.exit import error_text, exit_code
 
         return fail(error, exit_code(error), error_text(error))
 
 
 def _show(result: Any, as_json: bool) -> int:
-    from sgp._console import note
-    from sgp._result import Result
+    from sgp.cli.console import note
+    from sgp.results.result import Result
 
     if not isinstance(result, Result):
         return 0
@@ -337,7 +337,7 @@ def _fail(error: BaseException, code: int, text: str, *, as_json: bool, debug: b
 
         print(printable_lines(traceback.format_exc()), file=STDERR, end="")
     if as_json:
-        from sgp._result import dumps
+        from sgp.results.result import dumps
 
         findings = getattr(error, "findings", None)
         listed = {} if findings is None else {"findings": findings}
@@ -362,7 +362,7 @@ def _run_in_process(app: App) -> int:
     """Run the command line of this process, which reports kernels that are compiled."""
     # An overwritten package is then reported as such.
     from rig import watch_kernels
-    from sgp._console import Compiling
+    from sgp.cli.console import Compiling
 
     watch_kernels(Compiling())
     return run(app, sys.argv[1:])

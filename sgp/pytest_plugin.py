@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from sgp._entry import foreign_package
+from sgp.cli.entry import foreign_package
 
 if TYPE_CHECKING:
     from rig import Rig
@@ -100,7 +100,7 @@ class _Studio:
         return rendering
 
     def _record(self, bench: _Bench) -> Path:
-        from sgp._simulation import metered_exposures, record_simulated
+        from sgp.sessions.simulation import metered_exposures, record_simulated
         from simulator import save_truth
 
         rendering = self.rendering(bench)

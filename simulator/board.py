@@ -23,11 +23,11 @@ import tty
 from pathlib import Path
 from typing import Self
 
-from simulator._bench_state import BenchState, BenchWriter
-from simulator._board.faults import FaultyBoard, PowerCutError, faults_from_json
-from simulator._board.firmware import BoardFirmware
-from simulator._board.outputs import ActiveInput, BoardOutputs
-from simulator._owned_folder import OwnedFolder
+from simulator.bench.owned_folder import OwnedFolder
+from simulator.bench.state import BenchState, BenchWriter
+from simulator.led_board.faults import FaultyBoard, PowerCutError, faults_from_json
+from simulator.led_board.firmware import BoardFirmware
+from simulator.led_board.outputs import ActiveInput, BoardOutputs
 
 _STDIN = 0
 # Interval at which the process checks for its parent's death while standard input is open.

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._session.journal import CAMERA_SETTINGS
-from acquisition._session.layout import MANIFEST, is_session
-from acquisition._session.manifest import parse_manifest
-from acquisition._session.session import Session
+from acquisition.session.journal import CAMERA_SETTINGS
+from acquisition.session.layout import MANIFEST, is_session
+from acquisition.session.manifest import parse_manifest
+from acquisition.session.session import Session
 from rig import MAX_TOML_BYTES, CameraInfo, Notice, Rig, SgpError, pluralize, read_bounded
 
 # The last sessions that are searched for one of the same camera, and the changes that are named.

@@ -6,26 +6,26 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from acquisition._engine.camera_settings import settings_events
-from acquisition._engine.carry_out import STALL_S, carry_out
-from acquisition._engine.recording import RecordingHooks
-from acquisition._engine.rejection import References
-from acquisition._engine.rig_records import (
+from acquisition._errors import DataError
+from acquisition.engine.camera_settings import settings_events
+from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.engine.recording_run import STALL_S, carry_out
+from acquisition.engine.rejection import References
+from acquisition.engine.rig_records import (
     camera_record,
     check_calibrations,
     check_exposures,
     check_same,
     rig_record,
 )
-from acquisition._errors import DataError
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.event_details import check_event
-from acquisition._session.journal import LEFT_OUT
-from acquisition._session.manifest import FORMAT_VERSION, Calibrations, Labels, Manifest
-from acquisition._session.session import Session
-from acquisition._session.session_frame import Damage
-from acquisition._session.writer import SessionWriter
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.event_details import check_event
+from acquisition.session.journal import LEFT_OUT
+from acquisition.session.manifest import FORMAT_VERSION, Calibrations, Labels, Manifest
+from acquisition.session.session import Session
+from acquisition.session.session_frame import Damage
+from acquisition.session.writer import SessionWriter
 from rig import Rig
 
 

@@ -13,18 +13,18 @@ from functools import partial
 from types import FrameType
 from typing import Any, Final, Self, cast
 
-from acquisition._engine.agenda import Agenda
-from acquisition._engine.rejection import References, SeenLight, quality_of, rejection
-from acquisition._engine.write_queue import Turn, WriteQueue
 from acquisition._errors import DataError
-from acquisition._pixels.frame_quality import FrameQuality, above_dark
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot, ShotKey
-from acquisition._session.frame_proofs import CHECKING
-from acquisition._session.journal import Echo, FrameLine
-from acquisition._session.layout import WRITERS
-from acquisition._session.light_proof import BOARD, RIG, wrong_light
-from acquisition._session.writer import CameraReport, SessionWriter
+from acquisition.engine.rejection import References, SeenLight, quality_of, rejection
+from acquisition.engine.shot_order import Agenda
+from acquisition.engine.write_queue import Turn, WriteQueue
+from acquisition.pixels.frame_quality import FrameQuality, above_dark
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot, ShotKey
+from acquisition.session.frame_proofs import CHECKING
+from acquisition.session.journal import Echo, FrameLine
+from acquisition.session.layout import WRITERS
+from acquisition.session.light_proof import BOARD, RIG, wrong_light
+from acquisition.session.writer import CameraReport, SessionWriter
 from rig import FrameLostError, FrameTimeoutError, Progress, Rig, RigError, Shot, no_progress
 
 OnFrame = Callable[[FrameLine], None]

@@ -9,7 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from acquisition._engine.recording import (
+from acquisition._errors import DataError, StorageError
+from acquisition.engine.recording_loop import (
     ROOM,
     THREADS,
     Recording,
@@ -18,12 +19,11 @@ from acquisition._engine.recording import (
     StopRequest,
     Stored,
 )
-from acquisition._engine.rejection import References
-from acquisition._engine.write_queue import WriteQueue
-from acquisition._errors import DataError, StorageError
-from acquisition._pixels.quality import measure_quality
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.writer import SessionWriter
+from acquisition.engine.rejection import References
+from acquisition.engine.write_queue import WriteQueue
+from acquisition.pixels.quality import measure_quality
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.writer import SessionWriter
 from rig import Rig, RigError
 
 # Longest time without a finished write before the disk counts as stuck.

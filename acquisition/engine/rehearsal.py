@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from itertools import groupby
 
 from acquisition._errors import DataError
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
 from rig import Progress, Rig, no_progress
 
 

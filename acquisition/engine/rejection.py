@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from acquisition._errors import DataError
-from acquisition._pixels.frame_quality import FrameQuality
-from acquisition._plan.planned_shot import PlannedShot, Role
-from acquisition._session.journal import FrameLine
-from acquisition._session.manifest import CameraRecord
-from acquisition._session.session import Session
+from acquisition.pixels.frame_quality import FrameQuality
+from acquisition.plan.planned_shot import PlannedShot, Role
+from acquisition.session.journal import FrameLine
+from acquisition.session.manifest import CameraRecord
+from acquisition.session.session import Session
 from rig import RigError
 
 # Percentiles that rise if light falls on a large part of the frame, or on a thousandth of it.

@@ -9,10 +9,10 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from acquisition._errors import DataError, named
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.manifest import Calibrations, CameraRecord, Manifest, RigRecord
-from acquisition._values.lights import Lights, led_id
-from acquisition._values.noise_model import NoiseModel
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.manifest import Calibrations, CameraRecord, Manifest, RigRecord
+from acquisition.values.lights import Lights, led_id
+from acquisition.values.noise_model import NoiseModel
 from rig import CameraError, CameraInfo, Mounting, Rig
 
 # Options of a rig file that select the board and camera by ports and files, which may change; the

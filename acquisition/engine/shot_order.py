@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable
 
-from acquisition._plan.planned_shot import PlannedShot
+from acquisition.plan.planned_shot import PlannedShot
 
 
 class Agenda:

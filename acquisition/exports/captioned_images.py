@@ -12,10 +12,10 @@ from xml.sax.saxutils import escape
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
-from acquisition._pixels.encoded_image import encoded_image, store_image
-from acquisition._pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
-from acquisition._session.manifest import Manifest
-from acquisition._values.transfer_curve import LINEAR, TransferCurve
+from acquisition.pixels.encoded_image import encoded_image, store_image
+from acquisition.pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
+from acquisition.session.manifest import Manifest
+from acquisition.values.transfer_curve import LINEAR, TransferCurve
 from rig.arrays import Float32, UInt16
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._export.captioned_images import Caption, write_captioned_exr, write_captioned_png
-from acquisition._export.notes import (
+from acquisition.exports.captioned_images import Caption, write_captioned_exr, write_captioned_png
+from acquisition.exports.notes import (
     CAMERA_FILE,
     LIGHTS_FILE,
     Layout,
@@ -19,26 +19,26 @@ from acquisition._export.notes import (
     layout_remarks,
     recording_notes,
 )
-from acquisition._export.tables import (
+from acquisition.exports.tables import (
     write_alicevision_lights,
     write_diligent_tables,
     write_lp_table,
 )
-from acquisition._export.values import Samples
-from acquisition._pixels.mask_files import write_mask
-from acquisition._session.session import Session
-from acquisition._source.reader import read_source
-from acquisition._source.recording_json import (
+from acquisition.exports.values import Samples
+from acquisition.files.staging import staged
+from acquisition.pixels.mask_files import write_mask
+from acquisition.session.session import Session
+from acquisition.source.reader import read_source
+from acquisition.source.recording_json import (
     ExportedFrame,
     RecordingNotes,
     Values,
     write_recording_notes,
 )
-from acquisition._source.source import Frame, Source
-from acquisition._staging import staged
-from acquisition._value_files.camera import write_camera
-from acquisition._value_files.lights import write_lights
-from acquisition._values.lights import Lights
+from acquisition.source.source import Frame, Source
+from acquisition.value_files.camera import write_camera
+from acquisition.value_files.lights import write_lights
+from acquisition.values.lights import Lights
 from rig import Notice, Progress, no_progress, pluralize
 
 

@@ -8,15 +8,15 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from acquisition._export.values import Samples
-from acquisition._session.manifest import CameraRecord
-from acquisition._session.session import Session
-from acquisition._session.session_frame import SessionFrame
-from acquisition._session.value_records import TransferRecord
-from acquisition._source.recording_json import LABELS, RECORD_FILE, ExportedFrame, RecordingNotes
-from acquisition._source.source import Frame, Source
-from acquisition._values.lights import Lights, led_id
-from acquisition._values.transfer_curve import LINEAR
+from acquisition.exports.values import Samples
+from acquisition.session.manifest import CameraRecord
+from acquisition.session.session import Session
+from acquisition.session.session_frame import SessionFrame
+from acquisition.session.value_records import TransferRecord
+from acquisition.source.recording_json import LABELS, RECORD_FILE, ExportedFrame, RecordingNotes
+from acquisition.source.source import Frame, Source
+from acquisition.values.lights import Lights, led_id
+from acquisition.values.transfer_curve import LINEAR
 from rig import Notice
 from rig.arrays import Float64
 

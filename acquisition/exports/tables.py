@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition._storage import write_durably
-from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
-from acquisition._value_files.mat5 import write_normals_mat
-from acquisition._values.lights import Lights
+from acquisition.files.storage import write_durably
+from acquisition.value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
+from acquisition.value_files.mat5 import write_normals_mat
+from acquisition.values.lights import Lights
 from rig.arrays import Float32, Float64
 
 

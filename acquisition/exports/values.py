@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from acquisition._source.linear import Linearizer
-from acquisition._source.recording_json import Values
-from acquisition._source.source import Frame, Source
-from acquisition._values.transfer_curve import LINEAR, TransferCurve
+from acquisition.source.linear_frames import Linearizer
+from acquisition.source.recording_json import Values
+from acquisition.source.source import Frame, Source
+from acquisition.values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice
 from rig.arrays import Float32, UInt16
 

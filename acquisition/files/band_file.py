@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._storage import disk, open_binary, write_whole_at
+from acquisition.files.storage import disk, open_binary, write_whole_at
 from rig.arrays import AnyArray
 
 

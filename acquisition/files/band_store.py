@@ -15,10 +15,10 @@ from typing import Any, Final, Self
 
 import numpy as np
 
-from acquisition._bands.band_file import BandFile
-from acquisition._bands.memory_maps import Form
 from acquisition._errors import DataError, StorageError
-from acquisition._storage import (
+from acquisition.files.band_file import BandFile
+from acquisition.files.memory_maps import Form
+from acquisition.files.storage import (
     append_durably,
     disk,
     lock_folder,

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from acquisition._bands.map_rows import MapRows
+from acquisition.files.map_rows import MapRows
 from rig.arrays import AnyArray
 
 Form = tuple[tuple[int, ...], type[np.generic]]

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from acquisition._errors import DataError
-from acquisition._storage import disk, lock_folder, make_folder, sync_folder
+from acquisition.files.storage import disk, lock_folder, make_folder, sync_folder
 
 _STAGING: Final = ".part-files"
 _WRITING: Final = "writing files into it"

@@ -1,8 +1,8 @@
 """Disk access: writes that survive a power cut, one writer per folder, clear errors.
 
-All code that depends on the operating system is here and in `acquisition._part_files`: locks, the
-fsync of a folder, opening without following links (Windows has none of these in this form, so they
-are left out there), and the flag for binary files.
+All code that depends on the operating system is here and in `acquisition.files.part_files`: locks,
+the fsync of a folder, opening without following links (Windows has none of these in this form, so
+they are left out there), and the flag for binary files.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from acquisition._errors import DataError, SessionInUseError, StorageError
-from acquisition._part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, temporary
-from acquisition._part_files import is_hidden as is_hidden
-from acquisition._part_files import is_part_file as is_part_file
-from acquisition._part_files import part_path as part_path
+from acquisition.files.part_files import BINARY, NO_LINK, NO_WAIT, Part, clear, temporary
+from acquisition.files.part_files import is_hidden as is_hidden
+from acquisition.files.part_files import is_part_file as is_part_file
+from acquisition.files.part_files import part_path as part_path
 from rig import SgpError, note_read
 
 if sys.platform != "win32":

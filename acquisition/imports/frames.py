@@ -9,26 +9,26 @@ from pathlib import Path
 from typing import Any
 
 from acquisition._errors import DataError
-from acquisition._import.image import ImportedImage, imported_image, read_for_import
-from acquisition._pixels.image_facts import image_facts
-from acquisition._pixels.images import write_exr
-from acquisition._pixels.mask_files import write_mask
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.journal import FrameLine
-from acquisition._session.layout import MASK, TRUE_NORMALS
-from acquisition._session.manifest import Calibrations, Labels, Manifest
-from acquisition._session.session import Session
-from acquisition._session.value_records import TransferRecord
-from acquisition._session.writer import CameraReport, SessionWriter
-from acquisition._source.reader import read_source
-from acquisition._source.recording_json import RecordingNotes, read_recording_notes
-from acquisition._source.source import Frame, Source
-from acquisition._storage import disk, make_folder
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.image_names import is_raw
-from acquisition._values.lights import Lights, led_id, led_of
-from acquisition._values.running_numbers import order_doubt
-from acquisition._values.transfer_curve import TransferCurve
+from acquisition.files.storage import disk, make_folder
+from acquisition.imports.image import ImportedImage, imported_image, read_for_import
+from acquisition.pixels.images import write_exr
+from acquisition.pixels.mask_files import write_mask
+from acquisition.pixels.stated_facts import image_facts
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.journal import FrameLine
+from acquisition.session.layout import MASK, TRUE_NORMALS
+from acquisition.session.manifest import Calibrations, Labels, Manifest
+from acquisition.session.session import Session
+from acquisition.session.value_records import TransferRecord
+from acquisition.session.writer import CameraReport, SessionWriter
+from acquisition.source.reader import read_source
+from acquisition.source.recording_json import RecordingNotes, read_recording_notes
+from acquisition.source.source import Frame, Source
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.image_names import is_raw
+from acquisition.values.lights import Lights, led_id, led_of
+from acquisition.values.running_numbers import order_doubt
+from acquisition.values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Progress, no_progress
 
 # Larger numbers are those of a camera (L1000001.DNG).

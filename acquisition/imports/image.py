@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._pixels.image_facts import ImageFacts, image_facts
-from acquisition._pixels.images import Image, read_image
-from acquisition._pixels.raw import read_raw
-from acquisition._values.image_names import is_raw
+from acquisition.pixels.camera_raw import read_raw
+from acquisition.pixels.images import Image, read_image
+from acquisition.pixels.stated_facts import ImageFacts, image_facts
+from acquisition.values.image_names import is_raw
 from rig import MAX_PIXELS
 from rig.arrays import UInt16
 

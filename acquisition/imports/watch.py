@@ -12,26 +12,26 @@ from typing import Any, Final
 import numpy as np
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._import.frames import camera_metadata, camera_of, write_imported
-from acquisition._import.image import ImportedImage
-from acquisition._import.watch_files import Recorded, WatchedFolder
-from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
-from acquisition._import.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
-from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
-from acquisition._pixels.image_facts import ImageFacts, ShotFacts
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.journal import FrameLine
-from acquisition._session.layout import is_session
-from acquisition._session.manifest import Calibrations, Labels, Manifest
-from acquisition._session.session import Session
-from acquisition._session.session_frame import pixels_sha256
-from acquisition._session.value_records import TransferRecord
-from acquisition._session.writer import SessionWriter
-from acquisition._source.series_facts import orientation_notices, transfer_notices
-from acquisition._values.image_names import is_raw
-from acquisition._values.lights import Lights
-from acquisition._values.running_numbers import running_number
-from acquisition._values.transfer_curve import LINEAR, TransferCurve
+from acquisition.imports.frames import camera_metadata, camera_of, write_imported
+from acquisition.imports.image import ImportedImage
+from acquisition.imports.watch_files import Recorded, WatchedFolder
+from acquisition.imports.watch_match import Arrival, Match, Rule, follows_gap, match_shots
+from acquisition.imports.watch_shots import Watch, lights_of_shots, shot_files, shots_by_name
+from acquisition.pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
+from acquisition.pixels.stated_facts import ImageFacts, ShotFacts
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.journal import FrameLine
+from acquisition.session.layout import is_session
+from acquisition.session.manifest import Calibrations, Labels, Manifest
+from acquisition.session.session import Session
+from acquisition.session.session_frame import pixels_sha256
+from acquisition.session.value_records import TransferRecord
+from acquisition.session.writer import SessionWriter
+from acquisition.source.series_facts import orientation_notices, transfer_notices
+from acquisition.values.image_names import is_raw
+from acquisition.values.lights import Lights
+from acquisition.values.running_numbers import running_number
+from acquisition.values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, Progress, no_progress, pluralize, short_repr
 
 _POLL_S: Final = 0.2

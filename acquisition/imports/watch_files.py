@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Final
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._import.image import ImportedImage, read_for_import
-from acquisition._import.watch_match import Arrival
-from acquisition._session.session_frame import pixels_sha256
-from acquisition._source.series_facts import raw_preferred_notice
-from acquisition._values.image_names import SUFFIXES, is_raw
-from acquisition._values.running_numbers import in_order
+from acquisition.imports.image import ImportedImage, read_for_import
+from acquisition.imports.watch_match import Arrival
+from acquisition.session.session_frame import pixels_sha256
+from acquisition.source.series_facts import raw_preferred_notice
+from acquisition.values.image_names import SUFFIXES, is_raw
+from acquisition.values.running_numbers import in_order
 from rig import MAX_PIXELS, Notice
 
 # Suffixes of the images that cameras store next to camera RAW.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from acquisition._errors import DataError
-from acquisition._values.running_numbers import running_number, shots_after
+from acquisition.values.running_numbers import running_number, shots_after
 from rig import Notice, pluralize
 
 _GAP: Final = 1.5

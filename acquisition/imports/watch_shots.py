@@ -6,10 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._values.lights import Lights, led_id
-from acquisition._values.transfer_curve import TransferCurve
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.values.lights import Lights, led_id
+from acquisition.values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, short_repr
 
 

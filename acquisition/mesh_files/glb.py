@@ -14,8 +14,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from acquisition._mesh_files.glb_accessors import Accessors, as_count, refuse_coded
-from acquisition._mesh_files.mesh_file import MeshFile
+from acquisition.mesh_files.glb_accessors import Accessors, as_count, refuse_coded
+from acquisition.mesh_files.mesh_file import MeshFile
 from rig import Notice, UnreadableError, convert_parser_errors, parse_json, pluralize
 from rig.arrays import Float64, Int64
 

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from acquisition._mesh_files.mesh_file import MeshFile, numbers_of, whole
-from acquisition._mesh_files.polygons import triangles_of
+from acquisition.mesh_files.mesh_file import MeshFile, numbers_of, whole
+from acquisition.mesh_files.polygons import triangles_of
 from rig import UnreadableError
 from rig.arrays import Float64, Int64
 

@@ -9,8 +9,8 @@ import re
 
 import numpy as np
 
-from acquisition._mesh_files.mesh_file import MeshFile, numbers_of, whole
-from acquisition._mesh_files.polygons import triangles_of
+from acquisition.mesh_files.mesh_file import MeshFile, numbers_of, whole
+from acquisition.mesh_files.polygons import triangles_of
 from rig import UnreadableError
 
 # Texture, colour and normal follow the coordinates; other spaces have no surface in 3D.

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from acquisition._mesh_files.mesh_file import MeshFile, whole
-from acquisition._mesh_files.ply_body import Element, Lists, Table, read_body, read_header
-from acquisition._mesh_files.polygons import triangles_of
+from acquisition.mesh_files.mesh_file import MeshFile, whole
+from acquisition.mesh_files.ply_body import Element, Lists, Table, read_body, read_header
+from acquisition.mesh_files.polygons import triangles_of
 from rig import Notice, UnreadableError
 from rig.arrays import Bool, Float64, Int64
 

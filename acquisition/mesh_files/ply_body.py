@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from acquisition._mesh_files.mesh_file import numbers_of
+from acquisition.mesh_files.mesh_file import numbers_of
 from rig import UnreadableError, pluralize
 from rig.arrays import AnyArray, Float64, Int64
 

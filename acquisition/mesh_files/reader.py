@@ -9,14 +9,14 @@ from typing import Final
 import numpy as np
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._mesh_files.glb import read_glb
-from acquisition._mesh_files.mesh_file import MeshFile
-from acquisition._mesh_files.obj import read_obj
-from acquisition._mesh_files.off import read_off
-from acquisition._mesh_files.ply import read_ply
-from acquisition._mesh_files.stl import read_stl
-from acquisition._mesh_files.xyz import read_xyz
-from acquisition._text_files import text_of
+from acquisition.files.text_files import text_of
+from acquisition.mesh_files.glb import read_glb
+from acquisition.mesh_files.mesh_file import MeshFile
+from acquisition.mesh_files.obj import read_obj
+from acquisition.mesh_files.off import read_off
+from acquisition.mesh_files.ply import read_ply
+from acquisition.mesh_files.stl import read_stl
+from acquisition.mesh_files.xyz import read_xyz
 from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded, read_head
 
 MESH_SUFFIXES: Final = (".obj", ".ply", ".stl", ".glb", ".off", ".xyz")

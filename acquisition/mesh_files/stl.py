@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from acquisition._mesh_files.mesh_file import MeshFile, numbers_of
+from acquisition.mesh_files.mesh_file import MeshFile, numbers_of
 from rig import Notice, UnreadableError
 from rig.arrays import Float32
 

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from acquisition._mesh_files.mesh_file import MeshFile, numbers_of
+from acquisition.mesh_files.mesh_file import MeshFile, numbers_of
 from rig import Notice, UnreadableError, pluralize
 from rig.arrays import Float64
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._metering.light_level import (
+from acquisition.metering.light_level import (
     LightLevel,
     MeteringGoal,
     better_exposure_us,
@@ -18,7 +18,7 @@ from acquisition._metering.light_level import (
     reached,
     stepped_us,
 )
-from acquisition._plan.plan import CapturePlan, PlanEstimate, frame_bytes
+from acquisition.plan.plan import CapturePlan, PlanEstimate, frame_bytes
 from rig import Notice, Progress, Rig, RigError, no_progress, short_repr
 
 _CODES: Final = {

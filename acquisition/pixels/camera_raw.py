@@ -14,7 +14,8 @@ import numpy as np
 import rawpy
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._pixels.dng_tags import (
+from acquisition.files.storage import library_path
+from acquisition.pixels.dng_tags import (
     Tags,
     black_levels,
     check_dng,
@@ -22,8 +23,7 @@ from acquisition._pixels.dng_tags import (
     read_dng_tags,
     white_levels,
 )
-from acquisition._pixels.images import Image
-from acquisition._storage import library_path
+from acquisition.pixels.images import Image
 from rig import (
     MAX_PIXELS,
     UnreadableError,

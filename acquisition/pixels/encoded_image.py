@@ -21,10 +21,10 @@ from typing import BinaryIO
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
-from acquisition._bands.map_rows import MapRows
 from acquisition._errors import DataError, StorageError
-from acquisition._pixels.opened_image import first_line, opened_image
-from acquisition._storage import disk, library_path, published, write_whole
+from acquisition.files.map_rows import MapRows
+from acquisition.files.storage import disk, library_path, published, write_whole
+from acquisition.pixels.image_input import first_line, opened_image
 from rig import UnreadableError, convert_parser_errors
 from rig.arrays import Generic
 

@@ -12,9 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO, Final, NamedTuple
 
-from acquisition._pixels.image_head import kind_of
-from acquisition._pixels.png_file import SIGNATURE, chunk
-from acquisition._text_files import text_of
+from acquisition.files.text_files import text_of
+from acquisition.pixels.image_head import kind_of
+from acquisition.pixels.png_file import SIGNATURE, chunk
 
 Value = float | str
 Tags = dict[int, Value]
@@ -312,7 +312,7 @@ def number_of(text: str) -> float | None:
 
     Examples
     --------
-    >>> from acquisition._pixels.exif_block import number_of
+    >>> from acquisition.pixels.exif_block import number_of
     >>> number_of("1/80"), number_of("0/0")
     (0.0125, None)
     """

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from acquisition._pixels.images import Image
+from acquisition.pixels.images import Image
 from rig import Notice
 
 # Bits of a sample by the step between its values.

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._values.transfer_curve import LINEAR, SRGB, TransferCurve
+from acquisition.values.transfer_curve import LINEAR, SRGB, TransferCurve
 from rig import UnreadableError, convert_parser_errors
 from rig.arrays import Float64
 

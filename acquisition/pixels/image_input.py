@@ -13,10 +13,10 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._pixels.image_head import check_image_head
-from acquisition._pixels.png_file import SIGNATURE, check_png
-from acquisition._storage import library_path
-from acquisition._values.image_names import is_raw
+from acquisition.files.storage import library_path
+from acquisition.pixels.image_head import check_image_head
+from acquisition.pixels.png_file import SIGNATURE, check_png
+from acquisition.values.image_names import is_raw
 from rig import UnreadableError, check_pixels, convert_parser_errors, read_head
 from rig.arrays import AnyArray
 

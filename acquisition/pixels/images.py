@@ -14,11 +14,11 @@ from typing import Self
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
-from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
 from acquisition._errors import DataError
-from acquisition._pixels.encoded_image import encoded_image, store_image
-from acquisition._pixels.opened_image import check_png_file, opened_image
-from acquisition._pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
+from acquisition.files.map_rows import ComputedRows, MapRows, rows_of
+from acquisition.pixels.encoded_image import encoded_image, store_image
+from acquisition.pixels.image_input import check_png_file, opened_image
+from acquisition.pixels.png_file import SRGB_CHUNKS, chunk, png_pieces, store_png
 from rig import MAX_PIXELS
 from rig.arrays import AnyArray, Bool, Float32, UInt8, UInt16
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition._bands.map_rows import ComputedRows, MapRows, rows_of
 from acquisition._errors import DataError
-from acquisition._pixels.image_facts import ImageFacts, image_facts
-from acquisition._pixels.images import read_image_with_alpha, write_png
+from acquisition.files.map_rows import ComputedRows, MapRows, rows_of
+from acquisition.pixels.images import read_image_with_alpha, write_png
+from acquisition.pixels.stated_facts import ImageFacts, image_facts
 from rig import MAX_PIXELS
 from rig.arrays import AnyArray, Bool, Float64
 

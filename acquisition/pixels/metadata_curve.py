@@ -10,10 +10,10 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its own name for itself
 
 from acquisition._errors import DataError
-from acquisition._pixels.icc_curve import icc_curve
-from acquisition._pixels.opened_image import spec_attribute
-from acquisition._pixels.png_file import SIGNATURE
-from acquisition._values.transfer_curve import LINEAR, SRGB, TransferCurve
+from acquisition.pixels.icc_curve import icc_curve
+from acquisition.pixels.image_input import spec_attribute
+from acquisition.pixels.png_file import SIGNATURE
+from acquisition.values.transfer_curve import LINEAR, SRGB, TransferCurve
 from rig import UnreadableError, convert_parser_errors, read_head
 
 # OpenImageIO's names of formats.

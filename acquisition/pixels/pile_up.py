@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import cv2
 import numpy as np
 
-from acquisition._pixels.images import Image
+from acquisition.pixels.images import Image
 from rig.arrays import AnyArray, Int64
 
 Reader = Callable[[], Image | None]

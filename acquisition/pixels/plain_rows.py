@@ -13,7 +13,7 @@ from typing import BinaryIO, Final
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._part_files import BINARY, NO_WAIT
+from acquisition.files.part_files import BINARY, NO_WAIT
 from rig import note_read
 from rig.arrays import UInt16
 

@@ -17,9 +17,9 @@ from typing import BinaryIO, Final
 
 import numpy as np
 
-from acquisition._bands.map_rows import MapRows, rows_in_bands
 from acquisition._errors import DataError, StorageError
-from acquisition._storage import disk, library_path, open_binary, published, write_whole
+from acquisition.files.map_rows import MapRows, rows_in_bands
+from acquisition.files.storage import disk, library_path, open_binary, published, write_whole
 from rig.arrays import Generic, UInt8
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from acquisition._pixels.frame_quality import FrameQuality
+from acquisition.pixels.frame_quality import FrameQuality
 from rig.arrays import Int64, UInt16
 
 # In per mille, so that ranks are computed with integers.

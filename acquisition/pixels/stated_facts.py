@@ -11,12 +11,12 @@ from typing import Final
 import numpy as np
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._pixels.exif_block import Tags, exif_tags, number_of, xmp_tags
-from acquisition._pixels.opened_image import opened_image, spec_attribute
-from acquisition._pixels.raw import read_raw_header
-from acquisition._pixels.stated_curve import StatedCurve, stated_curve
-from acquisition._values.image_names import is_raw
-from acquisition._values.transfer_curve import LINEAR
+from acquisition.pixels.camera_raw import read_raw_header
+from acquisition.pixels.exif_block import Tags, exif_tags, number_of, xmp_tags
+from acquisition.pixels.image_input import opened_image, spec_attribute
+from acquisition.pixels.metadata_curve import StatedCurve, stated_curve
+from acquisition.values.image_names import is_raw
+from acquisition.values.transfer_curve import LINEAR
 from rig import MAX_PIXELS
 
 # Exif 2.32, 4.6; of TIFF files the same numbers may be in the main directory.

@@ -21,8 +21,8 @@ from pydantic import (
 )
 
 from acquisition._errors import DataError
-from acquisition._plan.planned_shot import PlannedShot, Role
-from acquisition._text_files import read_toml, validated
+from acquisition.files.text_files import read_toml, validated
+from acquisition.plan.planned_shot import PlannedShot, Role
 from rig import pluralize
 
 MOST_LEDS: Final = 65_536

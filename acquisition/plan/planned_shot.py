@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from acquisition._values.lights import led_id
+from acquisition.values.lights import led_id
 
 Role = Literal["light", "dark", "ambient", "flat"]
 ShotKey = tuple[Role, int | None, int, int]

@@ -8,16 +8,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from acquisition._plan.plan import CapturePlan, frame_bytes
-from acquisition._preflight.check import Check
-from acquisition._preflight.rig import (
+from acquisition.plan.plan import CapturePlan, frame_bytes
+from acquisition.preflights.check import Check
+from acquisition.preflights.rig import (
     check_board,
     check_brightness,
     check_camera,
     check_disk,
     check_leds,
 )
-from acquisition._preflight.trial_frames import (
+from acquisition.preflights.trial_frames import (
     Trials,
     check_exposure,
     check_focus,

@@ -8,11 +8,11 @@ import time
 from pathlib import Path
 
 from acquisition._errors import DataError, StorageError
-from acquisition._part_files import temporary
-from acquisition._plan.plan import CapturePlan
-from acquisition._preflight.check import Check, State
-from acquisition._selftest.selftest import selftest
-from acquisition._storage import disk, read_back, sync_folder, write_whole
+from acquisition.files.part_files import temporary
+from acquisition.files.storage import disk, read_back, sync_folder, write_whole
+from acquisition.plan.plan import CapturePlan
+from acquisition.preflights.check import Check, State
+from acquisition.selftests.led_test import selftest
 from rig import Rig, pluralize
 
 FULL_LEVEL = 4095

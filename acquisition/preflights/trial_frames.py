@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition._preflight.check import Check
+from acquisition.preflights.check import Check
 from rig.arrays import Bool, Float32, UInt16
 
 _NEAR, _FAR = 2, 8  # even, so that compared samples have the same colour under a Bayer filter

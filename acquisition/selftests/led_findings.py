@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition._selftest.finding import Finding
-from acquisition._selftest.led_places import both_on, judge_places
-from acquisition._selftest.near_light import Images, fit, known_mean, misfits
+from acquisition.selftests.finding import Finding
+from acquisition.selftests.led_places import both_on, judge_places
+from acquisition.selftests.near_light import Images, fit, known_mean, misfits
 from rig.arrays import Bool, Float64
 
 # Relative to the median LED.

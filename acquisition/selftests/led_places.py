@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from acquisition._selftest.finding import Finding
-from acquisition._selftest.near_light import Fit, mixtures
+from acquisition.selftests.finding import Finding
+from acquisition.selftests.near_light import Fit, mixtures
 from rig.arrays import Bool, Float64, Intp
 
 # Least ratio of light to the prediction for one LED, from which on two LEDs are assumed.

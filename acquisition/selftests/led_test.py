@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from acquisition._pixels.quality import measure_quality
-from acquisition._selftest.finding import Finding
-from acquisition._selftest.led_findings import Evidence, findings
+from acquisition.pixels.quality import measure_quality
+from acquisition.selftests.finding import Finding
+from acquisition.selftests.led_findings import Evidence, findings
 from rig import Progress, Rig, RigConfig, RigError, Wires, no_progress
 from rig.arrays import Float64
 

@@ -6,9 +6,9 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final
 
-from acquisition._session.journal import REOPENED, EventLine, Journal, Line
-from acquisition._session.layout import JOURNAL
-from acquisition._session.manifest import Manifest
+from acquisition.session.journal import REOPENED, EventLine, Journal, Line
+from acquisition.session.layout import JOURNAL
+from acquisition.session.manifest import Manifest
 from rig import Notice, pluralize
 
 # Corrections by a time server are smaller; hands and empty batteries move a clock by hours.

@@ -9,23 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from acquisition._errors import DataError, StorageError
-from acquisition._pixels.compact_tiff import deflate_tiff
-from acquisition._pixels.encoded_image import holds
-from acquisition._session.journal import COMPACTED, REOPENED, EventLine, Journal
-from acquisition._session.journal_file import JournalFile, utc_now
-from acquisition._session.layout import (
-    ASIDE,
-    COMPLETE,
-    FRAMES,
-    JOURNAL,
-    completion_mark,
-    leaves,
-)
-from acquisition._session.opening import lock_session
-from acquisition._session.session import Session, examine
-from acquisition._session.session_frame import SessionFrame
-from acquisition._software import software_version
-from acquisition._storage import (
+from acquisition.files.software import software_version
+from acquisition.files.storage import (
     disk,
     make_folder,
     published,
@@ -36,6 +21,21 @@ from acquisition._storage import (
     write_durably,
     write_whole,
 )
+from acquisition.pixels.compact_tiff import deflate_tiff
+from acquisition.pixels.encoded_image import holds
+from acquisition.session.journal import COMPACTED, REOPENED, EventLine, Journal
+from acquisition.session.journal_file import JournalFile, utc_now
+from acquisition.session.layout import (
+    ASIDE,
+    COMPLETE,
+    FRAMES,
+    JOURNAL,
+    completion_mark,
+    leaves,
+)
+from acquisition.session.opening import lock_session
+from acquisition.session.session import Session, examine
+from acquisition.session.session_frame import SessionFrame
 from rig import Progress, no_progress
 
 

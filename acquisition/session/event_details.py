@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition._errors import DataError
-from acquisition._session.journal import (
+from acquisition.session.journal import (
     CAMERA_SETTINGS,
     COMPACTED,
     LEFT_OUT,

@@ -8,14 +8,14 @@ from itertools import count
 from pathlib import Path
 
 from acquisition._errors import DataError
-from acquisition._session.journal import SET_ASIDE, UPGRADED, EventLine
-from acquisition._session.journal_file import JournalFile
-from acquisition._session.layout import FRAMES, SET_ASIDE_FOLDER, UNRECORDED, leaves
-from acquisition._session.recorded import SetAsideFrame
-from acquisition._session.session import Session
-from acquisition._session.session_frame import Damage
-from acquisition._software import software_version
-from acquisition._storage import disk, is_hidden, make_folder, sync_folder
+from acquisition.files.software import software_version
+from acquisition.files.storage import disk, is_hidden, make_folder, sync_folder
+from acquisition.session.journal import SET_ASIDE, UPGRADED, EventLine
+from acquisition.session.journal_file import JournalFile
+from acquisition.session.journal_frames import SetAsideFrame
+from acquisition.session.layout import FRAMES, SET_ASIDE_FOLDER, UNRECORDED, leaves
+from acquisition.session.session import Session
+from acquisition.session.session_frame import Damage
 
 # The first format version that has the event.
 _SINCE = 3

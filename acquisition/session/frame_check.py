@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._pixels.frame_quality import FrameQuality
-from acquisition._pixels.quality import measure_quality
-from acquisition._session.manifest import CameraRecord
-from acquisition._session.session_frame import Damage, SessionFrame
-from acquisition._storage import read_file, sha256_of
+from acquisition.files.storage import read_file, sha256_of
+from acquisition.pixels.frame_quality import FrameQuality
+from acquisition.pixels.quality import measure_quality
+from acquisition.session.manifest import CameraRecord
+from acquisition.session.session_frame import Damage, SessionFrame
 from rig.arrays import UInt16
 
 # Means are stored with four decimals, clipped fractions as shares.

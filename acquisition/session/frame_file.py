@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from acquisition._pixels.plain_rows import plain_tiff_header
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._storage import disk, published, write_whole
+from acquisition.files.storage import disk, published, write_whole
+from acquisition.pixels.plain_rows import plain_tiff_header
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
 from rig.arrays import UInt16
 
 # Size of the pieces, small enough to be hashed while still in the cache.

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
-from acquisition._session.frame_check import frame_damage
-from acquisition._session.manifest import CameraRecord
-from acquisition._session.session import Examination, examine
-from acquisition._session.session_frame import Damage, SessionFrame
+from acquisition.session.frame_check import frame_damage
+from acquisition.session.manifest import CameraRecord
+from acquisition.session.session import Examination, examine
+from acquisition.session.session_frame import Damage, SessionFrame
 from rig import Progress, no_progress
 
 CHECKING: Final = "checking recorded frames"

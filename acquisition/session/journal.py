@@ -25,9 +25,9 @@ from pydantic import (
     model_validator,
 )
 
-from acquisition._pixels.frame_quality import PERCENTILE_NAMES
-from acquisition._plan.planned_shot import PlannedShot, Role, ShotKey
-from acquisition._storage import sha256_of
+from acquisition.files.storage import sha256_of
+from acquisition.pixels.frame_quality import PERCENTILE_NAMES
+from acquisition.plan.planned_shot import PlannedShot, Role, ShotKey
 from rig import validation_message
 
 GENESIS = "0" * 64

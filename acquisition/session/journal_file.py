@@ -11,7 +11,8 @@ from typing import Any, Self, TypeVar
 from pydantic import ValidationError
 
 from acquisition._errors import DataError, StorageError
-from acquisition._session.journal import (
+from acquisition.files.storage import append_durably, disk, open_binary, read_file, write_durably
+from acquisition.session.journal import (
     GENESIS,
     REOPENED,
     EventLine,
@@ -21,7 +22,6 @@ from acquisition._session.journal import (
     encode_line,
     parse_journal,
 )
-from acquisition._storage import append_durably, disk, open_binary, read_file, write_durably
 from rig import validation_message
 
 Clock = Callable[[], datetime]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Final
 
-from acquisition._plan.planned_shot import PlannedShot, ShotKey
-from acquisition._session.event_details import Compacted, SetAside, Upgraded, details_complaint
-from acquisition._session.journal import (
+from acquisition.plan.planned_shot import PlannedShot, ShotKey
+from acquisition.session.event_details import Compacted, SetAside, Upgraded, details_complaint
+from acquisition.session.journal import (
     COMPACTED,
     SET_ASIDE,
     UPGRADED,
@@ -17,10 +17,10 @@ from acquisition._session.journal import (
     FrameLine,
     Journal,
 )
-from acquisition._session.layout import JOURNAL, leaves
-from acquisition._session.light_proof import BOARD, wrong_light
-from acquisition._session.manifest import Manifest
-from acquisition._session.session_frame import Damage, SessionFrame
+from acquisition.session.layout import JOURNAL, leaves
+from acquisition.session.light_proof import BOARD, wrong_light
+from acquisition.session.manifest import Manifest
+from acquisition.session.session_frame import Damage, SessionFrame
 
 # Keys that every line must have from version 2.
 _FRAME_KEYS_2: Final = frozenset({"mean_dn", "above_dark"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from acquisition._storage import sha256_of
+from acquisition.files.storage import sha256_of
 
 MANIFEST = "session.toml"
 JOURNAL = "journal.jsonl"

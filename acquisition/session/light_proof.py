@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from acquisition._plan.planned_shot import PlannedShot
+from acquisition.plan.planned_shot import PlannedShot
 
 BOARD = "the LED board"
 RIG = "the rig"

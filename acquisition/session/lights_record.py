@@ -8,9 +8,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from acquisition._errors import DataError
-from acquisition._session.value_records import CalibratedRecord, Table, Vector
-from acquisition._values.light_errors import LightErrors
-from acquisition._values.lights import Lights
+from acquisition.session.value_records import CalibratedRecord, Table, Vector
+from acquisition.values.light_errors import LightErrors
+from acquisition.values.lights import Lights
 from rig.arrays import Float64
 
 _Deviation = Annotated[float, Field(ge=0)]

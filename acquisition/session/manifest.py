@@ -11,9 +11,11 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import AwareDatetime, Field, JsonValue, model_validator
 
 from acquisition._errors import DataError, named
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.lights_record import LightColumns, LightsRecord
-from acquisition._session.value_records import (
+from acquisition.files.software import SOFTWARE, software_version
+from acquisition.files.text_files import parse_toml, validated
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.lights_record import LightColumns, LightsRecord
+from acquisition.session.value_records import (
     CameraModelRecord,
     SensorRecord,
     Size,
@@ -21,11 +23,9 @@ from acquisition._session.value_records import (
     TransferRecord,
     Vector,
 )
-from acquisition._software import SOFTWARE, software_version
-from acquisition._text_files import parse_toml, validated
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
-from acquisition._values.noise_model import NoiseModel
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.lights import Lights
+from acquisition.values.noise_model import NoiseModel
 from rig import Mounting
 
 FORMAT_VERSION: Final = 4

@@ -6,10 +6,10 @@ import threading
 from pathlib import Path
 
 from acquisition._errors import DataError
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.journal import EventLine, FrameLine, Line
-from acquisition._session.session import Session
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.journal import EventLine, FrameLine, Line
+from acquisition.session.session import Session
 
 
 class OpenShots:

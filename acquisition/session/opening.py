@@ -6,15 +6,8 @@ import os
 from pathlib import Path
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._session.frame_proofs import FrameProofs, damaged_frames_of
-from acquisition._session.journal import EventLine
-from acquisition._session.journal_file import Clock, JournalFile, utc_now
-from acquisition._session.layout import COMPLETE, FRAMES, JOURNAL, MANIFEST
-from acquisition._session.manifest import Manifest
-from acquisition._session.session import Examination, Session, examine
-from acquisition._session.set_aside import clear_frames, set_frames_aside
-from acquisition._software import software_version
-from acquisition._storage import (
+from acquisition.files.software import software_version
+from acquisition.files.storage import (
     disk,
     library_path,
     lock_folder,
@@ -24,7 +17,14 @@ from acquisition._storage import (
     sync_folder,
     write_durably,
 )
-from acquisition._text_files import to_toml
+from acquisition.files.text_files import to_toml
+from acquisition.session.files_aside import clear_frames, set_frames_aside
+from acquisition.session.frame_proofs import FrameProofs, damaged_frames_of
+from acquisition.session.journal import EventLine
+from acquisition.session.journal_file import Clock, JournalFile, utc_now
+from acquisition.session.layout import COMPLETE, FRAMES, JOURNAL, MANIFEST
+from acquisition.session.manifest import Manifest
+from acquisition.session.session import Examination, Session, examine
 from rig import Progress, no_progress
 
 

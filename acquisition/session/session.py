@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Final
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.clock_steps import clock_steps
-from acquisition._session.journal import EventLine, Journal, StartLine, parse_journal
-from acquisition._session.layout import (
+from acquisition.files.storage import is_hidden, sha256_of
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.clock_steps import clock_steps
+from acquisition.session.journal import EventLine, Journal, StartLine, parse_journal
+from acquisition.session.journal_frames import SetAsideFrame, recorded_frames
+from acquisition.session.layout import (
     ASIDE,
     COMPLETE,
     FRAMES,
@@ -22,14 +24,12 @@ from acquisition._session.layout import (
     is_session,
     leaves,
 )
-from acquisition._session.manifest import Manifest, parse_manifest
-from acquisition._session.recorded import SetAsideFrame, recorded_frames
-from acquisition._session.session_frame import Damage, SessionFrame
-from acquisition._storage import is_hidden, sha256_of
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
-from acquisition._values.noise_model import NoiseModel
-from acquisition._values.transfer_curve import LINEAR, TransferCurve
+from acquisition.session.manifest import Manifest, parse_manifest
+from acquisition.session.session_frame import Damage, SessionFrame
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.lights import Lights
+from acquisition.values.noise_model import NoiseModel
+from acquisition.values.transfer_curve import LINEAR, TransferCurve
 from rig import (
     MAX_TEXT_BYTES,
     MAX_TOML_BYTES,

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._pixels.image_facts import image_facts
-from acquisition._pixels.images import read_image
-from acquisition._pixels.plain_rows import PlainRows, plain_rows
-from acquisition._plan.planned_shot import Role
-from acquisition._session.journal import FrameLine
-from acquisition._storage import sha256_of
-from acquisition._values.lights import led_id
+from acquisition.files.storage import sha256_of
+from acquisition.pixels.images import read_image
+from acquisition.pixels.plain_rows import PlainRows, plain_rows
+from acquisition.pixels.stated_facts import image_facts
+from acquisition.plan.planned_shot import Role
+from acquisition.session.journal import FrameLine
+from acquisition.values.lights import led_id
 from rig import MAX_PIXELS, Notice, short_repr
 from rig.arrays import UInt16
 

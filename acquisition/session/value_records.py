@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.noise_model import NoiseModel
-from acquisition._values.setup import Calibrated, Setup, UsedSphere
-from acquisition._values.transfer_curve import TransferCurve
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.noise_model import NoiseModel
+from acquisition.values.setup import Calibrated, Setup, UsedSphere
+from acquisition.values.transfer_curve import TransferCurve
 
 Size = Annotated[int, Field(ge=1, lt=2**31)]
 Vector = tuple[float, float, float]

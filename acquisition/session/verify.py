@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from acquisition._session.frame_check import frame_damage
-from acquisition._session.journal import FrameLine
-from acquisition._session.layout import FRAMES
-from acquisition._session.session import examine
-from acquisition._storage import is_hidden
+from acquisition.files.storage import is_hidden
+from acquisition.session.frame_check import frame_damage
+from acquisition.session.journal import FrameLine
+from acquisition.session.layout import FRAMES
+from acquisition.session.session import examine
 from rig import Notice, pluralize
 
 

@@ -11,23 +11,23 @@ from pathlib import Path
 from typing import Any, Literal, Self
 
 from acquisition._errors import DataError, StorageError
-from acquisition._pixels.frame_quality import FrameQuality
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.event_details import check_event
-from acquisition._session.frame_check import measure_frame
-from acquisition._session.frame_proofs import FrameProofs
-from acquisition._session.journal import Echo, EventLine, FrameLine
-from acquisition._session.journal_file import AnyLine, Clock, JournalFile, utc_now
-from acquisition._session.layout import COMPLETE, FRAMES, completion_mark
-from acquisition._session.light_proof import BOARD, wrong_light
-from acquisition._session.manifest import Manifest
-from acquisition._session.open_shots import OpenShots
-from acquisition._session.opening import begin, take_up
-from acquisition._session.session import Session, examine
-from acquisition._session.session_frame import Damage, SessionFrame
-from acquisition._session.shared_use import SharedUse
-from acquisition._session.stored_frame import FrameNames, store_frame
-from acquisition._storage import write_durably
+from acquisition.files.storage import write_durably
+from acquisition.pixels.frame_quality import FrameQuality
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.event_details import check_event
+from acquisition.session.frame_check import measure_frame
+from acquisition.session.frame_file import FrameNames, store_frame
+from acquisition.session.frame_proofs import FrameProofs
+from acquisition.session.journal import Echo, EventLine, FrameLine
+from acquisition.session.journal_file import AnyLine, Clock, JournalFile, utc_now
+from acquisition.session.layout import COMPLETE, FRAMES, completion_mark
+from acquisition.session.light_proof import BOARD, wrong_light
+from acquisition.session.manifest import Manifest
+from acquisition.session.open_shots import OpenShots
+from acquisition.session.opening import begin, take_up
+from acquisition.session.session import Session, examine
+from acquisition.session.session_frame import Damage, SessionFrame
+from acquisition.session.shared_files import SharedUse
 from rig import Progress, no_progress, pluralize
 from rig.arrays import UInt16
 

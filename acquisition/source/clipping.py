@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._pixels.images import Image
-from acquisition._pixels.pile_up import PileUp, find_pile_up, planes_of
-from acquisition._pixels.plain_rows import PlainRows
-from acquisition._source.source import Frame, Source
-from acquisition._values.transfer_curve import LINEAR
+from acquisition.pixels.images import Image
+from acquisition.pixels.pile_up import PileUp, find_pile_up, planes_of
+from acquisition.pixels.plain_rows import PlainRows
+from acquisition.source.source import Frame, Source
+from acquisition.values.transfer_curve import LINEAR
 from rig import Notice, memory_budget, pluralize
 
 # Floats of another range are no scaled samples of a sensor.

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._source.image_folder import images_source, with_ignored
-from acquisition._source.source import Source
-from acquisition._text_files import numbered_lines, read_text
-from acquisition._value_files.lights import read_lights
-from acquisition._value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
-from acquisition._value_files.mat5 import read_mat5
-from acquisition._values.transfer_curve import TransferCurve
+from acquisition.files.text_files import numbered_lines, read_text
+from acquisition.source.image_folder import images_source, with_ignored
+from acquisition.source.source import Source
+from acquisition.value_files.lights import read_lights
+from acquisition.value_files.lights_text import DIRECTIONS_FILE, FILENAMES_FILE, INTENSITIES_FILE
+from acquisition.value_files.mat5 import read_mat5
+from acquisition.values.transfer_curve import TransferCurve
 from rig import MAX_BINARY_BYTES, MAX_PIXELS, Notice, UnreadableError, read_bounded
 from rig.arrays import Float32
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 from functools import partial
 
 from acquisition._errors import DataError
-from acquisition._source.source import Source
-from acquisition._values.image_names import SAME_NAME
-from acquisition._values.running_numbers import Numbered, numbers_of, turnover
+from acquisition.source.source import Source
+from acquisition.values.image_names import SAME_NAME
+from acquisition.values.running_numbers import Numbered, numbers_of, turnover
 from rig import Notice, check_type, pluralize
 
 _LISTED = 12

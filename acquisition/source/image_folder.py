@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError, missing_path
-from acquisition._pixels.image_facts import ImageFacts, image_facts
-from acquisition._pixels.images import read_image_with_alpha
-from acquisition._pixels.mask_files import above_half, read_mask_of
-from acquisition._pixels.raw import RawLevels, read_levelled, read_raw
-from acquisition._source.series_facts import (
+from acquisition.pixels.camera_raw import RawLevels, read_levelled, read_raw
+from acquisition.pixels.images import read_image_with_alpha
+from acquisition.pixels.mask_files import above_half, read_mask_of
+from acquisition.pixels.stated_facts import ImageFacts, image_facts
+from acquisition.source.series_facts import (
     exposure_times,
     orientation_notices,
     part_notices,
@@ -26,11 +26,11 @@ from acquisition._source.series_facts import (
     reference_times,
     split_references,
 )
-from acquisition._source.source import Frame, Reference, Source
-from acquisition._value_files.lights import read_lights
-from acquisition._values.image_names import IMAGE_SUFFIXES, SAME_NAME, SUFFIXES, is_raw
-from acquisition._values.running_numbers import Numbered, numbers_in, numbers_of, start_of
-from acquisition._values.transfer_curve import TransferCurve
+from acquisition.source.source import Frame, Reference, Source
+from acquisition.value_files.lights import read_lights
+from acquisition.values.image_names import IMAGE_SUFFIXES, SAME_NAME, SUFFIXES, is_raw
+from acquisition.values.running_numbers import Numbered, numbers_in, numbers_of, start_of
+from acquisition.values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize
 
 # What else cameras and programs write, with the remedy.

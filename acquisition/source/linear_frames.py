@@ -13,11 +13,11 @@ from typing import BinaryIO, Self
 import cv2
 import numpy as np
 
-from acquisition._pixels.images import Image
-from acquisition._pixels.plain_rows import PlainRows
-from acquisition._source.source import Frame, Reference, Source
-from acquisition._storage import storage_error
-from acquisition._values.transfer_curve import LINEAR
+from acquisition.files.storage import storage_error
+from acquisition.pixels.images import Image
+from acquisition.pixels.plain_rows import PlainRows
+from acquisition.source.source import Frame, Reference, Source
+from acquisition.values.transfer_curve import LINEAR
 from rig.arrays import Bool, Float32, Intp, UInt8
 
 Index = slice | Intp

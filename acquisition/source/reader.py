@@ -7,21 +7,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from acquisition._errors import DataError, missing_path, named
-from acquisition._pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
-from acquisition._session.layout import MANIFEST, is_session
-from acquisition._source.clipped import with_clipped
-from acquisition._source.diligent import is_diligent, read_diligent
-from acquisition._source.exclude import exclude
-from acquisition._source.image_folder import images_source, lp_files, read_images, read_lp_folder
-from acquisition._source.recording_json import RECORD_FILE, with_export_notes
-from acquisition._source.series_facts import transfer_notices, with_time_errors
-from acquisition._source.session import read_session
-from acquisition._source.source import MaskOrigin, Source
-from acquisition._staging import check_staging_finished
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.image_names import light_id
-from acquisition._values.lights import Lights, led_of
-from acquisition._values.transfer_curve import TransferCurve
+from acquisition.files.staging import check_staging_finished
+from acquisition.pixels.high_bits import high_bits_notice, high_bits_of, white_level_of
+from acquisition.session.layout import MANIFEST, is_session
+from acquisition.source.clipping import with_clipped
+from acquisition.source.diligent import is_diligent, read_diligent
+from acquisition.source.exclusion import exclude
+from acquisition.source.image_folder import images_source, lp_files, read_images, read_lp_folder
+from acquisition.source.recording_json import RECORD_FILE, with_export_notes
+from acquisition.source.series_facts import transfer_notices, with_time_errors
+from acquisition.source.session_source import read_session
+from acquisition.source.source import MaskOrigin, Source
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.image_names import light_id
+from acquisition.values.lights import Lights, led_of
+from acquisition.values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Notice
 
 _FULL = 65535.0

@@ -12,17 +12,17 @@ from typing import Annotated, Final, Literal
 from pydantic import AwareDatetime, Field
 
 from acquisition._errors import DataError, convert_read_errors, missing_path
-from acquisition._plan.planned_shot import Role
-from acquisition._session.layout import MANIFEST
-from acquisition._session.manifest import CameraRecord, Manifest, parse_manifest
-from acquisition._session.value_records import Table, TransferRecord
-from acquisition._source.source import Source
-from acquisition._storage import write_durably
-from acquisition._text_files import parse_json, read_text
-from acquisition._value_files.camera import read_camera
-from acquisition._value_files.lights import read_lights
-from acquisition._values.setup import Setup
-from acquisition._values.transfer_curve import LINEAR
+from acquisition.files.storage import write_durably
+from acquisition.files.text_files import parse_json, read_text
+from acquisition.plan.planned_shot import Role
+from acquisition.session.layout import MANIFEST
+from acquisition.session.manifest import CameraRecord, Manifest, parse_manifest
+from acquisition.session.value_records import Table, TransferRecord
+from acquisition.source.source import Source
+from acquisition.value_files.camera import read_camera
+from acquisition.value_files.lights import read_lights
+from acquisition.values.setup import Setup
+from acquisition.values.transfer_curve import LINEAR
 from rig import MAX_TOML_BYTES, Notice, pluralize, read_bounded
 
 RECORD_FILE: Final = "recording.json"

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._source.source import Source
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.flat import Flat
-from acquisition._values.measured_sensor import MeasuredSensor
-from acquisition._values.setup import Setup
-from acquisition._values.transfer_curve import LINEAR
+from acquisition.source.source import Source
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.flat import Flat
+from acquisition.values.measured_sensor import MeasuredSensor
+from acquisition.values.setup import Setup
+from acquisition.values.transfer_curve import LINEAR
 from rig import Notice, check_type
 
 # A focal length wrong by 1 % moves lights by about a hundredth of their distance; two calibrations

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._source.source import Reduction, Source
+from acquisition.source.source import Reduction, Source
 from rig import check_type
 from rig.arrays import Float32
 

@@ -13,12 +13,12 @@ from typing import Final
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._pixels.image_facts import ImageFacts
-from acquisition._source.linear import same_exposure
-from acquisition._source.source import Frame, Reference
-from acquisition._values.light_errors import LightErrors
-from acquisition._values.lights import Lights
-from acquisition._values.transfer_curve import LINEAR, TransferCurve
+from acquisition.pixels.stated_facts import ImageFacts
+from acquisition.source.linear_frames import same_exposure
+from acquisition.source.source import Frame, Reference
+from acquisition.values.light_errors import LightErrors
+from acquisition.values.lights import Lights
+from acquisition.values.transfer_curve import LINEAR, TransferCurve
 from rig import Notice, pluralize
 
 # Exposure times in thirds of a stop, as ISO 2721 marks them; cameras expose for powers of 2^(1/3).

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._pixels.image_facts import ImageFacts, ShotFacts
-from acquisition._pixels.images import Image, read_image
-from acquisition._pixels.mask_files import read_mask, read_mask_of
-from acquisition._pixels.raw import level_black
-from acquisition._session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_MASK, TRUE_NORMALS
-from acquisition._session.manifest import CameraRecord
-from acquisition._session.session import Session
-from acquisition._session.session_frame import SessionFrame
-from acquisition._source.source import Frame, Source
-from acquisition._values.noise_model import NoiseModel
-from acquisition._values.setup import Setup
-from acquisition._values.transfer_curve import TransferCurve
+from acquisition.pixels.camera_raw import level_black
+from acquisition.pixels.images import Image, read_image
+from acquisition.pixels.mask_files import read_mask, read_mask_of
+from acquisition.pixels.stated_facts import ImageFacts, ShotFacts
+from acquisition.session.layout import COMPLETE, JOURNAL, MANIFEST, MASK, TRUE_MASK, TRUE_NORMALS
+from acquisition.session.manifest import CameraRecord
+from acquisition.session.session import Session
+from acquisition.session.session_frame import SessionFrame
+from acquisition.source.source import Frame, Source
+from acquisition.values.noise_model import NoiseModel
+from acquisition.values.setup import Setup
+from acquisition.values.transfer_curve import TransferCurve
 from rig import MAX_PIXELS, Mounting, Notice, pluralize
 from rig.arrays import Bool, Float32
 

@@ -12,15 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._pixels.images import Image, read_image
-from acquisition._pixels.plain_rows import PlainRows
-from acquisition._plan.planned_shot import Role
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.flat import Flat
-from acquisition._values.lights import Lights
-from acquisition._values.noise_model import NoiseModel
-from acquisition._values.setup import Setup
-from acquisition._values.transfer_curve import LINEAR, TransferCurve
+from acquisition.pixels.images import Image, read_image
+from acquisition.pixels.plain_rows import PlainRows
+from acquisition.plan.planned_shot import Role
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.flat import Flat
+from acquisition.values.lights import Lights
+from acquisition.values.noise_model import NoiseModel
+from acquisition.values.setup import Setup
+from acquisition.values.transfer_curve import LINEAR, TransferCurve
 from rig import MAX_PIXELS, Notice, pluralize, short_repr
 from rig.arrays import Bool, Float32
 

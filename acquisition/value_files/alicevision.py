@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._values.camera_model import CameraModel
+from acquisition.values.camera_model import CameraModel
 
 # Coefficients of each distortion, in the order of the file. Names are those of OpenCV: the
 # formulas are the same, with t1 and t2 for p1 and p2.

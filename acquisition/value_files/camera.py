@@ -10,20 +10,20 @@ import numpy as np
 from pydantic import model_validator
 
 from acquisition._errors import DataError
-from acquisition._session.value_records import CameraModelRecord
-from acquisition._storage import write_durably
-from acquisition._text_files import numbered_lines, parse_json, read_text
-from acquisition._value_files.alicevision import camera_of_scene
-from acquisition._value_files.colmap import camera_line, colmap_text, finite_numbers
-from acquisition._value_files.mat5 import read_variables
-from acquisition._value_files.opencv_camera import (
+from acquisition.files.storage import write_durably
+from acquisition.files.text_files import numbered_lines, parse_json, read_text
+from acquisition.session.value_records import CameraModelRecord
+from acquisition.value_files.alicevision import camera_of_scene
+from acquisition.value_files.colmap import camera_line, colmap_text, finite_numbers
+from acquisition.value_files.mat5 import read_variables
+from acquisition.value_files.opencv_camera import (
     camera_of_json,
     camera_of_storage,
     has_camera,
     known_size,
     opencv_text,
 )
-from acquisition._values.camera_model import CameraModel
+from acquisition.values.camera_model import CameraModel
 from rig import UnreadableError, check_type
 from rig import parse_json as parse_any_json
 

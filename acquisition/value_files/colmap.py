@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._values.camera_model import CameraModel
+from acquisition.values.camera_model import CameraModel
 
 _OPENCV: Final = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 # Parameters of each model of COLMAP that we have as well, in the order of its file.

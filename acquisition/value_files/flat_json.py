@@ -12,11 +12,11 @@ import numpy as np
 from pydantic import Field
 
 from acquisition._errors import DataError, named
-from acquisition._pixels.images import read_image, write_exr
-from acquisition._session.value_records import CalibratedRecord, Table
-from acquisition._storage import make_folder, write_durably
-from acquisition._text_files import parse_versioned, read_text
-from acquisition._values.flat import Flat
+from acquisition.files.storage import make_folder, write_durably
+from acquisition.files.text_files import parse_versioned, read_text
+from acquisition.pixels.images import read_image, write_exr
+from acquisition.session.value_records import CalibratedRecord, Table
+from acquisition.values.flat import Flat
 from rig import MAX_PIXELS, check_type
 from rig.arrays import Float32
 

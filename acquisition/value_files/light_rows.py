@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._values.image_names import SUFFIXES
+from acquisition.values.image_names import SUFFIXES
 from rig.arrays import Float64
 
 # The separator of a file is the first of these with which all its rows can be read. A comma is a

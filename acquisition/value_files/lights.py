@@ -10,20 +10,20 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from acquisition._errors import DataError, named
-from acquisition._session.lights_record import ERROR_KEYS, LightsRecord
-from acquisition._session.manifest import RigRecord
-from acquisition._storage import write_durably
-from acquisition._text_files import parse_versioned, read_text
-from acquisition._value_files.lights_text import (
+from acquisition.files.storage import write_durably
+from acquisition.files.text_files import parse_versioned, read_text
+from acquisition.session.lights_record import ERROR_KEYS, LightsRecord
+from acquisition.session.manifest import RigRecord
+from acquisition.value_files.lights_text import (
     DIRECTIONS_FILE,
     lp_text,
     parse_directions,
     parse_lp,
 )
-from acquisition._value_files.near_lights import is_near_lights
-from acquisition._values.light_errors import LightErrors
-from acquisition._values.lights import Lights
-from acquisition._values.setup import Calibrated, Setup
+from acquisition.value_files.near_lights import is_near_lights
+from acquisition.values.light_errors import LightErrors
+from acquisition.values.lights import Lights
+from acquisition.values.setup import Calibrated, Setup
 from rig import RigConfig, check_type
 
 # Keys that version 2 added to the file; to the lights it added those of their errors.

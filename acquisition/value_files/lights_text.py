@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._text_files import numbered_lines, read_text
-from acquisition._value_files.light_rows import LightRow, light_rows, same_length
-from acquisition._values.lights import Lights
+from acquisition.files.text_files import numbered_lines, read_text
+from acquisition.value_files.light_rows import LightRow, light_rows, same_length
+from acquisition.values.lights import Lights
 from rig import Notice, pluralize
 from rig.arrays import Float64
 

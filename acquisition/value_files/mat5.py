@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from acquisition._errors import DataError, convert_read_errors
-from acquisition._storage import write_durably
+from acquisition.files.storage import write_durably
 from rig import MAX_BINARY_BYTES, UnreadableError, read_bounded
 from rig.arrays import Float32, Float64
 

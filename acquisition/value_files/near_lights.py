@@ -14,10 +14,10 @@ from typing import Final, Literal
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._text_files import numbered_lines, read_text
-from acquisition._value_files.mat5 import read_variables, variable_names
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
+from acquisition.files.text_files import numbered_lines, read_text
+from acquisition.value_files.mat5 import read_variables, variable_names
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.lights import Lights
 from rig import Notice
 from rig.arrays import Float64
 

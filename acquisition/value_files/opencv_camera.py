@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._values.camera_model import CameraModel
+from acquisition.values.camera_model import CameraModel
 from rig import UnreadableError
 from rig.arrays import Float64
 

@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, Field
 
 from acquisition._errors import DataError, named
-from acquisition._session.value_records import CameraNames, Table
-from acquisition._storage import write_durably
-from acquisition._text_files import parse_versioned, read_text
-from acquisition._values.measured_sensor import Measured, MeasuredSensor
+from acquisition.files.storage import write_durably
+from acquisition.files.text_files import parse_versioned, read_text
+from acquisition.session.value_records import CameraNames, Table
+from acquisition.values.measured_sensor import Measured, MeasuredSensor
 
 _Sigma = Annotated[float, Field(ge=0)]
 

@@ -6,8 +6,8 @@ import re
 from pathlib import Path
 
 from acquisition._errors import DataError, named
-from acquisition._text_files import numbered_lines, read_text
-from acquisition._values.transfer_curve import MOST_POINTS, TransferCurve
+from acquisition.files.text_files import numbered_lines, read_text
+from acquisition.values.transfer_curve import MOST_POINTS, TransferCurve
 
 _SHOWN = 40
 

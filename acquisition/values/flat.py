@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._values.setup import Calibrated
+from acquisition.values.setup import Calibrated
 from rig.arrays import Float32
 
 # A response below this share of the middle amplifies noise and stray light without limit.

@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition._errors import DataError
-from acquisition._values.image_names import light_id, unpadded
-from acquisition._values.light_errors import LightErrors
-from acquisition._values.running_numbers import pair_by_number
-from acquisition._values.setup import Calibrated
+from acquisition.values.image_names import light_id, unpadded
+from acquisition.values.light_errors import LightErrors
+from acquisition.values.running_numbers import pair_by_number
+from acquisition.values.setup import Calibrated
 from rig import Notice, pluralize
 from rig.arrays import Float64
 

@@ -8,8 +8,8 @@ from datetime import datetime
 from typing import Literal
 
 from acquisition._errors import DataError
-from acquisition._values.noise_model import NoiseModel
-from acquisition._values.setup import Setup
+from acquisition.values.noise_model import NoiseModel
+from acquisition.values.setup import Setup
 from rig import short_repr
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 from acquisition._errors import DataError
-from acquisition._values.image_names import light_id
+from acquisition.values.image_names import light_id
 
 # A date with a time of day, also with a fraction of seconds: a clock, not a running number.
 _CLOCK: Final = re.compile(

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from acquisition._errors import DataError
-from acquisition._values.camera_model import CameraModel
+from acquisition.values.camera_model import CameraModel
 from rig import short_repr
 
 

@@ -39,12 +39,12 @@ from benchmarks.paper.run import run_all
 from benchmarks.paper.sheets import run_sheets
 from benchmarks.paper.superres import run_superres
 from benchmarks.paper.tables import markdown
-from sgp._console import note
-from sgp._exit import FAULT, UsageError, error_text, exit_code
-from sgp._output import check_output, claim_folder, write_record
-from sgp._overview import write_overview
-from sgp._result import Result, dumps
-from sgp._write_profile import write_profile_data
+from sgp.cli.console import note
+from sgp.cli.exit import FAULT, UsageError, error_text, exit_code
+from sgp.pictures.sheet import write_overview
+from sgp.results.output import check_output, claim_folder, write_record
+from sgp.results.result import Result, dumps
+from sgp.stages.write_profile import write_profile_data
 
 RECORD = "bench.json"
 # For each group of tables: the function that computes them, and its options with their defaults.

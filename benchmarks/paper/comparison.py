@@ -9,7 +9,7 @@ from typing import NamedTuple
 import processing
 import rig
 from benchmarks.paper.tables import Table
-from sgp._overview import Panel
+from sgp.pictures.sheet import Panel
 
 
 class Picture(NamedTuple):

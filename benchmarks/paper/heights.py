@@ -7,8 +7,8 @@ from benchmarks.paper import figures as paper
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp._overview import Panel
-from sgp._write_profile import profile_panels
+from sgp.pictures.sheet import Panel
+from sgp.stages.write_profile import profile_panels
 
 # The substitutes for the paper's two sources, and the file names of their curves.
 _STAND_INS = {"scales (simulated)": "scales", "cloth (simulated)": "cloth"}

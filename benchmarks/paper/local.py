@@ -13,8 +13,8 @@ from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
 from rig.arrays import Bool
-from sgp._overview import Panel
-from sgp._panels.maps import normals_panel
+from sgp.pictures.maps import normals_panel
+from sgp.pictures.sheet import Panel
 
 
 def local_transfers(sources: Sources, advance: Progress) -> tuple[Table, list[Panel]]:

@@ -8,8 +8,8 @@ import time
 import processing
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp._overview import Panel
-from sgp._panels.maps import lit_panel
+from sgp.pictures.maps import lit_panel
+from sgp.pictures.sheet import Panel
 
 _EXEMPLAR_PX, _SHEET_PX = 96, 128
 # The sides of neighbourhoods and of patches.

@@ -19,10 +19,10 @@ from benchmarks.paper.pixel_by_pixel import pixel_by_pixel
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp._overview import Panel
-from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_panel
-from sgp._write_profile import profile_panels
+from sgp.pictures.crop import Crop
+from sgp.pictures.maps import lit_panel
+from sgp.pictures.sheet import Panel
+from sgp.stages.write_profile import profile_panels
 
 PATCH_PX = 48
 _SIDE_PX, _QUICK_SIDE_PX = 2048, 1024

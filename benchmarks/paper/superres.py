@@ -18,8 +18,8 @@ from benchmarks.paper.superres_maps import judged_maps
 from benchmarks.paper.superres_pictures import add_head, add_parts
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp._superres.judgement import Judgement, judged, measure
-from sgp._superres.presets import REPORTED
+from sgp.training.judgement import Judgement, judged, measure
+from sgp.training.presets import REPORTED
 
 _SCALES = (4, 2)
 _COST_PX = 1000

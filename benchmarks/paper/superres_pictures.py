@@ -8,9 +8,9 @@ from benchmarks.paper.sources import Sources
 from benchmarks.paper.superres_maps import head
 from benchmarks.paper.tables import Number, Table
 from rig import Progress
-from sgp._overview import Panel
-from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_panel, shaded_panel
+from sgp.pictures.crop import Crop
+from sgp.pictures.maps import lit_panel, shaded_panel
+from sgp.pictures.sheet import Panel
 
 # Middles of the parts that are shown, in columns and rows, and their side.
 _PARTS = {"relief 160": (500, 500), "owl": (280, 125)}

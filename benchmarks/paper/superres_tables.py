@@ -11,7 +11,7 @@ import processing
 from benchmarks.paper import figures as paper
 from benchmarks.paper.superres_judge import DOMAINS, Domain, Judgement, Networks
 from benchmarks.paper.tables import Number, Table
-from sgp._superres import judgement
+from sgp.training import judgement
 
 # For each map: its class, its name, and its errors.
 Found = Sequence[tuple[str, str, Judgement]]

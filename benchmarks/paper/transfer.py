@@ -14,8 +14,8 @@ from benchmarks.paper.measure import IN_NORMALS, METHODS, measure
 from benchmarks.paper.sources import Sources
 from benchmarks.paper.tables import Number, Table, flattened
 from rig import Progress
-from sgp._overview import Panel
-from sgp._panels.maps import normals_panel
+from sgp.pictures.maps import normals_panel
+from sgp.pictures.sheet import Panel
 
 # Cells by quantity and method.
 Rows = dict[str, dict[str, list[Number]]]

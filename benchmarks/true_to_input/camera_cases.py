@@ -89,8 +89,8 @@ def _map(nodes: list[Node]) -> Any:
 def _turned_off(nodes: list[Node]) -> Outcome:
     """Judge: what alters samples has its neutral value, and every other setting is recorded."""
     from rig import CameraError
-    from rig._genicam import automatics
-    from rig._genicam.nodes import Nodes
+    from rig.genicam import automatics
+    from rig.genicam.nodes import Nodes
 
     node_map = _map(nodes)
     camera = Nodes(node_map, "test")
@@ -232,8 +232,8 @@ FURTHER_MAKERS: list[Node] = [
 def _rounded_gamma() -> Outcome:
     """The register of the gamma has steps, of which none is exactly 1."""
     from rig import CameraError
-    from rig._genicam.automatics import turn_off_automatics
-    from rig._genicam.nodes import Nodes
+    from rig.genicam.automatics import turn_off_automatics
+    from rig.genicam.nodes import Nodes
 
     xml, name, _ = _number("Gamma", 0.45, 0.25, 3.99902)
     node_map = _map([(xml.replace("</Max>", "</Max><Inc>0.007</Inc>"), name, 1)])
@@ -263,8 +263,8 @@ def _neutral(node: Node) -> Node:
 
 
 def _per_channel() -> Outcome:
-    from rig._genicam.automatics import turn_off_automatics
-    from rig._genicam.nodes import Nodes
+    from rig.genicam.automatics import turn_off_automatics
+    from rig.genicam.nodes import Nodes
 
     node_map = _map([_per_entry("LUTEnable", "LUTSelector", "Luminance Red Green Blue")])
     turn_off_automatics(Nodes(node_map, "test"))
@@ -278,8 +278,8 @@ def _per_channel() -> Outcome:
 def _locked(node: Node, *, refused: bool) -> Outcome:
     """Judge a node that is on and cannot be written."""
     from rig import CameraError
-    from rig._genicam import automatics
-    from rig._genicam.nodes import Nodes
+    from rig.genicam import automatics
+    from rig.genicam.nodes import Nodes
 
     camera = Nodes(_map([node]), "test")
     try:
@@ -295,8 +295,8 @@ def _locked(node: Node, *, refused: bool) -> Outcome:
 
 def _commands() -> Outcome:
     """Judge that nothing permanent is written: commands and user sets stay untouched."""
-    from rig._genicam.automatics import turn_off_automatics
-    from rig._genicam.nodes import Nodes
+    from rig.genicam.automatics import turn_off_automatics
+    from rig.genicam.nodes import Nodes
 
     names = ("UserSetSave", "UserSetLoad", "DeviceReset", "TimestampReset", "FlatFieldSave")
     commands = "".join(
@@ -319,7 +319,7 @@ def _following(block: int, largest: int, after: int) -> int:
 
 def _singles(first: int, largest: int, after: int, *, lost: int = 0) -> Outcome:
     """One trigger per acquisition; the device continues its count, ``lost`` ids are not seen."""
-    from rig._genicam.count import BlockCount
+    from rig.genicam.frame_count import BlockCount
 
     count, block = BlockCount(), first
     wrong = []
@@ -335,7 +335,7 @@ def _singles(first: int, largest: int, after: int, *, lost: int = 0) -> Outcome:
 
 def _long(largest: int, after: int, *, first: int, total: int, lost: frozenset[int]) -> Outcome:
     """One acquisition; the frames of the triggers ``lost`` do not arrive."""
-    from rig._genicam.count import BlockCount
+    from rig.genicam.frame_count import BlockCount
 
     count, block = BlockCount(), first
     wrong = []
@@ -351,7 +351,7 @@ def _long(largest: int, after: int, *, first: int, total: int, lost: frozenset[i
 
 def _repeated() -> Outcome:
     """A frame that arrives twice, and one that arrives late, around the wrap of 16 bits."""
-    from rig._genicam.count import BlockCount
+    from rig.genicam.frame_count import BlockCount
 
     wrong = []
     for blocks in ([65534, 65535, 65535], [65534, 65535, 1, 65535], [65535, 1, 2, 1]):
@@ -366,7 +366,7 @@ def _repeated() -> Outcome:
 
 def _restarting() -> Outcome:
     """Acquisitions of many triggers each, and a count that restarts at 1 with each of them."""
-    from rig._genicam.count import BlockCount
+    from rig.genicam.frame_count import BlockCount
 
     count, wrong = BlockCount(), []
     for run in range(4):

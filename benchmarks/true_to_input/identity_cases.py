@@ -53,10 +53,10 @@ def _session(
 ) -> Path:
     """Record the relief as a rig would; ``clock`` is the time of each line of the journal."""
     import acquisition
-    from acquisition._plan.plan import CapturePlan
-    from acquisition._session.journal import Echo
-    from acquisition._session.manifest import Calibrations, Manifest, RigRecord
-    from acquisition._session.writer import SessionWriter
+    from acquisition.plan.plan import CapturePlan
+    from acquisition.session.journal import Echo
+    from acquisition.session.manifest import Calibrations, Manifest, RigRecord
+    from acquisition.session.writer import SessionWriter
 
     texts = dict(labels)
     plan = CapturePlan(leds=tuple(range(_COUNT)), exposures_us=(1000.0,))
@@ -263,8 +263,8 @@ def _journal_line(piece: bytes) -> dict[str, Any]:
 
 def _resealed(session: Path, change: Callable[[dict[str, Any]], None]) -> None:
     """Change lines of a journal, and compute all hashes again."""
-    from acquisition._session.journal import GENESIS, encode_line
-    from acquisition._session.layout import completion_mark
+    from acquisition.session.journal import GENESIS, encode_line
+    from acquisition.session.layout import completion_mark
 
     previous, lines = GENESIS, []
     for piece in (session / "journal.jsonl").read_bytes().splitlines():
@@ -352,7 +352,7 @@ def shipped_network() -> Path:
     """Return the smallest network that comes with the program."""
     import processing
 
-    return Path(processing.__file__).parent / "_superres" / "models" / "superres-x2.onnx"
+    return Path(processing.__file__).parent / "superres" / "models" / "superres-x2.onnx"
 
 
 def write_network(path: Path, data: bytes) -> Path:

@@ -7,10 +7,10 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from calibration._camera.board import DICTIONARIES, BoardView, CharucoBoard, dictionary_named
-from calibration._camera.saddle import fit_saddles
 from calibration._errors import DataError, EstimateError
-from calibration._radiance.demosaic import luma
+from calibration.camera.board import DICTIONARIES, BoardView, CharucoBoard, dictionary_named
+from calibration.camera.saddle_fit import fit_saddles
+from calibration.radiance.demosaicing import luma
 from rig import pluralize
 from rig.arrays import Float32, Float64, Generic, Int64, UInt8
 

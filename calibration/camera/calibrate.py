@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from acquisition import CameraModel
-from calibration._camera.board import BoardView, merge_same_places
-from calibration._camera.find_board import FEWEST_CORNERS
-from calibration._camera.fit import PARAMETERS, Fit, fit, pose_of, residual_pattern
 from calibration._errors import DataError, EstimateError
+from calibration.camera.board import BoardView, merge_same_places
+from calibration.camera.board_search import FEWEST_CORNERS
+from calibration.camera.fit import PARAMETERS, Fit, fit, pose_of, residual_pattern
 from rig import Notice, Progress, no_progress, pluralize, short_repr
 from rig.arrays import Bool, Float64
 

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from calibration._camera.board import BoardView
 from calibration._errors import EstimateError
+from calibration.camera.board import BoardView
 from rig.arrays import Float64
 
 # The intrinsic parameters, in the order of covariances.

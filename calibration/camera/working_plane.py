@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from acquisition import CameraModel
-from calibration._camera.board import BoardView
-from calibration._camera.calibrate import CameraCalibration
-from calibration._camera.fit import pose_of, projected
 from calibration._errors import DataError
+from calibration.camera.board import BoardView
+from calibration.camera.calibrate import CameraCalibration
+from calibration.camera.fit import pose_of, projected
 from rig import Notice, short_repr
 from rig.arrays import Float64
 

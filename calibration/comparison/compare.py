@@ -17,8 +17,8 @@ from acquisition import (
     lights_of_rig,
     tangent_basis,
 )
-from calibration._comparison.notices import explanation_notices
-from calibration._comparison.order import Mirror, Motion, explain
+from calibration.comparison.notices import explanation_notices
+from calibration.comparison.order import Mirror, Motion, explain
 from rig import Notice, RigConfig, check_type, pluralize, short_repr
 from rig.arrays import Float64, Intp
 

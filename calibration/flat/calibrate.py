@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 
 from acquisition import Calibrated, DataError, Flat, Lights, Source, source_setup
-from calibration._flat.card import CardField, measure_card
-from calibration._flat.combine import combine
-from calibration._flat.sites import Sites
-from calibration._flat.smooth import smooth_part
-from calibration._spheres.apply import check_recordings
+from calibration.flat.card import CardField, measure_card
+from calibration.flat.pixel_part import combine
+from calibration.flat.sites import Sites
+from calibration.flat.smooth_part import smooth_part
+from calibration.spheres.spheres_beside_object import check_recordings
 from rig import Notice, Progress, check_type, no_progress, pluralize
 from rig.arrays import Bool, Float32
 

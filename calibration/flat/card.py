@@ -8,13 +8,13 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, Lights, Source
 from calibration._errors import EstimateError
-from calibration._flat.sites import Sites
-from calibration._flat.small_card import SmallCard, band_rows, card_area
-from calibration._intensities.calibrate import FittedSurfaces, fit_surfaces
-from calibration._intensities.fit import shift_by_lights
-from calibration._intensities.surface import MatteSurface
-from calibration._radiance.image_form import Channel
-from calibration._radiance.linear_stack import BandedStack, open_stack
+from calibration.flat.card_means import SmallCard, band_rows, card_area
+from calibration.flat.sites import Sites
+from calibration.intensities.calibrate import FittedSurfaces, fit_surfaces
+from calibration.intensities.fit import shift_by_lights
+from calibration.intensities.surface import MatteSurface
+from calibration.radiance.image_form import Channel
+from calibration.radiance.stack import BandedStack, open_stack
 from rig import Notice, Progress
 from rig.arrays import Bool, Float32, Float64
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from acquisition import CameraModel, Lights
 from calibration._errors import EstimateError
-from calibration._flat.sites import Sites
-from calibration._radiance.linear_stack import BandedStack
+from calibration.flat.sites import Sites
+from calibration.radiance.stack import BandedStack
 from rig.arrays import Bool, Float32, Generic
 
 # The shorter side of the averaged images is at least as long; smaller images are not averaged.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration._flat.sites import Sites
+from calibration.flat.sites import Sites
 from rig.arrays import Bool, Float32, Float64
 
 # Values of two recordings that differ by more standard deviations show a stain of the card.

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from calibration._flat.sites import Sites, block_means
+from calibration.flat.sites import Sites, block_means
 from rig.arrays import Bool, Float32, Float64
 
 _DEGREE = 6

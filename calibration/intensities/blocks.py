@@ -9,7 +9,7 @@ import numpy as np
 
 from acquisition import Lights
 from calibration._errors import EstimateError
-from calibration._intensities.surface import MatteSurface
+from calibration.intensities.surface import MatteSurface
 from rig import pluralize
 from rig.arrays import Bool, Float32, Float64, Floating, Intp
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from acquisition import DataError, LightErrors, Lights, tangent_basis
-from calibration._intensities.blocks import Blocks, blocks_of
-from calibration._intensities.doubts import doubts
-from calibration._intensities.fit import Fit, Vignetting, covariance_of, fit_vignetting
-from calibration._intensities.model import Geometry, position_slopes
-from calibration._intensities.surface import MatteSurface
+from calibration.intensities.blocks import Blocks, blocks_of
+from calibration.intensities.fit import Fit, Vignetting, covariance_of, fit_vignetting
+from calibration.intensities.fit_tests import doubts
+from calibration.intensities.model import Geometry, position_slopes
+from calibration.intensities.surface import MatteSurface
 from rig import Notice, check_type, pluralize
 from rig.arrays import Bool, Float64
 

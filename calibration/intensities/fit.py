@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration._intensities.blocks import Blocks
-from calibration._intensities.model import Geometry, NormalEquations
+from calibration.intensities.blocks import Blocks
+from calibration.intensities.model import Geometry, NormalEquations
 from rig import short_repr
 from rig.arrays import Bool, Float64
 

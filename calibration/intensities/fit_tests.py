@@ -6,9 +6,9 @@ import numpy as np
 from scipy.special import stdtrit
 
 from acquisition import Lights
-from calibration._intensities.blocks import Blocks
-from calibration._intensities.fit import Fit
-from calibration._intensities.model import Geometry, NormalEquations
+from calibration.intensities.blocks import Blocks
+from calibration.intensities.fit import Fit
+from calibration.intensities.model import Geometry, NormalEquations
 from rig import Notice
 
 # A gloss or a shape that moves samples by 1 % moves intensities by nearly as much.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import CameraModel, DataError
-from calibration._radiance.linear_stack import check_linear
+from calibration.radiance.stack import check_linear
 from rig import short_repr
 from rig.arrays import Bool, Float32, Float64
 

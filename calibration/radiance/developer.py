@@ -9,7 +9,7 @@ import numpy as np
 
 from acquisition import DataError, Frame, Linearizer, RowReader, Source, row_bands
 from calibration._errors import EstimateError
-from calibration._radiance.brackets import (
+from calibration.radiance.brackets import (
     BLOOMING_PX,
     BracketRatios,
     Law,
@@ -18,10 +18,10 @@ from calibration._radiance.brackets import (
     grown,
     merge,
 )
-from calibration._radiance.image_form import Channel, ImageForm, divided
-from calibration._radiance.references import References
-from calibration._radiance.signal_noise import SignalNoise, signal_noise
-from calibration._radiance.stack_noise import StackNoise
+from calibration.radiance.image_form import Channel, ImageForm, divided
+from calibration.radiance.references import References
+from calibration.radiance.signal_noise import SignalNoise, signal_noise
+from calibration.radiance.stack_noise import StackNoise
 from rig import Notice
 from rig.arrays import Bool, Float32, Float64, Intp, UInt8, UInt16
 

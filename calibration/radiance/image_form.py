@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from acquisition import DataError, Frame, Reduction, Source
-from calibration._radiance.demosaic import check_pattern, demosaic, luma, site_factors
+from calibration.radiance.demosaicing import check_pattern, demosaic, luma, site_factors
 from rig.arrays import Float32, Float64
 
 # What the images of a stack show: gray values, colours, or the colour of each site of a mosaic.

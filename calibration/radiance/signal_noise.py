@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import LINEAR, Frame, Linearizer, NoiseModel, Source, row_bands
-from calibration._radiance.brackets import Law
+from calibration.radiance.brackets import Law
 from rig.arrays import Float64
 
 _PAIRS = 6

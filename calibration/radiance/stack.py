@@ -12,9 +12,9 @@ from typing import Literal, Self, overload
 import numpy as np
 
 from acquisition import CameraModel, Lights, RowReader, Source
-from calibration._radiance.developer import Developer, Index, Pixels, brightest_sample
-from calibration._radiance.image_form import Channel
-from calibration._radiance.stack_noise import StackNoise, pattern_from_row
+from calibration.radiance.developer import Developer, Index, Pixels, brightest_sample
+from calibration.radiance.image_form import Channel
+from calibration.radiance.stack_noise import StackNoise, pattern_from_row
 from rig import Notice, Progress, check_type, no_progress
 from rig.arrays import Bool, Float32, Intp, UInt8
 

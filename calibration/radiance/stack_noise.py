@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from calibration._radiance.demosaic import LUMA
+from calibration.radiance.demosaicing import LUMA
 from rig import short_repr
 from rig.arrays import Float32, Float64, UInt8
 

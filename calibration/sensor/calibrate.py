@@ -10,8 +10,8 @@ import numpy as np
 
 from acquisition import Measured, MeasuredSensor, Source
 from calibration._errors import EstimateError
-from calibration._sensor.dark_frames import DarkFrames, dark_frames
-from calibration._sensor.photon_transfer import (
+from calibration.sensor.dark_frames import DarkFrames, dark_frames
+from calibration.sensor.photon_transfer import (
     Gain,
     Linearity,
     Points,
@@ -23,8 +23,8 @@ from calibration._sensor.photon_transfer import (
     read_noise,
     saturation,
 )
-from calibration._sensor.recorded_series import SensorRecording, sensor_recording
-from calibration._sensor.series_points import SeriesPoints, series_points
+from calibration.sensor.recorded_series import SensorRecording, sensor_recording
+from calibration.sensor.series_points import SeriesPoints, series_points
 from rig import Notice, Progress, no_progress, short_repr
 from rig.arrays import Bool, Float64
 

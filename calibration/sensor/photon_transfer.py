@@ -10,8 +10,8 @@ import numpy as np
 
 from acquisition import Measured
 from calibration._errors import EstimateError
-from calibration._sensor.dark_frames import DarkFrames
-from calibration._sensor.series_points import SeriesPoints
+from calibration.sensor.dark_frames import DarkFrames
+from calibration.sensor.series_points import SeriesPoints
 from rig.arrays import Float64, Intp
 
 # EMVA 1288: the gain is fitted up to 70 % of saturation, the straight line from 5 % to 95 %.

@@ -10,8 +10,8 @@ import numpy as np
 
 from acquisition import RowReader, row_bands
 from calibration._errors import DataError, EstimateError
-from calibration._sensor.dark_frames import DarkFrames
-from calibration._sensor.recorded_series import Repeats, Series
+from calibration.sensor.dark_frames import DarkFrames
+from calibration.sensor.recorded_series import Repeats, Series
 from rig.arrays import Bool, Float32, Float64, Int16
 
 # Side of the box whose mean is the light at its middle, in pixels of one colour.

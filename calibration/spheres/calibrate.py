@@ -9,18 +9,18 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Images, RawStack, Stack
-from calibration._spheres.apply import light_difference
-from calibration._spheres.average_directions import orthographic_lights, perspective_lights
-from calibration._spheres.input_tests import known_places
-from calibration._spheres.lost_images import lost_lights
-from calibration._spheres.marked import Mask
-from calibration._spheres.outline_noise import cone_of
-from calibration._spheres.placed import off_the_plane, one_off_the_plane, place
-from calibration._spheres.positioned_lights import positioned_lights
-from calibration._spheres.recording import Circle, SeenSpheres, seen_in
-from calibration._spheres.sphere_calibration import SeenTogether, SphereCalibration
-from calibration._spheres.sphere_image import SphereImage, circles_of
+from calibration.radiance.stack import Images, RawStack, Stack
+from calibration.spheres.judge.input_tests import known_places
+from calibration.spheres.outline.outline_noise import cone_of
+from calibration.spheres.outline.sphere_image import SphereImage, circles_of
+from calibration.spheres.position_calibration import positioned_lights
+from calibration.spheres.propose.sphere_marks import Mask
+from calibration.spheres.recording import Circle, SeenSpheres, seen_in
+from calibration.spheres.solve.average_directions import orthographic_lights, perspective_lights
+from calibration.spheres.solve.lost_images import lost_lights
+from calibration.spheres.solve.sphere_calibration import SeenTogether, SphereCalibration
+from calibration.spheres.solve.sphere_positions import off_the_plane, one_off_the_plane, place
+from calibration.spheres.spheres_beside_object import light_difference
 from rig import Notice, pluralize
 from rig.arrays import Float64
 

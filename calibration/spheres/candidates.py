@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import CameraModel
-from calibration._radiance.linear_stack import Images, Stack, check_linear
-from calibration._spheres.edge_search import inside, round_edges, spheres_by_edges
-from calibration._spheres.mirrors import LEAST_SHARE, accepted, best_mirror, outline_of
-from calibration._spheres.recording import gray_values
-from calibration._spheres.spots import reduce_stack, spot_clusters
-from calibration._spheres.surroundings import Balls, MirroredPlane
+from calibration.radiance.stack import Images, Stack, check_linear
+from calibration.spheres.highlights.spots import reduce_stack, spot_clusters
+from calibration.spheres.outline.mirror_search import LEAST_SHARE, accepted, best_mirror, outline_of
+from calibration.spheres.outline.surroundings import Balls, MirroredPlane
+from calibration.spheres.propose.edge_search import inside, round_edges, spheres_by_edges
+from calibration.spheres.recording import gray_values
 
 _MOST = 8
 

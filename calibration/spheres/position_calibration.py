@@ -9,25 +9,29 @@ from itertools import combinations, product
 import numpy as np
 
 from acquisition import CameraModel, LightErrors, Lights, angle_deg
-from calibration._spheres.cone import Cone
-from calibration._spheres.highlights import Highlights
-from calibration._spheres.input_tests import check_inputs, doubts
-from calibration._spheres.joint_refinement import KnownSpheres, Observation, predicted_highlights
-from calibration._spheres.light_positions import (
+from calibration.spheres.geometry.cone import Cone
+from calibration.spheres.highlights.highlights import Highlights
+from calibration.spheres.judge.input_tests import check_inputs, doubts
+from calibration.spheres.outline.sphere_image import places
+from calibration.spheres.solve.joint_refinement import (
+    KnownSpheres,
+    Observation,
+    predicted_highlights,
+)
+from calibration.spheres.solve.light_positions import (
     LocatedLights,
     locate_lights,
     observed_rays,
     pair_positions,
 )
-from calibration._spheres.lost_images import named
-from calibration._spheres.placed import place
-from calibration._spheres.sphere_calibration import (
+from calibration.spheres.solve.lost_images import named
+from calibration.spheres.solve.sphere_calibration import (
     SeenTogether,
     SphereCalibration,
     placed_spheres,
     rms_deg,
 )
-from calibration._spheres.sphere_image import places
+from calibration.spheres.solve.sphere_positions import place
 from rig import Notice
 from rig.arrays import Bool, Float64
 

@@ -11,20 +11,11 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, led_id
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Images, RawStack, Stack, check_linear
-from calibration._spheres.displaced import displaced
-from calibration._spheres.highlights import find_highlights
-from calibration._spheres.lost_images import (
-    LostImages,
-    blank_images,
-    moved_alone,
-    moved_images,
-)
-from calibration._spheres.marked import Mask, circled_spheres, masked_spheres
-from calibration._spheres.outline import shows_blocks
-from calibration._spheres.placed import one_radius_each
-from calibration._spheres.search import searched_spheres
-from calibration._spheres.sphere_image import (
+from calibration.radiance.stack import Images, RawStack, Stack, check_linear
+from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres.judge.sphere_shifts import displaced
+from calibration.spheres.outline.outline import shows_blocks
+from calibration.spheres.outline.sphere_image import (
     SphereImage,
     circles_of,
     mask_warnings,
@@ -33,6 +24,15 @@ from calibration._spheres.sphere_image import (
     saturation_warning,
     uneven_outline_warning,
 )
+from calibration.spheres.propose.sphere_marks import Mask, circled_spheres, masked_spheres
+from calibration.spheres.propose.sphere_selection import searched_spheres
+from calibration.spheres.solve.lost_images import (
+    LostImages,
+    blank_images,
+    moved_alone,
+    moved_images,
+)
+from calibration.spheres.solve.sphere_positions import one_radius_each
 from rig import Notice, pluralize, short_repr
 from rig.arrays import Float64
 

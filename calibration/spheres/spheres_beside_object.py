@@ -22,8 +22,8 @@ from acquisition import (
     source_setup,
     with_time_errors,
 )
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.sphere_calibration import SphereCalibration
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.solve.sphere_calibration import SphereCalibration
 from rig import check_type, pluralize
 from rig.arrays import UInt8
 

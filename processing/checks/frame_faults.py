@@ -7,8 +7,8 @@ import numpy as np
 
 from acquisition import Lights
 from calibration import EstimateError
-from processing._reconstruction.cells import Cells
-from processing._stereo.photometric_stereo import photometric_stereo
+from processing.images.block_means import Cells
+from processing.stereo.normals_and_albedo import photometric_stereo
 from rig.arrays import Bool, Float64, Intp
 
 # Cells darker than this share of their albedo may be in shadow.

@@ -9,8 +9,8 @@ from itertools import combinations
 import numpy as np
 
 from acquisition import Lights
-from processing._reconstruction.cells import Cells, Samples, samples_of
-from processing._reconstruction.self_calibration import solve
+from processing.checks.self_calibration import solve
+from processing.images.block_means import Cells, Samples, samples_of
 from rig import pluralize, short_repr
 from rig.arrays import Bool, Float64, Intp
 

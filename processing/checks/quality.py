@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from acquisition import DataError, Lights
-from processing._reconstruction.cells import Cells, Samples, cells_of, samples_of
-from processing._reconstruction.recorded_images import Images
-from processing._reconstruction.scheme_check import SchemeCheck, check_scheme, scheme_notices
-from processing._reconstruction.self_calibration import (
+from processing.checks.light_fit import Fit, Remedy, fit, relative_residual, remedy
+from processing.checks.scheme_check import SchemeCheck, check_scheme, scheme_notices
+from processing.checks.self_calibration import (
     Factors,
     align,
     angles_deg,
@@ -19,10 +18,11 @@ from processing._reconstruction.self_calibration import (
     factorise,
     solve,
 )
-from processing._reconstruction.under_lights import Fit, Remedy, fit, relative_residual, remedy
-from processing._reconstruction.views import SurfacePoints
-from processing._stereo.photometric_stereo import photometric_stereo
-from processing._surface.integrability import Integrability, integrability
+from processing.images.block_means import Cells, Samples, cells_of, samples_of
+from processing.images.recorded_images import Images
+from processing.images.viewing_rays import SurfacePoints
+from processing.stereo.normals_and_albedo import photometric_stereo
+from processing.surface.integrability_test import Integrability, integrability
 from rig import Notice, pluralize, short_repr
 from rig.arrays import Bool, Float64
 

@@ -9,16 +9,16 @@ from typing import Literal
 import numpy as np
 
 from acquisition import Lights
-from processing._reconstruction.cells import Cells
-from processing._reconstruction.frame_faults import predicted_cells
-from processing._reconstruction.self_calibration import align, angles_deg, explained
-from processing._reconstruction.strength_fit import (
+from processing.checks.frame_faults import predicted_cells
+from processing.checks.self_calibration import align, angles_deg, explained
+from processing.checks.strength_fit import (
     StrengthFit,
     fit_strengths,
     light_vectors,
     project,
     solve_normals,
 )
+from processing.images.block_means import Cells
 from rig import Notice, pluralize, short_repr
 from rig.arrays import Bool, Float64
 

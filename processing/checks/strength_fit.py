@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import Lights
-from processing._reconstruction.cells import Cells
+from processing.images.block_means import Cells
 from rig import short_repr
 from rig.arrays import Bool, Float64, Intp
 

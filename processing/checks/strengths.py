@@ -8,15 +8,15 @@ import numpy as np
 
 from acquisition import DataError, LightErrors, Lights
 from calibration import EstimateError, Stack, check_linear
-from processing._reconstruction.cells import cells_of
-from processing._reconstruction.strength_fit import (
+from processing.checks.strength_fit import (
     StrengthFit,
     fit_strengths,
     light_vectors,
     solve_normals,
 )
-from processing._uncertainty.normal_uncertainty import STRUCTURED
-from processing._uncertainty.reference_solver import correlation_of_neighbours
+from processing.images.block_means import cells_of
+from processing.noise.normal_errors import STRUCTURED
+from processing.noise.reference_solver import correlation_of_neighbours
 from rig import Notice, check_type, pluralize, short_repr
 from rig.arrays import Bool, Float32, Float64, Intp
 

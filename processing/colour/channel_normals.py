@@ -10,12 +10,12 @@ import numpy as np
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise, luma
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import NoiseLaw, law_of_images
-from processing._stereo.light_model import LightModel
-from processing._stereo.method import Method
-from processing._stereo.solve import solve_maps
-from processing._stereo.stereo_maps import StereoMaps
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import NoiseLaw, law_of_images
+from processing.stereo.light_model import LightModel
+from processing.stereo.method import Method
+from processing.stereo.solve import solve_maps
+from processing.stereo.stereo_maps import StereoMaps
 from rig import no_progress
 from rig.arrays import Bool, Float32, Float64, Intp, UInt16
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from acquisition import Lights, Source
 from calibration import linear_images, luma
-from processing._normal_map import NormalMap
-from processing._reconstruction.views import SurfacePoints
-from processing._stereo.frames import Frames
-from processing._stereo.light_model import LightModel
+from processing.images.viewing_rays import SurfacePoints
+from processing.maps.normal_map import NormalMap
+from processing.stereo.frames import Frames
+from processing.stereo.light_model import LightModel
 from rig import Progress
 from rig.arrays import Float32, Float64
 

@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration import StackNoise, luma
-from processing._reconstruction.colours import ColourImages, ColourMaps
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import NoiseLaw, law_of_images
-from processing._stereo.light_model import LightModel
-from processing._stereo.method import Method
-from processing._stereo.solve import solve_maps
-from processing._stereo.stereo_maps import StereoMaps
+from processing.colour.channel_normals import ColourImages, ColourMaps
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import NoiseLaw, law_of_images
+from processing.stereo.light_model import LightModel
+from processing.stereo.method import Method
+from processing.stereo.solve import solve_maps
+from processing.stereo.stereo_maps import StereoMaps
 from rig import no_progress
 from rig.arrays import AnyArray, Bool, Float32, Float64, Floating
 

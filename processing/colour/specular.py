@@ -8,15 +8,15 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration import StackNoise, check_linear, luma
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import NoiseLaw
-from processing._stereo.light_model import LightModel
-from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, law_or_alike
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import NoiseLaw
+from processing.stereo.light_model import LightModel
+from processing.stereo.normals_and_albedo import PhotometricStereoResult
+from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, law_or_alike
 from rig import check_type, in_threads
 from rig.arrays import Bool, Float32
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 
 _BLOCK = 16384
 # Where the noise is known, smaller residuals may be noise: 1 in 700 samples of a matte surface.

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from processing._normal_map import NormalMap, check_normal_map
-from processing._surface.scale import surface_scale
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.surface.scale import surface_scale
 from rig.arrays import Bool, Float32, Float64
 
 # Cosine of the angle to the line of sight, within 6 degrees of edge-on.

@@ -9,15 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from acquisition import MemoryMaps
-from processing._detail.choices import Tile
-from processing._detail.placement import Placement
-from processing._detail.seam import SeamSteps, border_steps
-from processing._detail.separation import Separation, separate, sums_of_rows
-from processing._detail.shape_filter import ShapeFilter
-from processing._detail.transfer_stage import TransferStage, scale_slopes
-from processing._metrics import angle_map_deg
-from processing._normal_map import NormalMap, check_normal_map
-from processing._stages.stage import run_steps
+from processing.detail.choices import Tile
+from processing.detail.placement import Placement
+from processing.detail.seam import SeamSteps, border_steps
+from processing.detail.separation import Separation, separate, sums_of_rows
+from processing.detail.shape_filter import ShapeFilter
+from processing.detail.transfer_stage import TransferStage, scale_slopes
+from processing.maps.metrics import angle_map_deg
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.stages.stage import run_steps
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32
 

@@ -11,13 +11,13 @@ import numba
 import numpy as np
 
 from acquisition import DataError
-from processing._detail.rotation import rotate_from_z
-from processing._detail.seam import SeamSteps, blend_detail, seam_steps
-from processing._detail.separation import separate
-from processing._detail.shape_filter import ShapeFilter
-from processing._detail.transfer import TransferFidelity, fidelity_of
-from processing._detail.transfer_stage import scale_slopes
-from processing._normal_map import NormalMap, check_normal_map
+from processing.detail.detail_transfer import TransferFidelity, fidelity_of
+from processing.detail.rotation import rotate_from_z
+from processing.detail.seam import SeamSteps, blend_detail, seam_steps
+from processing.detail.separation import separate
+from processing.detail.shape_filter import ShapeFilter
+from processing.detail.transfer_stage import scale_slopes
+from processing.maps.normal_map import NormalMap, check_normal_map
 from rig import Progress, in_threads, no_progress, pluralize
 from rig.arrays import Bool, Float32, Float64
 

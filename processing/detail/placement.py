@@ -8,12 +8,12 @@ import numba
 import numpy as np
 
 from acquisition import ComputedRows, DataError, MapRows, MapToFill
-from processing._cuts.minimum_cuts import taken_pixels
-from processing._detail.choices import TILES, Tile
-from processing._normal_map import NormalMap
+from processing.detail.choices import TILES, Tile
+from processing.detail.minimum_cuts import taken_pixels
+from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool, Float32, Int32
 
-# Compiled in: processing/_cuts/minimum_cuts.py bb2f904075fe
+# Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
 
 
 @dataclass(frozen=True, eq=False)

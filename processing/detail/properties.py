@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import DataError
-from processing._detail.placement import largest_rectangle
-from processing._detail.separation import Separation, combine, separate
-from processing._detail.shape_filter import ShapeFilter
-from processing._detail.transfer import TransferResult, transfer
-from processing._metrics import angular_error, ssim
-from processing._normal_map import NormalMap
+from processing.detail.detail_transfer import TransferResult, transfer
+from processing.detail.placement import largest_rectangle
+from processing.detail.separation import Separation, combine, separate
+from processing.detail.shape_filter import ShapeFilter
+from processing.maps.metrics import angular_error, ssim
+from processing.maps.normal_map import NormalMap
 from rig import short_repr
 
 

@@ -12,7 +12,7 @@ import math
 import numba
 import numpy as np
 
-from processing._detail.separation_kernels import turn
+from processing.detail.separation_kernels import turn
 from rig import in_threads
 from rig.arrays import Float32
 

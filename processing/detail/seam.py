@@ -9,8 +9,8 @@ import cv2
 import numba
 import numpy as np
 
-from processing._metrics import angle_deg
-from processing._normal_map import NormalMap
+from processing.maps.metrics import angle_deg
+from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool, Float32, Float64, Int32
 
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)

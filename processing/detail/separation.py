@@ -10,11 +10,11 @@ from typing import ClassVar
 import numpy as np
 
 from acquisition import DataError, Form, MapRows, Maps
-from processing._detail.rotation import rotate_from_z, rotate_to_z
-from processing._detail.shape_filter import ShapeFilter
-from processing._metrics import angle_map_deg
-from processing._normal_map import NormalMap, check_normal_map
-from processing._stages.stage import Need, NormalRows, Size, Step, size_of
+from processing.detail.rotation import rotate_from_z, rotate_to_z
+from processing.detail.shape_filter import ShapeFilter
+from processing.maps.metrics import angle_map_deg
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.stages.stage import Need, NormalRows, Size, Step, size_of
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Float64
 

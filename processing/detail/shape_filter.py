@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from acquisition import DataError
-from processing._detail.choices import FILTER_KINDS, FilterKind
-from processing._detail.separation_kernels import finish, gains, leave, separate_once, tiles
-from processing._normal_map import NormalMap
+from processing.detail.choices import FILTER_KINDS, FilterKind
+from processing.detail.separation_kernels import finish, gains, leave, separate_once, tiles
+from processing.maps.normal_map import NormalMap
 from rig import Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32
 

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 
 from acquisition import DataError
-from processing._normal_map import NormalMap
+from processing.maps.normal_map import NormalMap
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
 

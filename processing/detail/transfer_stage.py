@@ -10,11 +10,11 @@ from typing import ClassVar
 import numpy as np
 
 from acquisition import DataError, Form, MapRows, Maps, MapToFill
-from processing._detail.choices import Tile
-from processing._detail.placement import Cover, Placement, place_at
-from processing._detail.rotation import rotate_between, rotate_from_z
-from processing._detail.seam import SeamSteps, border_sums, steps_of_sums
-from processing._detail.separation import (
+from processing.detail.choices import Tile
+from processing.detail.placement import Cover, Placement, place_at
+from processing.detail.rotation import rotate_between, rotate_from_z
+from processing.detail.seam import SeamSteps, border_sums, steps_of_sums
+from processing.detail.separation import (
     LEAST_ROWS,
     fixed,
     halo_rows,
@@ -23,10 +23,10 @@ from processing._detail.separation import (
     sums_of_rows,
     useful_rows,
 )
-from processing._detail.shape_filter import ShapeFilter
-from processing._metrics import Protocol, angle_map_deg, mean_similarity, similarity_of_rows
-from processing._normal_map import NormalMap, directions
-from processing._stages.stage import Need, NormalRows, Size, Step, size_of
+from processing.detail.shape_filter import ShapeFilter
+from processing.maps.metrics import Protocol, angle_map_deg, mean_similarity, similarity_of_rows
+from processing.maps.normal_map import NormalMap, directions
+from processing.stages.stage import Need, NormalRows, Size, Step, size_of
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
 

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from acquisition import Lights
-from processing._reconstruction.recorded_images import Images
-from processing._reconstruction.views import SurfacePoints
+from processing.images.recorded_images import Images
+from processing.images.viewing_rays import SurfacePoints
 from rig import short_repr
 from rig.arrays import Bool, Float32, Float64, Intp
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration import BandedStack, Stack, StackNoise, luma
-from processing._reconstruction.views import SurfacePoints
+from processing.images.viewing_rays import SurfacePoints
 from rig import Notice
 from rig.arrays import Bool, Float32, Float64, Intp
 

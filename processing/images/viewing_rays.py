@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights, Source
-from processing._normal_map import NormalMap
-from processing._surface.integration import integrate
+from processing.maps.normal_map import NormalMap
+from processing.surface.integration import integrate
 from rig.arrays import Bool, Float32, Float64, Intp
 
 Rows = slice | Intp
@@ -89,6 +89,7 @@ class Perspective:
         return points
 
     def downscaled(self, factor: int) -> Perspective:
+        """Return the view of an image whose pixels are blocks of these."""
         return replace(self, camera=self.camera.downscaled(factor))
 
     def moved(self, depth: Float64, before: float, after: float) -> Float64:
@@ -146,6 +147,7 @@ class Parallel:
         return points
 
     def downscaled(self, factor: int) -> Parallel:
+        """Return the view of an image whose pixels are blocks of these."""
         height, width = self.size
         x, y = ((at - (factor - 1) / 2) / factor for at in self.axis_px)
         return Parallel(self.pixel_mm * factor, (height // factor, width // factor), (x, y))

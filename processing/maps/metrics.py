@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, angle_deg
-from processing._normal_map import NormalMap, check_normal_map
-from processing._ssim_kernel import similarity_rows
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.maps.ssim_kernel import similarity_rows
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
 

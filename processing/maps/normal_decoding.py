@@ -10,8 +10,8 @@ import numba
 import numpy as np
 
 from acquisition import BandFile, DataError, rows_in_bands
-from processing._normal_encoding import NormalEncoding, normal_encoding
-from processing._normal_map import directions
+from processing.maps.normal_encoding import NormalEncoding, normal_encoding
+from processing.maps.normal_map import directions
 from rig import Notice, in_threads, pluralize
 from rig.arrays import AnyArray, Bool, Float32, UInt16
 
@@ -146,13 +146,16 @@ class PixelsInMemory:
 
     @property
     def shape(self) -> tuple[int, ...]:
+        """Shape of the colours."""
         return self.pixels.shape
 
     @property
     def dtype(self) -> np.dtype[Any]:
+        """Type of the samples."""
         return self.pixels.dtype
 
     def with_alpha(self, rows: slice) -> tuple[AnyArray, AnyArray | None]:
+        """Return rows of the colours, and of alpha if there is one."""
         return self.pixels[rows], None if self.alpha is None else self.alpha[rows]
 
 

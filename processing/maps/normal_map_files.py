@@ -22,9 +22,9 @@ from acquisition import (
     write_mask,
     write_png,
 )
-from processing._normal_decoding import GivenMask, Green, PixelsInMemory, decode_normals, encode
-from processing._normal_map import NormalMap, check_normal_map
-from processing._npy_file import npy_shape, read_npy
+from processing.maps.normal_decoding import GivenMask, Green, PixelsInMemory, decode_normals, encode
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.maps.npy_file import npy_shape, read_npy
 from rig import MAX_PIXELS, Notice, Progress, in_threads, no_progress, short_repr
 from rig.arrays import AnyArray, Bool, UInt16
 

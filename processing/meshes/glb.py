@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from acquisition import StorageError
-from processing._surface.mesh import Mesh
+from processing.meshes.mesh import Mesh
 from rig.arrays import AnyArray, UInt8
 
 # The unit of glTF is the metre.

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 
 from acquisition import DataError, MapRows
-from processing._stages.stage import NormalRows, size_of
-from processing._surface.face_kernels import faces_of
-from processing._surface.height_map import HeightMap
-from processing._surface.simplification import pixels_of, sampled, simplified
+from processing.meshes.face_kernels import faces_of
+from processing.meshes.simplification import pixels_of, sampled, simplified
+from processing.stages.stage import NormalRows, size_of
+from processing.surface.height_map import HeightMap
 from rig import check_type, short_repr
 from rig.arrays import Bool, Float32, Int32, UInt8
 

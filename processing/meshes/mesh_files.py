@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import DataError, MapRows, write_durably, write_pieces, write_png
-from processing._stages.stage import NormalRows
-from processing._surface.glb import glb
-from processing._surface.height_map import HeightMap
-from processing._surface.mesh import Mesh, check_cover, height_mesh
-from processing._surface.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
-from processing._surface.mesh_rows import complete_mesh
+from processing.meshes.glb import glb
+from processing.meshes.mesh import Mesh, check_cover, height_mesh
+from processing.meshes.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
+from processing.meshes.mesh_rows import complete_mesh
+from processing.stages.stage import NormalRows
+from processing.surface.height_map import HeightMap
 from rig import check_type
 from rig.arrays import Bool, Generic, UInt8
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from acquisition import MapRows, rows_in_bands
-from processing._stages.stage import NormalRows
-from processing._surface.face_kernels import KINDS, faces_of_kind, kinds_of_triangles
-from processing._surface.height_map import HeightMap
-from processing._surface.mesh import no_triangle
-from processing._surface.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
+from processing.meshes.face_kernels import KINDS, faces_of_kind, kinds_of_triangles
+from processing.meshes.mesh import no_triangle
+from processing.meshes.mesh_pieces import Piece, PlyForm, stl_facets, stl_header
+from processing.stages.stage import NormalRows
+from processing.surface.height_map import HeightMap
 from rig.arrays import Float32, UInt8
 
 # Bytes of a pixel with its points and triangles, and of a band.

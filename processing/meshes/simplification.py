@@ -9,8 +9,8 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from acquisition import DataError
-from processing._surface.height_map import HeightMap
-from processing._surface.rim import rim
+from processing.meshes.rim import rim
+from processing.surface.height_map import HeightMap
 from rig.arrays import Bool, Float32, Float64, Floating, Generic, Int32
 
 _FEWEST = 4

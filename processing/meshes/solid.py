@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from acquisition import DataError
-from processing._surface.mesh import Mesh
-from processing._surface.rim import rim
+from processing.meshes.mesh import Mesh
+from processing.meshes.rim import rim
 from rig import check_type
 from rig.arrays import Float32, Int32, Int64, Intp
 

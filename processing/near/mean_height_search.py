@@ -12,15 +12,15 @@ import numpy as np
 
 from acquisition import Lights
 from calibration import EstimateError
-from processing._reconstruction.recorded_images import Images
-from processing._reconstruction.strength_fit import fit_strengths
-from processing._reconstruction.views import View
-from processing._stereo.frames import Frames
-from processing._stereo.light_model import LightModel
-from processing._stereo.method import Method
-from processing._stereo.solve import solve_maps
-from processing._stereo.stereo_maps import StereoMaps
-from processing._uncertainty.reference_solver import correlation_of_neighbours
+from processing.checks.strength_fit import fit_strengths
+from processing.images.recorded_images import Images
+from processing.images.viewing_rays import View
+from processing.noise.reference_solver import correlation_of_neighbours
+from processing.stereo.frames import Frames
+from processing.stereo.light_model import LightModel
+from processing.stereo.method import Method
+from processing.stereo.solve import solve_maps
+from processing.stereo.stereo_maps import StereoMaps
 from rig import no_progress, short_repr
 from rig.arrays import Bool, Float32, Float64, Intp
 

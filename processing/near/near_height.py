@@ -11,18 +11,18 @@ import numpy as np
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
-from processing._reconstruction.mean_height_search import (
+from processing.images.recorded_images import Images
+from processing.images.viewing_rays import SurfacePoints, View
+from processing.near.mean_height_search import (
     CoarseImages,
     CommonShift,
     MeanHeightSearch,
     coarse_images,
     raised,
 )
-from processing._reconstruction.recorded_images import Images
-from processing._reconstruction.views import SurfacePoints, View
-from processing._stereo.method import Method
-from processing._stereo.photometric_stereo import photometric_stereo
-from processing._uncertainty.normal_uncertainty import STRUCTURED
+from processing.noise.normal_errors import STRUCTURED
+from processing.stereo.method import Method
+from processing.stereo.normals_and_albedo import photometric_stereo
 from rig import Notice, Progress, short_repr
 from rig.arrays import Bool, Float32, Float64
 

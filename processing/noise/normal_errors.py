@@ -11,15 +11,15 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights
 from calibration import StackNoise, check_linear
-from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.pixel_variances import (
+from processing.noise.pixel_variances import (
     Counts,
     Origin,
     PixelVariances,
     SolvedStack,
     pixel_variances,
 )
-from processing._uncertainty.sample_kind import Reason
+from processing.noise.sample_kind import Reason
+from processing.stereo.normals_and_albedo import PhotometricStereoResult
 from rig import Progress, check_type, no_progress, pluralize, short_repr
 from rig.arrays import Bool, Float32, Float64, UInt8
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from acquisition import CameraModel, Lights
 from calibration import StackNoise
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import NoiseLaw, law_of_images
-from processing._stereo.light_model import LightModel
-from processing._stereo.photometric_stereo import PhotometricStereoResult
-from processing._uncertainty.reference import PARTS
-from processing._uncertainty.reference_solver import ReferenceSolver, row_blocks
-from processing._uncertainty.sample_kind import Reason, SampleKind
+from processing.noise.reference import PARTS
+from processing.noise.reference_solver import ReferenceSolver, row_blocks
+from processing.noise.sample_kind import Reason, SampleKind
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import NoiseLaw, law_of_images
+from processing.stereo.light_model import LightModel
+from processing.stereo.normals_and_albedo import PhotometricStereoResult
 from rig import Progress, no_progress, short_repr
 from rig.arrays import Bool, Float32, Float64, Intp, UInt8, UInt16
 
@@ -80,6 +80,7 @@ class SolvedStack:
         ]
 
     def frames(self) -> Frames:
+        """Return the images as the compiled solvers read them."""
         return Frames(self.values)
 
     def model(self) -> LightModel:

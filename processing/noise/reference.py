@@ -7,8 +7,9 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAX_CONDITION
-from processing._uncertainty.judged_samples import (
+from processing.noise.light_table import distant_variances, near_variances
+from processing.noise.reflectance_residual import reflectance_left
+from processing.noise.sample_judgement import (
     ATTACHED,
     CAST,
     LIT,
@@ -20,20 +21,18 @@ from processing._uncertainty.judged_samples import (
     predicted,
     usable_parts,
 )
-from processing._uncertainty.light_table import distant_variances, near_variances
-from processing._uncertainty.reflectance_left import reflectance_left
-from processing._uncertainty.tangents import (
+from processing.noise.tangents import (
     squared_angle,
     tangent_change,
     tangent_part,
     tangent_trace,
 )
-from processing._uncertainty.tile_light_errors import (
+from processing.noise.tile_light_errors import (
     add_light_errors,
     write_light_errors,
     write_parts,
 )
-from processing._uncertainty.tile_reference import (
+from processing.noise.tile_reference import (
     APART,
     DARK,
     MOVED2,
@@ -51,15 +50,16 @@ from processing._uncertainty.tile_reference import (
     write_residuals,
     write_shared,
 )
+from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAX_CONDITION
 from rig.arrays import Float32, Float64, Int64, Intp, UInt8, UInt16
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
-# Compiled in: processing/_uncertainty/judged_samples.py 448f3c73fbbd
-# Compiled in: processing/_uncertainty/light_table.py be17fd50cfdb
-# Compiled in: processing/_uncertainty/reflectance_left.py 16b79c407446
-# Compiled in: processing/_uncertainty/tangents.py 27066bb94ab5
-# Compiled in: processing/_uncertainty/tile_light_errors.py a65305aa8d36
-# Compiled in: processing/_uncertainty/tile_reference.py 2b2026f329c5
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/noise/sample_judgement.py 93dbba067bca
+# Compiled in: processing/noise/light_table.py 252a40fcda51
+# Compiled in: processing/noise/reflectance_residual.py 5927e0bbb182
+# Compiled in: processing/noise/tangents.py 023141937ae7
+# Compiled in: processing/noise/tile_light_errors.py b9bda73e1cf1
+# Compiled in: processing/noise/tile_reference.py 83898554ada2
 
 _STEPS = 4
 # As in `pixel_algebra`: trace(A) trace(A^-1) is at most 9 times the squared condition number.

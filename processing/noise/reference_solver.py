@@ -9,10 +9,10 @@ from itertools import pairwise
 import numpy as np
 
 from acquisition import CameraModel, Lights
-from processing._uncertainty.judged_samples import LIT
-from processing._uncertainty.light_table import ERRORS, light_table
-from processing._uncertainty.reference import PARTS, reference_solutions
-from processing._uncertainty.sample_kind import SampleKind
+from processing.noise.light_table import ERRORS, light_table
+from processing.noise.reference import PARTS, reference_solutions
+from processing.noise.sample_judgement import LIT
+from processing.noise.sample_kind import SampleKind
 from rig import in_threads
 from rig.arrays import Float32, Float64, Intp, UInt8, UInt16
 

@@ -11,10 +11,10 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAD_TO_SIGMA, ranked
+from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, MAD_TO_SIGMA, ranked
 from rig.arrays import Float32, Float64, Int64, UInt8, UInt16
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 
 # Samples further away than this many standard deviations do not agree.
 _CUT = 4.0
@@ -202,6 +202,7 @@ def normalised_residuals(
 
 @numba.njit(**IN_PLACE, error_model="numpy")
 def count_kinds(kinds: UInt8, counts: UInt16) -> None:
+    """Count the samples that are lit and those in attached shadow."""
     lit, attached = np.int32(0), np.int32(0)
     for k in range(len(kinds)):
         lit += np.int32(kinds[k] == LIT)

@@ -6,10 +6,10 @@ import math
 
 import numba
 
-from processing._stereo.pixel_algebra import IN_PLACE
+from processing.stereo.pixel_algebra import IN_PLACE
 from rig.arrays import Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 
 # Below the square of this tangent, two terms of the series of the squared angle suffice.
 _SMALL2 = 1e-6

@@ -9,14 +9,14 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE
-from processing._uncertainty.tangents import tangent_change, tangent_trace
-from processing._uncertainty.tile_reference import BY_LIGHTS, HIGHER, LEAST, OF_ERRORS, TILE
+from processing.noise.tangents import tangent_change, tangent_trace
+from processing.noise.tile_reference import BY_LIGHTS, HIGHER, LEAST, OF_ERRORS, TILE
+from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE
 from rig.arrays import Float32, Float64, Intp
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
-# Compiled in: processing/_uncertainty/tangents.py 27066bb94ab5
-# Compiled in: processing/_uncertainty/tile_reference.py 2b2026f329c5
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/noise/tangents.py 023141937ae7
+# Compiled in: processing/noise/tile_reference.py 83898554ada2
 
 # Parts of the state: sums of the matrix (6), of the changes by the height (3), and the point.
 _CHANGES, _POINT = OF_ERRORS + 6, OF_ERRORS + 9

@@ -13,12 +13,12 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import IN_PLACE
-from processing._uncertainty.tangents import squared_angle, tangent_part
+from processing.noise.tangents import squared_angle, tangent_part
+from processing.stereo.pixel_algebra import IN_PLACE
 from rig.arrays import Float32, Float64, Intp
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
-# Compiled in: processing/_uncertainty/tangents.py 27066bb94ab5
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/noise/tangents.py 023141937ae7
 
 # Pixels of a tile.
 TILE = 32

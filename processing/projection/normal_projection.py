@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from processing._normal_map import NormalMap
-from processing._projection.mesh_read import Geometry
-from processing._projection.point_cloud import draw_points, fit_surfels, too_few_points
-from processing._projection.rasterize import draw_mesh
-from processing._projection.rasterize_kernels import bounds, turned
-from processing._projection.view import Raster, fit_raster
+from processing.maps.normal_map import NormalMap
+from processing.projection.geometry_files import Geometry
+from processing.projection.point_cloud import draw_points, fit_surfels, too_few_points
+from processing.projection.rasterize import draw_mesh
+from processing.projection.rasterize_kernels import bounds, turned
+from processing.projection.view import Raster, fit_raster
 from rig import Notice, Progress, no_progress, short_repr
 from rig.arrays import Float32, Float64
 

@@ -13,9 +13,9 @@ from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
 from calibration import EstimateError
-from processing._projection.rasterize import NEAR_SHARE, Drawn
-from processing._projection.rasterize_kernels import BAND_ROWS, sort_into_bands
-from processing._projection.view import Raster
+from processing.projection.rasterize import NEAR_SHARE, Drawn
+from processing.projection.rasterize_kernels import BAND_ROWS, sort_into_bands
+from processing.projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64, Int32, Int64, Intp
 
@@ -469,7 +469,7 @@ def _splat(
     A layer consists of the discs within one disc radius behind the nearest disc. Weights decrease
     from the disc's centre to 0 at its rim. ``bends`` ``(N, 3, 3)`` times the offset from the centre
     is the change of the normal. Lines of sight are those of
-    `processing._projection.rasterize_kernels.shade`.
+    `processing.projection.rasterize_kernels.shade`.
     """
     rows, columns = height.shape
     bent = rays.shape[0] > 1

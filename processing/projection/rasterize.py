@@ -10,10 +10,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from calibration import EstimateError
-from processing._projection import rasterize_kernels as kernels
-from processing._projection.mesh_kernels import half_edges
-from processing._projection.mesh_read import neighbours
-from processing._projection.view import Raster
+from processing.projection import rasterize_kernels as kernels
+from processing.projection.geometry_files import neighbours
+from processing.projection.mesh_kernels import half_edges
+from processing.projection.view import Raster
 from rig import Notice, Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64, Floating, Int32, Int64
 

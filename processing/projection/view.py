@@ -157,7 +157,7 @@ class Raster:
     def sights(self) -> tuple[Float64, Float64, Float64]:
         """Return the lines of sight: x of the columns, y of the rows, and slopes.
 
-        They are explained in `processing._projection.rasterize_kernels.shade`.
+        They are explained in `processing.projection.rasterize_kernels.shade`.
         """
         height, width = self.size
         if self.camera is None:

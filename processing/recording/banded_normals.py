@@ -8,22 +8,10 @@ from typing import ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from acquisition import Form, Lights, Maps
-from processing._reconstruction.error_bars import (
-    ErrorBarMaps,
-    depth_deviation,
-    error_bar_forms,
-)
-from processing._reconstruction.examination import Examination
-from processing._reconstruction.recorded_images import Band, RowSample
-from processing._reconstruction.specular import mean_excess
-from processing._reconstruction.views import SurfacePoints
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import NoiseLaw, law_of_images
-from processing._stereo.light_model import LightModel
-from processing._stereo.method import Method
-from processing._stereo.solve import solve_maps, toward_camera, write_solutions
-from processing._stereo.stereo_maps import StereoMaps
-from processing._uncertainty.pixel_variances import (
+from processing.colour.specular import mean_excess
+from processing.images.recorded_images import Band, RowSample
+from processing.images.viewing_rays import SurfacePoints
+from processing.noise.pixel_variances import (
     Origin,
     VarianceMaps,
     law_of_errors,
@@ -31,7 +19,19 @@ from processing._uncertainty.pixel_variances import (
     place_of,
     some_of,
 )
-from processing._uncertainty.reference_solver import ReferenceSolver, row_blocks
+from processing.noise.reference_solver import ReferenceSolver, row_blocks
+from processing.recording.error_bars import (
+    ErrorBarMaps,
+    depth_deviation,
+    error_bar_forms,
+)
+from processing.recording.examination import Examination
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import NoiseLaw, law_of_images
+from processing.stereo.light_model import LightModel
+from processing.stereo.method import Method
+from processing.stereo.solve import solve_maps, toward_camera, write_solutions
+from processing.stereo.stereo_maps import StereoMaps
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Intp
 

@@ -10,21 +10,16 @@ import numpy as np
 
 from acquisition import MemoryMaps
 from calibration import luma
-from processing._reconstruction.banded_normals import ShownBySample, check_lights
-from processing._reconstruction.colours import (
+from processing.colour.channel_normals import (
     ColourImages,
     ColourMaps,
     laws_of_colours,
     solve_colours,
 )
-from processing._reconstruction.error_bars import ErrorBarMaps, depth_deviation
-from processing._reconstruction.examination import Examination
-from processing._reconstruction.joint_colours import law_of_joint_samples, solve_jointly
-from processing._reconstruction.recorded_images import Band, RowSample
-from processing._reconstruction.specular import excess
-from processing._stereo.image_noise import NoiseLaw
-from processing._stereo.method import Method
-from processing._uncertainty.pixel_variances import (
+from processing.colour.joint_colours import law_of_joint_samples, solve_jointly
+from processing.colour.specular import excess
+from processing.images.recorded_images import Band, RowSample
+from processing.noise.pixel_variances import (
     Origin,
     PixelVariances,
     Shown,
@@ -36,7 +31,12 @@ from processing._uncertainty.pixel_variances import (
     shown_by,
     some_of,
 )
-from processing._uncertainty.sample_kind import Reason, SampleKind
+from processing.noise.sample_kind import Reason, SampleKind
+from processing.recording.banded_normals import ShownBySample, check_lights
+from processing.recording.error_bars import ErrorBarMaps, depth_deviation
+from processing.recording.examination import Examination
+from processing.stereo.image_noise import NoiseLaw
+from processing.stereo.method import Method
 from rig.arrays import Bool, Float32
 
 

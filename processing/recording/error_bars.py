@@ -8,11 +8,11 @@ import numpy as np
 
 from acquisition import CameraModel, Form, Maps
 from calibration import EstimateError
-from processing._reconstruction.near_height import NearHeight
-from processing._reconstruction.views import View
-from processing._uncertainty.normal_uncertainty import STRUCTURED, sums_of
-from processing._uncertainty.pixel_variances import Origin, PixelVariances, common_error, deviations
-from processing._uncertainty.sample_kind import Reason, SampleKind
+from processing.images.viewing_rays import View
+from processing.near.near_height import NearHeight
+from processing.noise.normal_errors import STRUCTURED, sums_of
+from processing.noise.pixel_variances import Origin, PixelVariances, common_error, deviations
+from processing.noise.sample_kind import Reason, SampleKind
 from rig import Notice
 from rig.arrays import Bool, UInt8
 

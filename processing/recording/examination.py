@@ -12,22 +12,22 @@ import numpy as np
 
 from acquisition import DataError, Lights, Source
 from calibration import BandedStack, EstimateError, Stack
-from processing._mask import mask_of_images
-from processing._reconstruction.curve_check import curve_warnings
-from processing._reconstruction.light_strengths import (
+from processing.checks.curve_check import curve_warnings
+from processing.checks.quality import ImageQuality, quality_of
+from processing.checks.scheme_check import exclusion
+from processing.checks.strengths import (
     LightStrengths,
     light_strengths,
     of_source,
     with_strengths,
 )
-from processing._reconstruction.mean_height_search import HeightWithStrengths
-from processing._reconstruction.mosaic import blocks_of_sites
-from processing._reconstruction.near_height import Heights, NearHeight, height_limits
-from processing._reconstruction.quality import ImageQuality, quality_of
-from processing._reconstruction.recorded_images import Images, RecordedImages, RowSample
-from processing._reconstruction.scheme_check import exclusion
-from processing._reconstruction.views import SurfacePoints, View, lights_of, view_of
-from processing._stereo.method import Method
+from processing.images.mosaic import blocks_of_sites
+from processing.images.recorded_images import Images, RecordedImages, RowSample
+from processing.images.viewing_rays import SurfacePoints, View, lights_of, view_of
+from processing.maps.mask import mask_of_images
+from processing.near.mean_height_search import HeightWithStrengths
+from processing.near.near_height import Heights, NearHeight, height_limits
+from processing.stereo.method import Method
 from rig import Notice, Progress
 from rig.arrays import Bool, Float32, Intp
 

@@ -20,40 +20,40 @@ from acquisition import (
     setup_notices,
 )
 from calibration import BandedStack, Channel, Stack, linear_stack, luma, open_stack
-from processing._metrics import AngularError, angular_error
-from processing._normal_map import NormalMap
-from processing._reconstruction.banded_normals import (
-    GraySolver,
-    ShownBySample,
-    map_forms,
-    solve_bands,
-)
-from processing._reconstruction.colour_albedo import (
+from processing.colour.colour_albedo import (
     ColourSums,
     colour_albedo,
     coloured,
     may_have_colour,
 )
-from processing._reconstruction.colour_normals import ColourSolver
-from processing._reconstruction.error_bars import (
+from processing.images.mosaic import albedo_of_sites, gray_picture
+from processing.images.viewing_rays import Perspective
+from processing.maps.metrics import AngularError, angular_error
+from processing.maps.normal_map import NormalMap
+from processing.noise.sample_kind import Reason
+from processing.recording.banded_normals import (
+    GraySolver,
+    ShownBySample,
+    map_forms,
+    solve_bands,
+)
+from processing.recording.colour_normals import ColourSolver
+from processing.recording.error_bars import (
     ErrorBarMaps,
     check_any_valid,
     validity_notices,
 )
-from processing._reconstruction.examination import (
+from processing.recording.examination import (
     Examination,
     check_facing,
     examination_of,
     geometry_of,
 )
-from processing._reconstruction.mosaic import albedo_of_sites, gray_picture
-from processing._reconstruction.reconstruction import Reconstruction, finished_maps
-from processing._reconstruction.views import Perspective
-from processing._stages.stage import Need
-from processing._stereo.method import Method, StereoChannel
-from processing._stereo.photometric_stereo import check_solved
-from processing._surface.integration import integrate
-from processing._uncertainty.sample_kind import Reason
+from processing.recording.reconstruction import Reconstruction, finished_maps
+from processing.stages.stage import Need
+from processing.stereo.method import Method, StereoChannel
+from processing.stereo.normals_and_albedo import check_solved
+from processing.surface.integration import integrate
 from rig import Notice, Progress, check_type, no_progress, pluralize
 from rig.arrays import Bool, Float32
 

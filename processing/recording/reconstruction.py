@@ -17,15 +17,15 @@ from acquisition import (
     Source,
     rows_in_bands,
 )
-from processing._metrics import AngularError
-from processing._normal_map import NormalMap
-from processing._reconstruction.light_strengths import LightStrengths
-from processing._reconstruction.near_height import NearHeight
-from processing._reconstruction.quality import ImageQuality
-from processing._surface.height_map import HeightMap
-from processing._uncertainty.normal_uncertainty import NormalUncertainty, in_degrees, valid_reasons
-from processing._uncertainty.pixel_variances import Origin
-from processing._uncertainty.sample_kind import SampleKind
+from processing.checks.quality import ImageQuality
+from processing.checks.strengths import LightStrengths
+from processing.maps.metrics import AngularError
+from processing.maps.normal_map import NormalMap
+from processing.near.near_height import NearHeight
+from processing.noise.normal_errors import NormalUncertainty, in_degrees, valid_reasons
+from processing.noise.pixel_variances import Origin
+from processing.noise.sample_kind import SampleKind
+from processing.surface.height_map import HeightMap
 from rig import Notice
 from rig.arrays import AnyArray, Bool, Float32, UInt16
 

@@ -18,8 +18,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from acquisition import DataError, MissingPathError, write_pieces
-from processing._relight.ptm_bytes import ptm_bytes
-from processing._relight.relightable_image import RelightableImage
+from processing.relight.ptm_bytes import ptm_bytes
+from processing.relight.relightable_image import RelightableImage
 from rig import (
     MAX_BINARY_BYTES,
     MAX_PIXELS,

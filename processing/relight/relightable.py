@@ -11,11 +11,17 @@ import numpy.typing as npt
 
 from acquisition import DataError, Source
 from calibration import linear_stack, open_stack
-from processing._normal_map import NormalMap
-from processing._reconstruction.views import lights_of, view_of
-from processing._relight.fit import RelightColours, RelightFit, RelightValues, Samples, fit_rows
-from processing._relight.relightable_image import LightBasis, light_basis
-from processing._stereo.light_model import LightModel
+from processing.images.viewing_rays import lights_of, view_of
+from processing.maps.normal_map import NormalMap
+from processing.relight.relightable_fit import (
+    RelightColours,
+    RelightFit,
+    RelightValues,
+    Samples,
+    fit_rows,
+)
+from processing.relight.relightable_image import LightBasis, light_basis
+from processing.stereo.light_model import LightModel
 from rig import Progress, check_type, no_progress
 from rig.arrays import Float32, Float64
 

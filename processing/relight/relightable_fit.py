@@ -11,7 +11,7 @@ import numpy as np
 
 from acquisition import SRGB
 from calibration import EstimateError, luma
-from processing._relight.relightable_image import TERMS, LightBasis, RelightableImage
+from processing.relight.relightable_image import TERMS, LightBasis, RelightableImage
 from rig import Progress, in_threads
 from rig.arrays import Float32, Float64, Intp
 

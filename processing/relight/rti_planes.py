@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Identity, StorageError, write_durably
-from processing._relight.relightable_image import RelightableImage
+from processing.relight.relightable_image import RelightableImage
 from rig import check_type
 from rig.arrays import Float32, Float64, UInt8
 

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numba
 import numpy as np
 
-from processing._stereo.cauchy import cauchy_pixel
-from processing._stereo.pixel_algebra import (
+from processing.stereo.cauchy import cauchy_pixel
+from processing.stereo.pixel_algebra import (
     ANY_ORDER,
     IN_PLACE,
     count_up_to,
@@ -20,12 +20,12 @@ from processing._stereo.pixel_algebra import (
     usable_samples,
     weighted_solution,
 )
-from processing._stereo.reflectance_fit import reflectance_fit
+from processing.stereo.reflectance_fit import reflectance_fit
 from rig.arrays import Float32, Float64, Int64
 
-# Compiled in: processing/_stereo/cauchy.py 916fc331ab97
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
-# Compiled in: processing/_stereo/reflectance_fit.py 06a16d158a85
+# Compiled in: processing/stereo/cauchy.py 627aabd14055
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/reflectance_fit.py a692c0231376
 
 # Candidates per pixel, and the number of triples that are drawn to find as many.
 _CANDIDATES = 40

@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import (
+from processing.stereo.pixel_algebra import (
     IN_PLACE,
     MAD_TO_SIGMA,
     ranked,
@@ -19,7 +19,7 @@ from processing._stereo.pixel_algebra import (
 )
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 
 _ITERATIONS = 10
 # The iteration ends at a step of 1e-4 of the vector's length (0.006 degree).

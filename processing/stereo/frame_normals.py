@@ -6,12 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from acquisition import DataError, Lights
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import law_of_images
-from processing._stereo.light_model import LightModel
-from processing._stereo.method import METHODS, Method
-from processing._stereo.solve import solve_maps
-from processing._stereo.stereo_maps import StereoMaps
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import law_of_images
+from processing.stereo.light_model import LightModel
+from processing.stereo.method import METHODS, Method
+from processing.stereo.solve import solve_maps
+from processing.stereo.stereo_maps import StereoMaps
 from rig import check_type, no_progress, pluralize
 from rig.arrays import AnyArray, Bool, Float32, Float64
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from acquisition import DataError
 from calibration import StackNoise
-from processing._stereo.cauchy import cauchy
-from processing._stereo.frames import Frames
-from processing._stereo.least_squares import least_squares
-from processing._stereo.light_model import LightModel
-from processing._stereo.pixel_algebra import MAD_TO_SIGMA
+from processing.stereo.cauchy import cauchy
+from processing.stereo.frames import Frames
+from processing.stereo.least_squares import least_squares
+from processing.stereo.light_model import LightModel
+from processing.stereo.pixel_algebra import MAD_TO_SIGMA
 from rig import pluralize
 from rig.arrays import Bool, Float32, Float64, Intp
 

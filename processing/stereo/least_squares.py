@@ -7,7 +7,7 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import (
+from processing.stereo.pixel_algebra import (
     ANY_ORDER,
     IN_PLACE,
     reweighted,
@@ -18,7 +18,7 @@ from processing._stereo.pixel_algebra import (
 )
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 
 
 def least_squares(

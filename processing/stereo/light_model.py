@@ -8,12 +8,12 @@ import numpy.typing as npt
 
 from acquisition import DataError, Lights
 from calibration import EstimateError
-from processing._stereo.frames import Frames
-from processing._stereo.pixel_algebra import IN_PLACE, MAX_CONDITION
+from processing.stereo.frames import Frames
+from processing.stereo.pixel_algebra import IN_PLACE, MAX_CONDITION
 from rig import in_threads, pluralize
 from rig.arrays import Bool, Float32, Float64, Intp
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 
 _FAST = {"contract", "nsz"}
 

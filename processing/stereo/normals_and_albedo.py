@@ -10,13 +10,13 @@ import numpy.typing as npt
 
 from acquisition import CameraModel, DataError, Lights
 from calibration import EstimateError, StackNoise, check_linear
-from processing._normal_map import NormalMap
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import NoiseLaw, law_of_images
-from processing._stereo.light_model import LightModel
-from processing._stereo.method import METHODS, Method
-from processing._stereo.solve import solve_maps
-from processing._stereo.stereo_maps import StereoMaps
+from processing.maps.normal_map import NormalMap
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import NoiseLaw, law_of_images
+from processing.stereo.light_model import LightModel
+from processing.stereo.method import METHODS, Method
+from processing.stereo.solve import solve_maps
+from processing.stereo.stereo_maps import StereoMaps
 from rig import Notice, Progress, check_type, no_progress, pluralize, short_repr
 from rig.arrays import Bool, Float32, UInt16
 

@@ -7,10 +7,10 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import ANY_ORDER, IN_PLACE, ranked
+from processing.stereo.pixel_algebra import ANY_ORDER, IN_PLACE, ranked
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 
 _ITERATIONS = 12
 # In the first iterations samples up to this multiple of the spread have weight 1, others 0.

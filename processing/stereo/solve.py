@@ -7,16 +7,16 @@ from typing import Protocol
 import numpy as np
 
 from acquisition import CameraModel
-from processing._stereo.best import best
-from processing._stereo.cauchy import cauchy
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import NoiseLaw
-from processing._stereo.least_squares import least_squares
-from processing._stereo.light_model import LightModel
-from processing._stereo.method import Method
-from processing._stereo.stereo_maps import StereoMaps
-from processing._stereo.tile_least_squares import tile_least_squares
-from processing._stereo.trimmed import trimmed
+from processing.stereo.best import best
+from processing.stereo.cauchy import cauchy
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import NoiseLaw
+from processing.stereo.least_squares import least_squares
+from processing.stereo.light_model import LightModel
+from processing.stereo.method import Method
+from processing.stereo.stereo_maps import StereoMaps
+from processing.stereo.tile_least_squares import tile_least_squares
+from processing.stereo.trimmed import trimmed
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Float64, Intp
 

@@ -12,10 +12,10 @@ import math
 import numba
 import numpy as np
 
-from processing._stereo.frames import TILE
+from processing.stereo.frames import TILE
 from rig.arrays import Float32
 
-# Compiled in: processing/_stereo/frames.py 2d8f4408ee98
+# Compiled in: processing/stereo/frames.py 2d8f4408ee98
 
 _FAST = {"contract", "nsz"}
 # Least determinant of normal equations, relative to the cubed trace, that sums in float32 solve: a

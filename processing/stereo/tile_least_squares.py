@@ -7,10 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numba
 import numpy as np
 
-from processing._stereo.frames import TILE, Flat, Frames, load_tile
-from processing._stereo.light_model import LightModel
-from processing._stereo.stereo_maps import StereoMaps
-from processing._stereo.tile_kernels import (
+from processing.stereo.frames import TILE, Flat, Frames, load_tile
+from processing.stereo.light_model import LightModel
+from processing.stereo.stereo_maps import StereoMaps
+from processing.stereo.tile_kernels import (
     add_four_squares,
     add_one,
     add_products,
@@ -30,8 +30,8 @@ from processing._stereo.tile_kernels import (
 from rig import Progress
 from rig.arrays import Bool, Float32, Float64, Intp, UInt16
 
-# Compiled in: processing/_stereo/frames.py 2d8f4408ee98
-# Compiled in: processing/_stereo/tile_kernels.py 68432269dcc9
+# Compiled in: processing/stereo/frames.py 2d8f4408ee98
+# Compiled in: processing/stereo/tile_kernels.py 8de22d575180
 
 # Pixels that share buffers and a thread.
 _BLOCK = 32 * TILE

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from processing._stereo.pixel_algebra import (
+from processing.stereo.pixel_algebra import (
     IN_PLACE,
     ranked,
     reweighted,
@@ -16,7 +16,7 @@ from processing._stereo.pixel_algebra import (
 )
 from rig.arrays import Float32, Float64
 
-# Compiled in: processing/_stereo/pixel_algebra.py 26b23d5074af
+# Compiled in: processing/stereo/pixel_algebra.py 26b23d5074af
 
 # Share of the samples that is left out on either side.
 _TRIMMED = 0.2

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from acquisition import DataError
-from processing._normal_map import NormalMap, check_normal_map
+from processing.maps.normal_map import NormalMap, check_normal_map
 
 # A large pixel of which less than this share is known has no normal.
 _LEAST_SHARE = 0.25

@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 
 from acquisition import MapRows
-from processing._detail.rotation import rotate_from_z
-from processing._detail.separation import halo_rows
-from processing._detail.shape_filter import ShapeFilter
-from processing._metrics import angle_map_deg
-from processing._normal_map import NormalMap
-from processing._superres.method import PixelSampling
-from processing._superres.model import Domain
-from processing._superres.network import Network
+from processing.detail.rotation import rotate_from_z
+from processing.detail.separation import halo_rows
+from processing.detail.shape_filter import ShapeFilter
+from processing.maps.metrics import angle_map_deg
+from processing.maps.normal_map import NormalMap
+from processing.superres.method import PixelSampling
+from processing.superres.model import Domain
+from processing.superres.network import Network
 from rig.arrays import Bool, Float32
 
 Window = tuple[slice, slice]

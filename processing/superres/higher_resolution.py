@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from acquisition import DataError, MapRows, rows_in_bands
-from processing._normal_map import NormalMap, check_normal_map
-from processing._stages.stage import computed
-from processing._superres.method import PixelSampling, SuperResolutionMethod
-from processing._superres.model import SuperResolutionModel
-from processing._superres.super_resolution_stage import SuperResolutionStage
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.stages.stage import computed
+from processing.superres.method import PixelSampling, SuperResolutionMethod
+from processing.superres.model import SuperResolutionModel
+from processing.superres.super_resolution_stage import SuperResolutionStage
 from rig import MAX_PIXELS, Progress, no_progress
 from rig.arrays import Bool, Float32, UInt32
 
@@ -133,7 +133,7 @@ def _median_of_rows(values: MapRows, mask: Bool) -> float:
     Examples
     --------
     >>> import numpy as np
-    >>> from processing._superres.super_resolve import median_of_rows
+    >>> from processing.superres.higher_resolution import median_of_rows
     >>> median_of_rows(np.float32([[3, 1], [8, 2]]), np.ones((2, 2), bool))
     2.5
     """

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from acquisition import DataError
-from processing._superres.model import SuperResolutionModel
-from processing._superres.trial import try_network
+from processing.superres.model import SuperResolutionModel
+from processing.superres.network_trial import try_network
 from rig.arrays import Float32
 
 _CHANNELS = 5

@@ -16,7 +16,7 @@ from typing import Final
 import cv2
 
 from acquisition import DataError
-from processing._superres.model import SuperResolutionModel, comes_with_program
+from processing.superres.model import SuperResolutionModel, comes_with_program
 from rig import module_command
 
 # The network of the paper's size, with 90 MB, takes 5 s and 1 GB.
@@ -70,7 +70,7 @@ def _limit_resources(data: bytes) -> None:
 
 
 def _main() -> int:
-    from processing._superres.network import Network
+    from processing.superres.network import Network
 
     model = pickle.load(sys.stdin.buffer)
     cv2.setNumThreads(1)  # the stacks of many threads would count as its memory

@@ -11,9 +11,10 @@ from typing import ClassVar
 import numpy as np
 
 from acquisition import DataError, Form, Maps
-from processing._detail.separation import sums_of_rows
-from processing._stages.stage import Need, NormalRows, Size, Step
-from processing._superres.enlarge import (
+from processing.detail.separation import sums_of_rows
+from processing.noise.normal_errors import UNIFORM_DEG
+from processing.stages.stage import Need, NormalRows, Size, Step
+from processing.superres.enlarge import (
     REACH_PX,
     HighTile,
     LowMap,
@@ -25,10 +26,9 @@ from processing._superres.enlarge import (
     spans,
     tiles,
 )
-from processing._superres.method import PixelSampling, SuperResolutionMethod
-from processing._superres.model import SCALES, SuperResolutionModel, read_superres_model
-from processing._superres.network import Network
-from processing._uncertainty.normal_uncertainty import UNIFORM_DEG
+from processing.superres.method import PixelSampling, SuperResolutionMethod
+from processing.superres.model import SCALES, SuperResolutionModel, read_superres_model
+from processing.superres.network import Network
 from rig import MAX_PIXELS
 from rig.arrays import AnyArray, Bool, Float32, Float64
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from processing._surface import jump_kernels as kernels
-from processing._surface.anchors import Anchors
-from processing._surface.grid_graph import apply_laplacian, divergence
-from processing._surface.multigrid import solve
+from processing.surface import jump_kernels as kernels
+from processing.surface.anchors import Anchors
+from processing.surface.grid_graph import apply_laplacian, divergence
+from processing.surface.multigrid import solve
 from rig.arrays import Float32, Float64
 
 Edges = tuple[Float32, Float32, Float64, Float64]

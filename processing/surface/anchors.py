@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from acquisition import DataError
-from processing._surface.grid_graph import apply_laplacian
-from processing._surface.multigrid import Solution, solve
-from processing._surface.multigrid_kernels import add_anchors
-from processing._surface.prior import HeightPrior
-from processing._surface.prior_outliers import prior_outliers
-from processing._surface.scale import Scale
+from processing.surface.grid_graph import apply_laplacian
+from processing.surface.multigrid import Solution, solve
+from processing.surface.multigrid_kernels import add_anchors
+from processing.surface.prior import HeightPrior
+from processing.surface.prior_outliers import prior_outliers
+from processing.surface.scale import Scale
 from rig import Notice, Progress, no_progress, pluralize
 from rig.arrays import Bool, Float32, Float64, Int32
 
@@ -139,7 +139,7 @@ def solve_anchored(
     Parameters
     ----------
     right, down, b, tolerance, max_iterations, on_progress
-        As for `processing._surface.multigrid.solve`, without anchors.
+        As for `processing.surface.multigrid.solve`, without anchors.
     labels
         ``(H+2, W+2)`` part of each pixel, -1 for a pixel without edges.
     held

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from acquisition import CameraModel
-from processing._surface.extrapolation import extrapolate
+from processing.surface.extrapolation import extrapolate
 from rig.arrays import Bool, Float32, Float64
 
 # Edges below this cosine (within 0.6 degree of grazing), or seen from behind, are dropped.
@@ -39,7 +39,7 @@ def orthographic_edges(normals: Float32, mask: Bool) -> tuple[Float32, Float32, 
     Returns
     -------
     right, down
-        ``(H+2, W+2)`` float32 edge weights 0..1 (see `processing._surface.grid_graph`).
+        ``(H+2, W+2)`` float32 edge weights 0..1 (see `processing.surface.grid_graph`).
     step_right, step_down
         ``(H+2, W+2)`` float64 height of the right (lower) pixel above this one.
     """
@@ -92,7 +92,7 @@ def perspective_edges(
     Returns
     -------
     right, down
-        ``(H+2, W+2)`` float32 edge weights 0..1 (see `processing._surface.grid_graph`).
+        ``(H+2, W+2)`` float32 edge weights 0..1 (see `processing.surface.grid_graph`).
     step_right, step_down
         ``(H+2, W+2)`` float64 logarithm of the ratio of the right (lower) pixel's depth to this
         pixel's depth.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing._normal_map import check_normal_rows
-from processing._stages.stage import NormalRows
-from processing._surface.integrability import Axes, Integrability, integrability
+from processing.maps.normal_map import check_normal_rows
+from processing.stages.stage import NormalRows
+from processing.surface.integrability_test import Axes, Integrability, integrability
 from rig import Notice
 from rig.arrays import Float32, Float64
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import CameraModel, DataError, MapRows, MapToFill
-from processing._normal_map import check_normal_rows
-from processing._stages.stage import NormalRows, size_of
-from processing._surface.chord_rule import ChordRule
-from processing._surface.height_map import HeightMap
+from processing.maps.normal_map import check_normal_rows
+from processing.stages.stage import NormalRows, size_of
+from processing.surface.chord_rule import ChordRule
+from processing.surface.height_map import HeightMap
 from rig import Notice, short_repr
 from rig.arrays import Bool, Float32
 

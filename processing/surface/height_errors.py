@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from processing._surface.anchors import Anchors
-from processing._surface.chord_rule import ChordRule
-from processing._surface.grid_graph import divergence
-from processing._surface.multigrid import coarsened, solve
+from processing.surface.anchors import Anchors
+from processing.surface.chord_rule import ChordRule
+from processing.surface.grid_graph import divergence
+from processing.surface.multigrid import coarsened, solve
 from rig import Progress, short_repr
 from rig.arrays import Bool, Float32, Float64, Int32, Intp
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import ComputedRows, MapRows
-from processing._surface.height_map import HeightMap
+from processing.surface.height_map import HeightMap
 from rig import check_type, short_repr
 from rig.arrays import Float32, UInt16
 

@@ -11,8 +11,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from acquisition import CameraModel, MapRows, rows_in_bands
-from processing._surface.height_errors import HeightUncertainty
-from processing._surface.jumps import Jumps
+from processing.surface.height_errors import HeightUncertainty
+from processing.surface.jumps import Jumps
 from rig import Notice
 from rig.arrays import Bool, Float32, Int32
 

@@ -8,21 +8,21 @@ import numpy as np
 
 from acquisition import CameraModel, DataError, MapRows
 from calibration import EstimateError
-from processing._normal_map import NormalMap, check_normal_map
-from processing._surface.anchors import anchors, doubts_of_prior, solve_anchored
-from processing._surface.certainty import certainties, variances
-from processing._surface.chord_rule import ChordRule
-from processing._surface.consistency import SampledSteps, consistency_warning
-from processing._surface.grid_graph import divergence, label_parts
-from processing._surface.height_errors import Deviations, simulate_errors
-from processing._surface.height_map import HeightMap
-from processing._surface.integrability import integrability
-from processing._surface.jumps import SHARPNESS, solve_with_jumps
-from processing._surface.multigrid import solve
-from processing._surface.prior import HeightPrior
-from processing._surface.scale import check_view, placed, scale_of
-from processing._surface.surface_notices import doubts_of_parts, doubts_of_solution
-from processing._surface.turns import evenness
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.surface.anchors import anchors, doubts_of_prior, solve_anchored
+from processing.surface.chord_rule import ChordRule
+from processing.surface.consistency import SampledSteps, consistency_warning
+from processing.surface.edge_certainty import certainties, variances
+from processing.surface.grid_graph import divergence, label_parts
+from processing.surface.height_errors import Deviations, simulate_errors
+from processing.surface.height_map import HeightMap
+from processing.surface.integrability_test import integrability
+from processing.surface.jumps import SHARPNESS, solve_with_jumps
+from processing.surface.multigrid import solve
+from processing.surface.normal_turns import evenness
+from processing.surface.prior import HeightPrior
+from processing.surface.scale import check_view, placed, scale_of
+from processing.surface.surface_notices import doubts_of_parts, doubts_of_solution
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32
 
@@ -45,7 +45,7 @@ def integrate(
     """Integrate a normal map into a height map by weighted least squares on its mask.
 
     The chord rule gives a height step for each pair of neighbouring pixels inside the mask (see
-    `processing._surface.chord_rule`). The surface that fits all steps best is the solution of a
+    `processing.surface.chord_rule`). The surface that fits all steps best is the solution of a
     Poisson problem on the mask, computed by multigrid-preconditioned conjugate gradients.
 
     Parameters
@@ -80,7 +80,7 @@ def integrate(
         small deviation fixes a height.
     discontinuity
         Look for jumps in depth, where one part of the surface hides another, and do not smooth
-        across them (see `processing._surface.jumps`). `HeightMap.jumps` says where they are.
+        across them (see `processing.surface.jumps`). `HeightMap.jumps` says where they are.
     k
         With ``discontinuity``, how small the jumps are that count, in 1/px^2: a step of
         ``1 / sqrt(k)`` pixels begins to be one.

@@ -1,6 +1,6 @@
-"""Compiled loops over pixels that find jumps of a surface, for `processing._surface.jumps`.
+"""Compiled loops over pixels that find jumps of a surface, for `processing.surface.jumps`.
 
-The arrays have an empty border of one pixel, as in `processing._surface.grid_graph`.
+The arrays have an empty border of one pixel, as in `processing.surface.grid_graph`.
 """
 
 from __future__ import annotations

@@ -14,11 +14,11 @@ from typing import Final
 
 import numpy as np
 
-from processing._surface import jump_kernels as kernels
-from processing._surface.alternation import TOLERANCE, Alternation, Edges
-from processing._surface.anchors import Anchors
-from processing._surface.grid_graph import label_parts
-from processing._surface.multigrid import Solution
+from processing.surface import jump_kernels as kernels
+from processing.surface.alternation import TOLERANCE, Alternation, Edges
+from processing.surface.anchors import Anchors
+from processing.surface.grid_graph import label_parts
+from processing.surface.multigrid import Solution
 from rig import Progress, no_progress, short_repr
 from rig.arrays import Bool, Float32, Float64, Int32
 
@@ -107,12 +107,12 @@ def solve_with_jumps(
     Parameters
     ----------
     edges
-        Weights and steps of the chord rule, see `processing._surface.chord_rule`.
+        Weights and steps of the chord rule, see `processing.surface.chord_rule`.
     facing
         ``(H+2, W+2)`` float32 cosine between normal and line of sight.
     even
         ``(H+2, W+2)`` float32 weights of the edges by the turn of the normals, see
-        `processing._surface.turns`.
+        `processing.surface.normal_turns`.
     k
         Sharpness of the sigmoid, in 1/px^2.
     scale

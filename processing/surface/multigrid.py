@@ -16,9 +16,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import eigvalsh_tridiagonal
 
-import processing._surface.multigrid_kernels as kernels
-from processing._surface.grid_graph import apply_laplacian
-from processing._surface.thin_graphs import is_thin, solve_thin
+import processing.surface.multigrid_kernels as kernels
+from processing.surface.grid_graph import apply_laplacian
+from processing.surface.thin_graphs import is_thin, solve_thin
 from rig import Progress, no_progress
 from rig.arrays import Float32, Float64
 
@@ -78,7 +78,7 @@ def solve(
     ----------
     right, down
         ``(H+2, W+2)`` float32 edge weights with an empty border, 0 or more, as in
-        `processing._surface.grid_graph`.
+        `processing.surface.grid_graph`.
     b
         ``(H+2, W+2)`` right-hand side, 0 on pixels without edges.
     anchors

@@ -1,6 +1,6 @@
 """Compiled loops over pixels for the multigrid solver.
 
-The arrays are those of `processing._surface.grid_graph`, with an empty border of one pixel: float32
+The arrays are those of `processing.surface.grid_graph`, with an empty border of one pixel: float32
 inside the cycle, float64 in the conjugate gradients.
 """
 

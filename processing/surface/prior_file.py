@@ -9,8 +9,8 @@ from typing import Final, Literal
 import numpy as np
 
 from acquisition import DataError, MissingPathError, read_image
-from processing._npy_file import read_npy
-from processing._surface.prior import HeightPrior
+from processing.maps.npy_file import read_npy
+from processing.surface.prior import HeightPrior
 from rig import MAX_PIXELS, UnreadableError, read_bounded
 from rig.arrays import Floating
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from acquisition import DataError
-from processing._surface.height_map import HeightMap
+from processing.surface.height_map import HeightMap
 from rig import check_type, short_repr
 from rig.arrays import Float32, Float64, Intp
 

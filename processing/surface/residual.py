@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from acquisition import DataError, MapRows, MapToFill, rows_in_bands
-from processing._normal_map import check_normal_rows
-from processing._stages.stage import NormalRows
-from processing._surface.height_map import HeightMap
+from processing.maps.normal_map import check_normal_rows
+from processing.stages.stage import NormalRows
+from processing.surface.height_map import HeightMap
 from rig import check_type
 from rig.arrays import Bool, Float32, Float64
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing._surface.jumps import Jumps
-from processing._surface.multigrid import Solution
+from processing.surface.jumps import Jumps
+from processing.surface.multigrid import Solution
 from rig import Notice
 from rig.arrays import Bool, Int32
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing._surface.grid_graph import label_parts
+from processing.surface.grid_graph import label_parts
 from rig.arrays import Float32, Float64
 
 # Largest share of pixels with eight neighbours.

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from acquisition import DataError
-from processing._normal_map import NormalMap
+from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool, Float32, Float64, Int32, Intp
 
 _ROUNDS = 20

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.fft import fft, ifft, irfft, next_fast_len, rfft
 
 from acquisition import DataError
-from processing._normal_map import NormalMap, check_normal_map
-from processing._synthesis.spectrum_match import band_power, block_side
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.synthesis.spectrum_match import band_power, block_side
 from rig.arrays import Float32
 
 # Of larger maps, the middle part of this many rows and columns is measured.

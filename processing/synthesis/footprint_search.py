@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from processing._synthesis.patch_search import GOLDEN, GROUND, REFINED, STEPS, mixed
+from processing.synthesis.patch_search import GOLDEN, GROUND, REFINED, STEPS, mixed
 from rig.arrays import Float32, Float64, Int32
 
-# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
+# Compiled in: processing/synthesis/patch_search.py 525035d142dc
 
 _FAST = {"contract", "reassoc"}
 # The random places are compared at every fifth known pixel.

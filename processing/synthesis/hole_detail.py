@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from acquisition import DataError
-from processing._detail.seam import blend_from, seam_steps
-from processing._fill.hole_kernels import HOLE, KNOWN, MADE, quilt_holes
-from processing._normal_map import NormalMap
-from processing._synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.detail.seam import blend_from, seam_steps
+from processing.maps.normal_map import NormalMap
+from processing.synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.synthesis.hole_kernels import HOLE, KNOWN, MADE, quilt_holes
 from rig import Progress
 from rig.arrays import Bool, Float32, Int32, Intp
 

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 
 from acquisition import DataError
-from processing._detail.rotation import rotate_from_z, rotate_to_z
-from processing._detail.seam import SeamSteps, seam_steps
-from processing._detail.shape_filter import ShapeFilter
-from processing._fill.quilted import fill_detail
-from processing._normal_map import NormalMap, check_normal_map
-from processing._surface.multigrid import coarsened, solve
+from processing.detail.rotation import rotate_from_z, rotate_to_z
+from processing.detail.seam import SeamSteps, seam_steps
+from processing.detail.shape_filter import ShapeFilter
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.surface.multigrid import coarsened, solve
+from processing.synthesis.hole_detail import fill_detail
 from rig import Progress, no_progress, pluralize
 from rig.arrays import Bool, Float32
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from processing._cuts.minimum_cuts import taken_pixels
-from processing._synthesis.patch_search import stream
+from processing.detail.minimum_cuts import taken_pixels
+from processing.synthesis.patch_search import stream
 from rig.arrays import Float32, Float64, Int32, UInt8
 
-# Compiled in: processing/_cuts/minimum_cuts.py bb2f904075fe
-# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
+# Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
+# Compiled in: processing/synthesis/patch_search.py 525035d142dc
 
 _FAST = {"contract", "reassoc"}
 # States of pixels; 0 is outside the object.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal, Protocol
 
-from processing._normal_map import NormalMap
-from processing._synthesis.efros_leung import efros_leung
-from processing._synthesis.synthesize import Synthesis, synthesize
+from processing.maps.normal_map import NormalMap
+from processing.synthesis.pixel_synthesis import efros_leung
+from processing.synthesis.sheet_synthesis import Synthesis, synthesize
 from rig import Progress
 
 SynthesisMethod = Literal["quilting", "efros-leung"]
@@ -29,7 +29,8 @@ class Synthesizer(Protocol):
         patch: int = ...,
         seed: int = 0,
         on_progress: Progress = ...,
-    ) -> Synthesis: ...
+    ) -> Synthesis:
+        """Return the sheet and its quality."""
 
 
 SYNTHESIZERS: dict[SynthesisMethod, Synthesizer] = {

@@ -28,6 +28,7 @@ STEPS = (4, 2, 1, 1)
 
 @numba.njit(cache=True)
 def mixed(value: np.uint64) -> np.uint64:
+    """Return a number whose bits depend on all bits of the value."""
     once = (value ^ (value >> np.uint64(30))) * _MIX_1
     twice = (once ^ (once >> np.uint64(27))) * _MIX_2
     return twice ^ (twice >> np.uint64(31))

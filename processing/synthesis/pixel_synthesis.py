@@ -8,14 +8,14 @@ import numba
 import numpy as np
 
 from acquisition import DataError
-from processing._normal_map import NormalMap, check_normal_map
-from processing._synthesis.exemplar import prepare_exemplar
-from processing._synthesis.patch_search import GOLDEN, mixed, stream
-from processing._synthesis.synthesize import Synthesis
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.synthesis.exemplar import prepare_exemplar
+from processing.synthesis.patch_search import GOLDEN, mixed, stream
+from processing.synthesis.sheet_synthesis import Synthesis
 from rig import Progress, no_progress
 from rig.arrays import Bool, Float32, Int32
 
-# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
+# Compiled in: processing/synthesis/patch_search.py 525035d142dc
 
 # Pixels of the sheet, times places of the exemplar, times pixels of a neighbourhood.
 _MOST_COMPARISONS = 1e12

@@ -9,16 +9,16 @@ import numba
 import numpy as np
 
 from acquisition import DataError
-from processing._cuts.minimum_cuts import taken_pixels
-from processing._normal_map import NormalMap
-from processing._synthesis.exemplar import Exemplar, prepare_exemplar
-from processing._synthesis.patch_search import Bands, find_place, stream
-from processing._synthesis.strips import Begun, StripRange, strip_ranges
+from processing.detail.minimum_cuts import taken_pixels
+from processing.maps.normal_map import NormalMap
+from processing.synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.synthesis.patch_search import Bands, find_place, stream
+from processing.synthesis.strips import Begun, StripRange, strip_ranges
 from rig import in_threads
 from rig.arrays import Float32, Float64, Int32, Int64, UInt8
 
-# Compiled in: processing/_cuts/minimum_cuts.py bb2f904075fe
-# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
+# Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
+# Compiled in: processing/synthesis/patch_search.py 525035d142dc
 CANDIDATES = 2400
 # How strongly a class of patches that was used often is avoided.
 BALANCE = 1.0

@@ -11,13 +11,13 @@ from typing import ClassVar
 import numpy as np
 
 from acquisition import DataError, Form, MapRows, Maps, MapToFill
-from processing._normal_map import NormalMap, check_normal_map
-from processing._stages.stage import Need, NormalRows, Size, Step, computed
-from processing._synthesis.exemplar import CLASSES
-from processing._synthesis.quilting import Quilt, first_pixels, overlap_of
-from processing._synthesis.seam_steps import CutSteps, cut_steps, part_in_middle
-from processing._synthesis.spectrum_match import KERNEL, filtered_bands, matching_kernel
-from processing._synthesis.strips import (
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.stages.stage import Need, NormalRows, Size, Step, computed
+from processing.synthesis.exemplar import CLASSES
+from processing.synthesis.quilting import Quilt, first_pixels, overlap_of
+from processing.synthesis.seam_steps import CutSteps, cut_steps, part_in_middle
+from processing.synthesis.spectrum_match import KERNEL, filtered_bands, matching_kernel
+from processing.synthesis.strips import (
     CORRECTED_ROWS,
     ROWS,
     Begun,

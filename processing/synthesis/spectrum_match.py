@@ -10,8 +10,8 @@ import numpy as np
 from scipy.fft import fftshift, irfft2, rfft2
 
 from acquisition import MapRows
-from processing._normal_map import NormalMap
-from processing._synthesis.strips import bands_with_margins
+from processing.maps.normal_map import NormalMap
+from processing.synthesis.strips import bands_with_margins
 from rig.arrays import Bool, Complex64, Float32, Float64, Floating, Int64
 
 BANDS = 16

@@ -12,19 +12,19 @@ import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from acquisition import DataError
-from processing._curvature.curvature import curvature
-from processing._normal_map import NormalMap, check_normal_map
-from processing._synthesis.exemplar import Exemplar, prepare_exemplar
-from processing._synthesis.footprint_search import Places
-from processing._synthesis.quilting import (
+from processing.curvatures.slopes import curvature
+from processing.maps.normal_map import NormalMap, check_normal_map
+from processing.synthesis.exemplar import Exemplar, prepare_exemplar
+from processing.synthesis.footprint_search import Places
+from processing.synthesis.quilting import (
     BALANCE,
     CANDIDATES,
     check_options,
     diagonals,
     positions,
 )
-from processing._synthesis.seam_steps import CutSteps, cut_steps
-from processing._synthesis.warped_kernels import place_warped
+from processing.synthesis.seam_steps import CutSteps, cut_steps
+from processing.synthesis.warped_kernels import place_warped
 from rig import Progress, in_threads, no_progress
 from rig.arrays import Bool, Float32, Float64, UInt8
 

@@ -7,16 +7,16 @@ import math
 import numba
 import numpy as np
 
-from processing._cuts.minimum_cuts import taken_pixels
-from processing._synthesis.footprint_kernels import patch_map, sampled
-from processing._synthesis.footprint_search import Places, Wanted, box_of, find_footprint, fitting
-from processing._synthesis.patch_search import stream
+from processing.detail.minimum_cuts import taken_pixels
+from processing.synthesis.footprint_kernels import patch_map, sampled
+from processing.synthesis.footprint_search import Places, Wanted, box_of, find_footprint, fitting
+from processing.synthesis.patch_search import stream
 from rig.arrays import Float32, Int32, UInt8
 
-# Compiled in: processing/_cuts/minimum_cuts.py bb2f904075fe
-# Compiled in: processing/_synthesis/footprint_kernels.py 3c8a37a6b9b2
-# Compiled in: processing/_synthesis/footprint_search.py a239764b66a4
-# Compiled in: processing/_synthesis/patch_search.py 1f9ca072f241
+# Compiled in: processing/detail/minimum_cuts.py bb2f904075fe
+# Compiled in: processing/synthesis/footprint_kernels.py 3c8a37a6b9b2
+# Compiled in: processing/synthesis/footprint_search.py 039658610ac4
+# Compiled in: processing/synthesis/patch_search.py 525035d142dc
 
 # A guide is compared at this many rows and columns of a patch.
 _GUIDE_SAMPLES = 6

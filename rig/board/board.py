@@ -6,10 +6,11 @@ import time
 from collections.abc import Sequence
 from typing import Literal
 
-from rig._board.line import ATTEMPTS, REPLY_TIMEOUT_S, BoardLine
-from rig._board.protocol import NO_LED, PROTOCOL_VERSION, ErrorCode
-from rig._board.replies import Outcome
-from rig._board.values import (
+from rig._errors import BoardError, close_after
+from rig.board.line import ATTEMPTS, REPLY_TIMEOUT_S, BoardLine
+from rig.board.protocol import NO_LED, PROTOCOL_VERSION, ErrorCode
+from rig.board.replies import Outcome
+from rig.board.values import (
     BoardEcho,
     BoardIdentity,
     BoardStatus,
@@ -17,7 +18,6 @@ from rig._board.values import (
     Step,
     StepReport,
 )
-from rig._errors import BoardError, close_after
 
 # The longest time that an ON and the OFF after it may take.
 ON_OFF_TIMEOUT_S = 2 * ATTEMPTS * REPLY_TIMEOUT_S

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import serial
 
-from rig._board.protocol import (
+from rig._errors import BoardError
+from rig.board.protocol import (
     BAUD_RATE,
     SEQUENCE_NUMBERS,
     Command,
@@ -20,8 +21,7 @@ from rig._board.protocol import (
     decode_reply,
     encode_command,
 )
-from rig._board.replies import Outcome, lost, overtaken, silent
-from rig._errors import BoardError
+from rig.board.replies import Outcome, lost, overtaken, silent
 
 # An unplugged port raises any of these; SerialException is an OSError.
 try:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 from serial.tools import list_ports
 
-from rig._board.board import Board
-from rig._board.values import BoardIdentity
 from rig._errors import BoardError
+from rig.board.board import Board
+from rig.board.values import BoardIdentity
 
 # A board that resets when its port opens may stay in its boot loader for two seconds.
 DISCOVERY_TIMEOUT_S = 3.0

@@ -6,8 +6,8 @@ from typing import Self
 
 import serial
 
-from rig._board.protocol import NO_LED, Command, ErrorCode, Reply
 from rig._errors import BoardError
+from rig.board.protocol import NO_LED, Command, ErrorCode, Reply
 
 # Index of the LED among the arguments.
 _LED_AT = {"ON": 0, "FLASH": 0, "LEVEL": 0, "STEP": 1, "DID": 1}

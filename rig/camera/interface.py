@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
-from rig._short_repr import short_repr
 from rig.arrays import UInt16
+from rig.messages.representation import short_repr
 
 Trigger = Literal["software", "line"]
 

@@ -11,10 +11,10 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from rig._errors import RigConfigError, RigNotFoundError
-from rig._guard import MAX_TOML_BYTES, UnreadableError, parse_toml, read_bounded
-from rig._notice import pluralize
-from rig._validation_message import validation_message
 from rig.arrays import Str
+from rig.files.guard import MAX_TOML_BYTES, UnreadableError, parse_toml, read_bounded
+from rig.messages.notice import pluralize
+from rig.messages.validation import validation_message
 
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 # A limit of 100 m is larger than any dome.

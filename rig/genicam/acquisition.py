@@ -10,7 +10,8 @@ from typing import Any, Final
 from harvesters.core import Callback
 
 from rig._errors import CameraError, FrameLostError
-from rig._genicam.buffers import (
+from rig.genicam.buffer_content import Content, ReceivedFrame
+from rig.genicam.buffers import (
     LEAST,
     Buffering,
     announceable,
@@ -18,9 +19,8 @@ from rig._genicam.buffers import (
     memory_limit,
     with_copies,
 )
-from rig._genicam.errors import GENICAM_ERRORS, camera_errors
-from rig._genicam.pixels import PixelFormat
-from rig._genicam.received import Content, ReceivedFrame
+from rig.genicam.errors import GENICAM_ERRORS, camera_errors
+from rig.genicam.pixels import PixelFormat
 
 _ABSENT: tuple[type[Exception], ...] = (*GENICAM_ERRORS, AttributeError)
 # Name of each counter as a query of the stream, and as a node of GenTL's standard features.

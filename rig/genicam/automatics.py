@@ -7,8 +7,8 @@ import itertools
 import re
 
 from rig._errors import CameraError
-from rig._genicam.nodes import Nodes, Setting
-from rig._genicam.processing import PROCESSING, UNRECORDED, Processing
+from rig.genicam.nodes import Nodes, Setting
+from rig.genicam.processing import PROCESSING, UNRECORDED, Processing
 
 # Size and offset along the axis that a binning concerns; the offset fits only the larger size.
 _AXES = {

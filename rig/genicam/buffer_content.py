@@ -10,8 +10,8 @@ from genicam import gentl
 from harvesters.util.pfnc import symbolics
 
 from rig._errors import CameraError
-from rig._genicam.pixels import PixelFormat, decode
 from rig.arrays import UInt16
+from rig.genicam.pixels import PixelFormat, decode
 
 _BIG_ENDIAN = gentl.PIXELENDIANNESS_IDS.PIXELENDIANNESS_BIG
 _IMAGES = (

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from genicam.gentl import BufferToken
 
-from rig._genicam.errors import GENICAM_ERRORS
+from rig.genicam.errors import GENICAM_ERRORS
 
 _REFUSALS: tuple[type[Exception], ...] = (*GENICAM_ERRORS, MemoryError)
 LEAST: Final = 4

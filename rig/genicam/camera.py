@@ -8,17 +8,17 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from rig._camera import CameraFrame, Trigger
 from rig._errors import CameraError, FrameLostError, FrameTimeoutError
-from rig._genicam.acquisition import Acquisition
-from rig._genicam.automatics import camera_settings, turn_off_automatics
-from rig._genicam.count import BlockCount
-from rig._genicam.nodes import Nodes
-from rig._genicam.received import ReceivedFrame
-from rig._genicam.settings import EXPOSURE, Settings, TriggerControl
-from rig._genicam.setup import CameraOptions, check_needs, set_up
-from rig._genicam.system import OpenDevice, open_device
-from rig._notice import pluralize
+from rig.camera.interface import CameraFrame, Trigger
+from rig.genicam.acquisition import Acquisition
+from rig.genicam.automatics import camera_settings, turn_off_automatics
+from rig.genicam.buffer_content import ReceivedFrame
+from rig.genicam.frame_count import BlockCount
+from rig.genicam.nodes import Nodes
+from rig.genicam.settings import EXPOSURE, Settings, TriggerControl
+from rig.genicam.setup import CameraOptions, check_needs, set_up
+from rig.genicam.system import OpenDevice, open_device
+from rig.messages.notice import pluralize
 
 _POLL_S = 0.001
 _WAITING_EVERY_S = 0.1

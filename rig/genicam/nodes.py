@@ -9,7 +9,7 @@ from typing import Any
 from genicam import genapi
 
 from rig._errors import CameraError
-from rig._genicam.errors import GENICAM_ERRORS, camera_errors
+from rig.genicam.errors import GENICAM_ERRORS, camera_errors
 
 Names = str | Sequence[str]
 Setting = bool | int | float | str

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from rig._camera import Trigger
 from rig._errors import CameraError
-from rig._genicam.nodes import Nodes
+from rig.camera.interface import Trigger
+from rig.genicam.nodes import Nodes
 
 EXPOSURE = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
 GAIN = ("Gain", "GainAbs", "GainRaw")

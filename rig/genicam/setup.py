@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from rig._camera import CameraInfo
 from rig._errors import CameraError
-from rig._genicam.nodes import Nodes
-from rig._genicam.pixels import PixelFormat, best_format
-from rig._genicam.settings import EXPOSURE, TRIGGER_NODES, Settings
-from rig._genicam.system import FoundCamera
+from rig.camera.interface import CameraInfo
+from rig.genicam.nodes import Nodes
+from rig.genicam.pixels import PixelFormat, best_format
+from rig.genicam.settings import EXPOSURE, TRIGGER_NODES, Settings
+from rig.genicam.system import FoundCamera
 
 _NEEDED: tuple[tuple[str, ...], ...] = (
     ("Width",),

@@ -21,9 +21,9 @@ from genicam import gentl
 from harvesters.core import Harvester, ParameterKey, ParameterSet
 
 from rig._errors import CameraError
-from rig._genicam.buffers import LEAST
-from rig._genicam.errors import GENICAM_ERRORS, in_words
-from rig._guard import MAX_BINARY_BYTES, UnreadableError, read_bounded
+from rig.files.guard import MAX_BINARY_BYTES, UnreadableError, read_bounded
+from rig.genicam.buffers import LEAST
+from rig.genicam.errors import GENICAM_ERRORS, in_words
 
 _TAKEN: tuple[type[Exception], ...] = (gentl.AccessDeniedException, gentl.ResourceInUseException)
 # harvesters assumes that it has parsed the camera's XML, and fails with these errors if not.

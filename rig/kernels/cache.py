@@ -70,7 +70,7 @@ class _Finder:
 
 def _adapt(dispatcher: ModuleType) -> None:
     with suppress(Exception):  # whatever another version of numba does not have
-        from rig._numba_cache import cache_of, count_compilations
+        from rig.kernels.numba_cache import cache_of, count_compilations
 
         usual = dispatcher.FunctionCache
 

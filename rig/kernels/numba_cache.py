@@ -13,7 +13,7 @@ from numba.core import config as _config
 from numba.core import event
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 
-from rig._kernels import private_folder, state_compiling, state_uncached
+from rig.kernels.threads import private_folder, state_compiling, state_uncached
 
 config: Any = _config
 _DIGEST = hashlib.sha256().digest_size

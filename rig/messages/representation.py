@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rig._notice import pluralize
+from rig.messages.notice import pluralize
 
 _LONGEST_TEXT = 60
 # Longer collections show only their length.

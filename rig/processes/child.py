@@ -6,7 +6,7 @@ import os
 import sys
 from pathlib import Path
 
-_ROOT = str(Path(__file__).parents[1])
+_ROOT = str(Path(__file__).parents[2])
 # The module search path is set first, so that the module is searched for nowhere else.
 _RUN = (
     "import runpy, sys\n"

@@ -9,14 +9,14 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rig._board.board import Board
-from rig._board.ports import find_board
-from rig._camera import Camera
-from rig._config import RigConfig
 from rig._errors import BoardError, RigConfigError, close_after
-from rig._open_board import OpenBoard
-from rig._rig import Rig
-from rig._validation_message import validation_message
+from rig.board.board import Board
+from rig.board.ports import find_board
+from rig.camera.interface import Camera
+from rig.config.rig_file import RigConfig
+from rig.messages.validation import validation_message
+from rig.rigs.board_only import OpenBoard
+from rig.rigs.rig import Rig
 
 
 class BenchOptions(BaseModel):
@@ -136,7 +136,7 @@ def _given_back(board: Board) -> Iterator[None]:
 
 def _camera(cti: str, options: BenchOptions) -> Camera:
     # Imported here because harvesters takes a while to import.
-    from rig._genicam.camera import open_genicam
+    from rig.genicam.camera import open_genicam
 
     own = {"model", "pixel_format", "trigger_line", "frame_rate_hz", "black_level", "readout_us"}
     return open_genicam(

@@ -6,17 +6,17 @@ import atexit
 from collections.abc import Callable, Sequence
 from typing import Self
 
-from rig._board.board import Board
-from rig._config import RigConfig
 from rig._errors import BoardError, close_after, note
-from rig._shooting.dark import watch
+from rig.board.board import Board
+from rig.config.rig_file import RigConfig
+from rig.shooting.lights_off import watch
 
 
 class OpenBoard:
     """The open LED board of a rig; all LEDs are off after opening and after closing.
 
     It is closed at the end of its ``with`` block, by `close`, or at interpreter exit. While it is
-    open, signals that end the program turn the LEDs off first (`rig._shooting.dark`).
+    open, signals that end the program turn the LEDs off first (`rig.shooting.lights_off`).
 
     Parameters
     ----------

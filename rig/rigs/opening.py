@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from rig._bench import open_bench_board
-from rig._config import RigConfig, read_rig_config
-from rig._drivers import find_driver, find_rig_file, rig_names
 from rig._errors import RigConfigError
-from rig._open_board import OpenBoard
-from rig._rig import Rig
+from rig.config.drivers import find_driver, find_rig_file, rig_names
+from rig.config.rig_file import RigConfig, read_rig_config
+from rig.rigs.bench import open_bench_board
+from rig.rigs.board_only import OpenBoard
+from rig.rigs.rig import Rig
 
 BENCH = "bench"
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Literal
 
-from rig._board.board import Board
-from rig._board.values import BoardEcho
-from rig._camera import Camera, Trigger
-from rig._check_type import check_led
-from rig._config import RigConfig
 from rig._errors import RigError, close_after, note
-from rig._open_board import OpenBoard
-from rig._shooting.sequence import run, runs
-from rig._shooting.shooting import Bench, Wires, by_board, by_software, hold_ms, try_wires
-from rig._shooting.shot import Shot
-from rig._shooting.shot_times import ShotTimes
+from rig.board.board import Board
+from rig.board.values import BoardEcho
+from rig.camera.interface import Camera, Trigger
+from rig.config.rig_file import RigConfig
+from rig.messages.type_check import check_led
+from rig.rigs.board_only import OpenBoard
+from rig.shooting.sequence import run, runs
+from rig.shooting.shooting import Bench, Wires, by_board, by_software, hold_ms, try_wires
+from rig.shooting.shot import Shot
+from rig.shooting.shot_times import ShotTimes
 
 
 class Rig(OpenBoard):

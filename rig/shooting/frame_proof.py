@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 
-from rig._camera import CameraFrame
 from rig._errors import CameraError, FrameLostError
-from rig._shooting.shot import led_name
-from rig._shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE, ShotTimes
+from rig.camera.interface import CameraFrame
+from rig.shooting.shot import led_name
+from rig.shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE, ShotTimes
 
 # Drift of the ratio of the two clocks' rates while a rig is open.
 _DRIFT_SHARE = 1e-4

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
-from rig._ending import end_program
+from rig.processes.ending import end_program
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
 _ENDING = tuple(getattr(signal, name) for name in _NAMES if hasattr(signal, name))
@@ -31,8 +31,8 @@ def watch(darken: Callable[[], None]) -> Callable[[], None]:
     SIGINT is passed to its previous handler, so Ctrl-C still raises KeyboardInterrupt. SIGTERM and
     SIGHUP end the program through SystemExit, with code 128 + number, unless the program had
     handlers for them. The LEDs are turned off immediately; the exceptions wait until they can do no
-    harm (`rig._ending`). Ignored signals remain ignored. Handlers are installed only on the main
-    thread.
+    harm (`rig.processes.ending`). Ignored signals remain ignored. Handlers are installed only on
+    the main thread.
 
     Parameters
     ----------

@@ -6,15 +6,15 @@ import time
 from collections.abc import Iterator
 from itertools import pairwise
 
-from rig._board.values import BoardEcho, StepReport
-from rig._camera import CameraFrame
 from rig._errors import BoardError, CameraError, FrameLostError, RigError
-from rig._notice import pluralize
-from rig._shooting.alive import SignOfLife
-from rig._shooting.frame_proof import Spacing
-from rig._shooting.shooting import Bench, check_light
-from rig._shooting.shot import Shot, led_name
-from rig._shooting.shot_times import LONGEST_RUN, ShotTimes
+from rig.board.values import BoardEcho, StepReport
+from rig.camera.interface import CameraFrame
+from rig.messages.notice import pluralize
+from rig.shooting.frame_proof import Spacing
+from rig.shooting.keep_alive import SignOfLife
+from rig.shooting.shooting import Bench, check_light
+from rig.shooting.shot import Shot, led_name
+from rig.shooting.shot_times import LONGEST_RUN, ShotTimes
 
 # How much later than declared the board may report a step.
 _REPORT_TIMEOUT_S = 1.0

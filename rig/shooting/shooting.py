@@ -6,15 +6,15 @@ import math
 import time
 from dataclasses import dataclass
 
-from rig._board.board import ON_OFF_TIMEOUT_S, Board
-from rig._board.values import BoardEcho, FlashReport, StepReport
-from rig._camera import Camera, CameraFrame
-from rig._config import RigConfig
 from rig._errors import BoardError, CameraError, FrameLostError, FrameTimeoutError, RigError
-from rig._shooting.alive import SignOfLife
-from rig._shooting.frame_proof import FlashChain
-from rig._shooting.shot import Shot, led_name
-from rig._shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE, ShotTimes
+from rig.board.board import ON_OFF_TIMEOUT_S, Board
+from rig.board.values import BoardEcho, FlashReport, StepReport
+from rig.camera.interface import Camera, CameraFrame
+from rig.config.rig_file import RigConfig
+from rig.shooting.frame_proof import FlashChain
+from rig.shooting.keep_alive import SignOfLife
+from rig.shooting.shot import Shot, led_name
+from rig.shooting.shot_times import CLOCK_JITTER_US, CLOCK_SHARE, ShotTimes
 
 
 @dataclass

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rig._board.values import BoardEcho
-from rig._camera import CameraFrame
+from rig.board.values import BoardEcho
+from rig.camera.interface import CameraFrame
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from rig._board.values import BoardIdentity, Step
-from rig._camera import CameraInfo
-from rig._config import RigConfig
 from rig._errors import RigError
+from rig.board.values import BoardIdentity, Step
+from rig.camera.interface import CameraInfo
+from rig.config.rig_file import RigConfig
 
 # Relative difference of the board's and the camera's clock: ceramic resonators are good to 0.5 %.
 CLOCK_SHARE = 0.01

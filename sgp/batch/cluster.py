@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import acquisition
-from sgp._batch.perform import perform
-from sgp._batch.task import Outcome, Task
-from sgp._exit import ClusterError, UsageError
+from sgp.batch.task import Outcome, Task
+from sgp.batch.task_run import perform
+from sgp.cli.exit import ClusterError, UsageError
 
 if TYPE_CHECKING:
     from distributed import Client

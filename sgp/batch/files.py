@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from sgp._hashes import sha256
-from sgp._recordings import JOURNAL, compacted_since
+from sgp.results.hashes import sha256
+from sgp.results.recordings import JOURNAL, compacted_since
 
 _COMPLETE = "COMPLETE"
 

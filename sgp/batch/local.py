@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 
-from sgp._batch.perform import perform
-from sgp._batch.task import Outcome, Task
+from sgp.batch.task import Outcome, Task
+from sgp.batch.task_run import perform
 
 try:
     import resource

@@ -6,9 +6,9 @@ import time
 from statistics import median
 from typing import TYPE_CHECKING, Any, Self
 
-from sgp._batch.task import Outcome, Task
-from sgp._console import note, terminal
-from sgp._terminal import STDERR, printable
+from sgp.batch.task import Outcome, Task
+from sgp.cli.console import note, terminal
+from sgp.cli.terminal import STDERR, printable
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

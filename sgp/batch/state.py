@@ -12,10 +12,10 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import acquisition
-from sgp._batch.files import Stamp, difference, stamps
-from sgp._batch.task import Outcome, Task
-from sgp._output import check_folder, locked
-from sgp._result import dumps, json_table
+from sgp.batch.files import Stamp, difference, stamps
+from sgp.batch.task import Outcome, Task
+from sgp.results.output import check_folder, locked
+from sgp.results.result import dumps, json_table
 
 FORMAT, VERSION = "sgp-batch-state", 1
 # Errors of a name: too long, or with characters that the file system does not have.

@@ -12,8 +12,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 import rig
-from sgp._batch.state import State
-from sgp._terminal import printable
+from sgp.batch.state import State
+from sgp.cli.terminal import printable
 
 _FIGURES = {
     "images": "images",

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from sgp._batch.files import Stamp
-from sgp._options import distinct
-from sgp._result import Result
+from sgp.batch.files import Stamp
+from sgp.cli.options import distinct
+from sgp.results.result import Result
 
 # Files and folders that a batch itself writes.
 _TAKEN = ("state", "thumbnails", "batch.csv", "batch.json", "index.html")

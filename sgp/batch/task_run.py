@@ -16,16 +16,16 @@ from cyclopts import App, CycloptsError, Parameter
 
 import acquisition
 import rig
-from sgp._batch.files import Stamp, stamps
-from sgp._batch.task import Outcome, Stage, Task
-from sgp._exit import FAULT, error_text, exit_code
-from sgp._hashes import input_hashes, output_files
-from sgp._help import usage_complaint
-from sgp._options import require_inputs, transfer_files
-from sgp._output import flat_parameters, paths_of
-from sgp._own_files import own_files_named
-from sgp._result import Result
-from sgp._threads import opencv_threads
+from sgp.batch.files import Stamp, stamps
+from sgp.batch.task import Outcome, Stage, Task
+from sgp.cli.exit import FAULT, error_text, exit_code
+from sgp.cli.help import usage_complaint
+from sgp.cli.options import require_inputs, transfer_files
+from sgp.cli.threads import opencv_threads
+from sgp.results.hashes import input_hashes, output_files
+from sgp.results.output import flat_parameters, paths_of
+from sgp.results.own_files import own_files_named
+from sgp.results.result import Result
 
 # Exit code of errors that may pass: a full disk, a network drive that does not answer.
 _MAY_PASS = 3

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import acquisition
 import calibration
-from sgp._exit import UsageError
+from sgp.cli.exit import UsageError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,8 +12,8 @@ import acquisition
 import calibration
 import rig
 from rig.arrays import Float32
-from sgp._console import shown
-from sgp._stages import open_source
+from sgp.cli.console import shown
+from sgp.stages.recording import open_source
 
 
 @dataclass

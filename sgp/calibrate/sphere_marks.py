@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sgp._exit import UsageError
-from sgp._options import numbers
+from sgp.cli.exit import UsageError
+from sgp.cli.options import numbers
 
 _NUMBERED = re.compile(r"([0-9]+):(.+)", re.DOTALL)
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, ClassVar, Self, TypeVar
 
 from rig import KernelWatch
-from sgp._terminal import STDERR, fitted, printable
+from sgp.cli.terminal import STDERR, fitted, printable
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -56,7 +56,7 @@ def foreign_package() -> str | None:
 
     The names of our packages are short, and other distributions use them too. Nothing is imported.
     """
-    ours = Path(__file__).parents[1]
+    ours = Path(__file__).parents[2]
     for name in PACKAGES:
         places = _place(name)
         if places is None:
@@ -75,7 +75,7 @@ def damaged_package(error: ImportError) -> str | None:
     if name not in PACKAGES:
         return None
     return (
-        f"the package {name} in {Path(__file__).parents[1]} is not the one of sgp or is incomplete "
+        f"the package {name} in {Path(__file__).parents[2]} is not the one of sgp or is incomplete "
         f"({error}): another distribution may have replaced it; {_ADVICE}"
     )
 

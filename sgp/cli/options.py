@@ -17,7 +17,7 @@ from cyclopts.validators import Number
 import acquisition
 import processing
 from rig import MAX_PIXELS, memory_size
-from sgp._exit import UsageError
+from sgp.cli.exit import UsageError
 
 
 def _whole(kind: object, tokens: Sequence[Token]) -> int:

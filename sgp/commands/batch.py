@@ -13,26 +13,26 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig as rigs
-from sgp._batch.cluster import check_scheduler, cluster
-from sgp._batch.local import LocalWorkers
-from sgp._batch.perform import bound_arguments
-from sgp._batch.progress import BatchProgress
-from sgp._batch.recipe import Recipe, is_placed, option_words, placed, places_of, read_recipe
-from sgp._batch.state import State, States, batch_folder, reason_to_run, state_of
-from sgp._batch.tables import csv_table, html_table, other_results
-from sgp._batch.task import Outcome, Stage, Task, Workers, names_of
-from sgp._console import note
-from sgp._exit import ClusterError, UsageError, exit_code
-from sgp._hashes import input_hashes
-from sgp._help import usage_complaint
-from sgp._memory_limit import size_text
-from sgp._metrics import BatchMetrics
-from sgp._options import Inputs, Memory, OptionalInput, Whole, inputs_of
-from sgp._output import check_output, write_record
-from sgp._result import Result
+from sgp.batch.cluster import check_scheduler, cluster
+from sgp.batch.local import LocalWorkers
+from sgp.batch.progress import BatchProgress
+from sgp.batch.recipe import Recipe, is_placed, option_words, placed, places_of, read_recipe
+from sgp.batch.state import State, States, batch_folder, reason_to_run, state_of
+from sgp.batch.tables import csv_table, html_table, other_results
+from sgp.batch.task import Outcome, Stage, Task, Workers, names_of
+from sgp.batch.task_run import bound_arguments
+from sgp.cli.console import note
+from sgp.cli.exit import ClusterError, UsageError, exit_code
+from sgp.cli.help import usage_complaint
+from sgp.cli.options import Inputs, Memory, OptionalInput, Whole, inputs_of
 from sgp.commands.calibrate import spheres
 from sgp.commands.report import report
 from sgp.commands.run import run
+from sgp.results.hashes import input_hashes
+from sgp.results.metrics import BatchMetrics
+from sgp.results.output import check_output, write_record
+from sgp.results.result import Result
+from sgp.stages.memory_limit import size_text
 
 _LEAST_MEMORY = 2**29
 _Workers = Annotated[Whole, Parameter(validator=Number(gte=1, lte=256))]

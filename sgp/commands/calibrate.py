@@ -12,8 +12,9 @@ import acquisition
 import calibration
 import rig as rigs
 from rig.arrays import Float32, Float64
-from sgp._exit import UsageError
-from sgp._options import (
+from sgp.calibrate.sphere_marks import Marks, marks_of
+from sgp.cli.exit import UsageError
+from sgp.cli.options import (
     Gamma,
     Inputs,
     Names,
@@ -24,11 +25,12 @@ from sgp._options import (
     distinct,
     named,
 )
-from sgp._output import check_file, stated
-from sgp._result import Result
-from sgp._rig_lights import led_positions, rig_notices, rig_with_positions
-from sgp._sphere_marks import Marks, marks_of
-from sgp._spheres import (
+from sgp.cli.threads import opencv_threads
+from sgp.results.output import check_file, stated
+from sgp.results.result import Result
+from sgp.rigs.rig_lights import led_positions, rig_notices, rig_with_positions
+from sgp.stages.recording import open_source
+from sgp.stages.spheres import (
     advise_to_exclude,
     describe_spheres,
     draw_candidates,
@@ -37,8 +39,6 @@ from sgp._spheres import (
     undivided_images,
     write_calibration,
 )
-from sgp._stages import open_source
-from sgp._threads import opencv_threads
 
 
 def spheres(

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Literal
 
 import calibration
-from sgp._board import squares_of, write_board_page
-from sgp._exit import UsageError
-from sgp._metrics import BoardMetrics
-from sgp._options import Positive
-from sgp._output import check_file
-from sgp._result import Result
+from sgp.calibrate.board_page import squares_of, write_board_page
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Positive
+from sgp.results.metrics import BoardMetrics
+from sgp.results.output import check_file
+from sgp.results.result import Result
 
 
 def board(

@@ -9,15 +9,15 @@ from typing import Any
 import acquisition
 import calibration
 import rig
-from sgp._board import board_of
-from sgp._board_views import FoundViews, find_views, mean_image
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._metrics import CameraMetrics
-from sgp._options import Gamma, Inputs, OptionalInput, Pixels, Positive, Real
-from sgp._output import claim_folder, complete_provenance, writes_folder
-from sgp._result import Result
-from sgp._stages import open_source
+from sgp.calibrate.board_page import board_of
+from sgp.calibrate.board_views import FoundViews, find_views, mean_image
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Gamma, Inputs, OptionalInput, Pixels, Positive, Real
+from sgp.results.metrics import CameraMetrics
+from sgp.results.output import claim_folder, complete_provenance, writes_folder
+from sgp.results.result import Result
+from sgp.stages.recording import open_source
 
 _RECORD = "calibration.json"
 # Working distances that differ by more than this contradict each other.
@@ -230,8 +230,8 @@ def _write(
     result: Result,
     parameters: dict[str, Any],
 ) -> None:
-    from sgp._overview import write_overview
-    from sgp._panels.camera import coverage_panel, residuals_panel, views_panel
+    from sgp.pictures.camera import coverage_panel, residuals_panel, views_panel
+    from sgp.pictures.sheet import write_overview
 
     names = {
         "camera": "camera.json",

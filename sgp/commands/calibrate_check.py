@@ -11,11 +11,11 @@ import acquisition
 import calibration
 import rig as rigs
 from rig.arrays import Bool
-from sgp._exit import UsageError
-from sgp._metrics import CheckMetrics, LightDifferenceMetrics
-from sgp._options import Input, OptionalInput, Positive, RigOption
-from sgp._result import Result
-from sgp._rig_lights import rig_with_positions
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Input, OptionalInput, Positive, RigOption
+from sgp.results.metrics import CheckMetrics, LightDifferenceMetrics
+from sgp.results.result import Result
+from sgp.rigs.rig_lights import rig_with_positions
 
 _SHOWN = 12
 _LONGEST_ID = 14

@@ -7,13 +7,13 @@ from pathlib import Path
 import acquisition
 import calibration
 import rig
-from sgp._console import Stages
-from sgp._metrics import FlatMetrics, figures_of
-from sgp._options import Gamma, Inputs, LightsInput, OptionalInput, Pixels, Real
-from sgp._output import check_output, claim_folder, complete_provenance, stated
-from sgp._result import Result
-from sgp._rig_lights import given_lights
-from sgp._stages import open_sources
+from sgp.cli.console import Stages
+from sgp.cli.options import Gamma, Inputs, LightsInput, OptionalInput, Pixels, Real
+from sgp.results.metrics import FlatMetrics, figures_of
+from sgp.results.output import check_output, claim_folder, complete_provenance, stated
+from sgp.results.result import Result
+from sgp.rigs.rig_lights import given_lights
+from sgp.stages.recording import open_sources
 
 
 def flat(
@@ -132,8 +132,8 @@ def _lines(found: calibration.FlatCalibration) -> list[str]:
 
 
 def _draw(path: Path, source: acquisition.Source, flat: acquisition.Flat) -> None:
-    from sgp._overview import source_title, write_overview
-    from sgp._panels.flat import histogram_panel, pixel_panel, smooth_panel
+    from sgp.pictures.flat import histogram_panel, pixel_panel, smooth_panel
+    from sgp.pictures.sheet import source_title, write_overview
 
     panels = [
         smooth_panel(flat),

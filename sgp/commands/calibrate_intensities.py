@@ -13,10 +13,9 @@ import acquisition
 import calibration
 import rig
 from rig.arrays import Bool, Float64
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._metrics import IntensitiesMetrics
-from sgp._options import (
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import (
     Gamma,
     Inputs,
     LightsInput,
@@ -27,11 +26,12 @@ from sgp._options import (
     distinct,
     numbers,
 )
-from sgp._output import check_file, stated
-from sgp._result import Result
-from sgp._rig_lights import given_lights
-from sgp._spheres import write_calibration
-from sgp._stages import open_source
+from sgp.results.metrics import IntensitiesMetrics
+from sgp.results.output import check_file, stated
+from sgp.results.result import Result
+from sgp.rigs.rig_lights import given_lights
+from sgp.stages.recording import open_source
+from sgp.stages.spheres import write_calibration
 
 # Names of lights that a line may list.
 _LISTED = 8

@@ -8,11 +8,11 @@ from typing import Any
 import acquisition
 import calibration
 import rig
-from sgp._console import Stages
-from sgp._options import Inputs, Pixels
-from sgp._output import claim_folder, provenance, writes_folder
-from sgp._result import Result
-from sgp._stages import open_sources
+from sgp.cli.console import Stages
+from sgp.cli.options import Inputs, Pixels
+from sgp.results.output import claim_folder, provenance, writes_folder
+from sgp.results.result import Result
+from sgp.stages.recording import open_sources
 
 _RECORD = "calibrate-sensor.json"
 
@@ -121,8 +121,8 @@ def _lines(estimate: calibration.SensorCalibration) -> list[str]:
 
 
 def _draw(path: Path, source: acquisition.Source, estimate: calibration.SensorCalibration) -> None:
-    from sgp._overview import source_title, write_overview
-    from sgp._panels.sensor import sensor_panels
+    from sgp.pictures.sensor import sensor_panels
+    from sgp.pictures.sheet import source_title, write_overview
 
     title = source_title(source, f"sensor: {source.path}")
     write_overview(path, title, sensor_panels(estimate), columns=2)

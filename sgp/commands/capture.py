@@ -9,18 +9,18 @@ from cyclopts import Parameter
 
 import acquisition
 import rig as rigs
-from sgp._capture.resume_command import ResumeCommand, can_be_retaken
-from sgp._capture.session_summary import describe, left_out_notices
-from sgp._capture.steps import MeterOptions, Preparation, accept, checked_wiring, metered
-from sgp._capture.steps import dry_run as rehearsed
-from sgp._capture.talk import CaptureTalk
-from sgp._console import Stages, note
-from sgp._options import Input, OptionalInput, OptionalLights, RigOption
-from sgp._output import check_folder
-from sgp._result import Result
-from sgp._rig_lights import given_lights
-from sgp._user_config import chosen_operator, chosen_rig
+from sgp.cli.console import Stages, note
+from sgp.cli.options import Input, OptionalInput, OptionalLights, RigOption
 from sgp.commands.capture_plan import chosen_plan
+from sgp.results.output import check_folder
+from sgp.results.result import Result
+from sgp.rigs.rig_lights import given_lights
+from sgp.rigs.user_config import chosen_operator, chosen_rig
+from sgp.sessions.operator_messages import CaptureTalk
+from sgp.sessions.resume_command import ResumeCommand, can_be_retaken
+from sgp.sessions.session_summary import describe, left_out_notices
+from sgp.sessions.steps import MeterOptions, Preparation, accept, checked_wiring, metered
+from sgp.sessions.steps import dry_run as rehearsed
 
 _UNMETERED = MeterOptions()
 

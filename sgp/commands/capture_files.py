@@ -11,10 +11,9 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig
-from sgp._console import Stages, note
-from sgp._exit import UsageError
-from sgp._metrics import ExportMetrics
-from sgp._options import (
+from sgp.cli.console import Stages, note
+from sgp.cli.exit import UsageError
+from sgp.cli.options import (
     RIG_LIGHTS,
     Gamma,
     Input,
@@ -27,12 +26,13 @@ from sgp._options import (
     led_list,
     transfer_of,
 )
-from sgp._output import check_folder, earlier_files, writes_folder
-from sgp._result import Result
-from sgp._rig_lights import given_lights
-from sgp._stages import not_used
-from sgp._user_config import chosen_operator
 from sgp.commands.capture_info import info
+from sgp.results.metrics import ExportMetrics
+from sgp.results.output import check_folder, earlier_files, writes_folder
+from sgp.results.result import Result
+from sgp.rigs.rig_lights import given_lights
+from sgp.rigs.user_config import chosen_operator
+from sgp.stages.recording import not_used
 
 _RECORD = "export.json"
 

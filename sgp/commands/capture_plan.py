@@ -12,11 +12,11 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig as rigs
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._options import Count, Leds, OptionalInput, Real, RigOption, image_size, led_list
-from sgp._result import Result
-from sgp._user_config import chosen_rig, default_rig
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Count, Leds, OptionalInput, Real, RigOption, image_size, led_list
+from sgp.results.result import Result
+from sgp.rigs.user_config import chosen_rig, default_rig
 
 _DEFAULT_EXPOSURE_US = 20_000.0
 _ROOM = 1.25

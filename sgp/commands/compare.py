@@ -9,11 +9,11 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._metrics import CompareMetrics, figures_of
-from sgp._options import Green, Input, OptionalInput, Pixels
-from sgp._output import claim_folder, writes_folder
-from sgp._result import Result
-from sgp._stage_maps import MapInput
+from sgp.cli.options import Green, Input, OptionalInput, Pixels
+from sgp.results.metrics import CompareMetrics, figures_of
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.maps import MapInput
 
 
 @writes_folder("compare.json")
@@ -80,8 +80,8 @@ def compare(
         f"{metrics['ssim_paper']:.4f} in the paper's protocol",
     ]
     if out is not None:
-        from sgp._overview import write_overview
-        from sgp._panels.maps import map_panel
+        from sgp.pictures.maps import map_panel
+        from sgp.pictures.sheet import write_overview
 
         claim_folder(out, "compare.json")
         result.outputs = {"error": out / "error.exr", "picture": out / "error.png"}

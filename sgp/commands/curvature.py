@@ -9,11 +9,11 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._options import FitScale, Green, Input, OptionalInput, Pixels, Positive
-from sgp._output import claim_folder, writes_folder
-from sgp._result import Result
-from sgp._stage_maps import MapInput
-from sgp._stage_metrics import CurvatureMetrics
+from sgp.cli.options import FitScale, Green, Input, OptionalInput, Pixels, Positive
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.results.stage_metrics import CurvatureMetrics
+from sgp.stages.maps import MapInput
 
 
 @writes_folder("curvature.json")
@@ -67,8 +67,8 @@ def curvature(
     force
         Write into an output folder that already contains files.
     """
-    from sgp._overview import write_overview
-    from sgp._panels.maps import signed_panel
+    from sgp.pictures.maps import signed_panel
+    from sgp.pictures.sheet import write_overview
 
     read = MapInput(normals, green, max_pixels=max_pixels).read()
     normal_map = read.normal_map

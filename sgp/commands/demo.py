@@ -12,18 +12,18 @@ import processing
 import rig
 import simulator
 from rig.arrays import Float32
-from sgp._console import Stages, note
-from sgp._demo_folder import DemoFolder, claimed
-from sgp._metrics import DemoMetrics, ErrorMetrics
-from sgp._options import Seed, SourceOptions
-from sgp._output import write_record
-from sgp._overview import source_title, write_overview
-from sgp._panels.lights import spheres_panel
-from sgp._panels.maps import map_panel, signed_panel
-from sgp._pipeline import OutcomeInMemory, process
-from sgp._report.report import write_report
-from sgp._result import Result
-from sgp._stages import Stopwatch
+from sgp.cli.console import Stages, note
+from sgp.cli.options import Seed, SourceOptions
+from sgp.pictures.lights import spheres_panel
+from sgp.pictures.maps import map_panel, signed_panel
+from sgp.pictures.sheet import source_title, write_overview
+from sgp.report.report import write_report
+from sgp.results.demo_folder import DemoFolder, claimed
+from sgp.results.metrics import DemoMetrics, ErrorMetrics
+from sgp.results.output import write_record
+from sgp.results.result import Result
+from sgp.stages.pipeline import OutcomeInMemory, process
+from sgp.stages.recording import Stopwatch
 
 _LONG_US, _SHORT_US = 20_000.0, 40.0
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import processing
 import rig
-from sgp._memory_limit import Limit
-from sgp._metrics import CombineMetrics
-from sgp._options import Green, Input, Memory, Pixels
-from sgp._output import claim_folder, writes_folder
-from sgp._result import Result
-from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
-from sgp._write import write_separation
+from sgp.cli.options import Green, Input, Memory, Pixels
+from sgp.results.metrics import CombineMetrics
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.maps import MapInput, stage_maps
+from sgp.stages.memory_limit import Limit
+from sgp.stages.options import MAPS, SEPARATION, MapOptions, SeparationOptions
+from sgp.stages.write import write_separation
 
 
 @writes_folder("detail.json")

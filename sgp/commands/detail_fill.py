@@ -9,16 +9,16 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._console import Stages
-from sgp._metrics import FillMetrics, figures_of
-from sgp._options import Count, Green, Input, Pixels, Seed
-from sgp._output import claim_folder, writes_folder
-from sgp._overview import write_overview
-from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_panel
-from sgp._result import Result
-from sgp._stage_maps import MapInput
-from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
+from sgp.cli.console import Stages
+from sgp.cli.options import Count, Green, Input, Pixels, Seed
+from sgp.pictures.crop import Crop
+from sgp.pictures.maps import lit_panel
+from sgp.pictures.sheet import write_overview
+from sgp.results.metrics import FillMetrics, figures_of
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.maps import MapInput
+from sgp.stages.options import MAPS, SEPARATION, MapOptions, SeparationOptions
 
 
 @writes_folder("fill.json")

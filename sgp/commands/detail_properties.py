@@ -9,20 +9,20 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._metrics import (
+from sgp.cli.options import Green, Input, Pixels
+from sgp.pictures.maps import detail_panel, map_panel, normals_panel, shaded_panel
+from sgp.pictures.sheet import Panel, write_overview
+from sgp.results.metrics import (
     ChainStepMetrics,
     LikenessMetrics,
     PropertiesMetrics,
     RotationSimilarityMetrics,
     figures_of,
 )
-from sgp._options import Green, Input, Pixels
-from sgp._output import claim_folder, writes_folder
-from sgp._overview import Panel, write_overview
-from sgp._panels.maps import detail_panel, map_panel, normals_panel, shaded_panel
-from sgp._result import Result
-from sgp._stage_maps import MapInput
-from sgp._stage_options import SEPARATION, SeparationOptions
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.maps import MapInput
+from sgp.stages.options import SEPARATION, SeparationOptions
 
 
 @writes_folder("properties.json")

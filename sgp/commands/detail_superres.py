@@ -11,16 +11,16 @@ from cyclopts import Parameter
 import acquisition
 import processing
 import rig
-from sgp._camera_doubts import camera_notices
-from sgp._exit import UsageError
-from sgp._memory_limit import Limit
-from sgp._options import Green, Input, Memory, OptionalInput, Pixels, Positive
-from sgp._output import claim_folder, writes_folder
-from sgp._record import records_of
-from sgp._result import Result
-from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_options import MAPS, MapOptions
-from sgp._write_superres import measure_superres, write_superres_maps, write_superres_picture
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Green, Input, Memory, OptionalInput, Pixels, Positive
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.record import records_of
+from sgp.results.result import Result
+from sgp.stages.given_camera import camera_notices
+from sgp.stages.maps import MapInput, stage_maps
+from sgp.stages.memory_limit import Limit
+from sgp.stages.options import MAPS, MapOptions
+from sgp.stages.write_superres import measure_superres, write_superres_maps, write_superres_picture
 
 
 @writes_folder("superres.json")

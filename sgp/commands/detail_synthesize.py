@@ -12,11 +12,9 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._guidance import GuidanceOptions
-from sgp._memory_limit import Limit, identity
-from sgp._options import (
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import (
     Count,
     Green,
     Input,
@@ -27,11 +25,13 @@ from sgp._options import (
     Seed,
     image_size,
 )
-from sgp._output import claim_folder, writes_folder
-from sgp._result import Result
-from sgp._stage_maps import MapInput, maps_in_files, options_of
-from sgp._stage_options import MAPS, SEPARATION, MapOptions, SeparationOptions
-from sgp._write_synthesis import (
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.guidance import GuidanceOptions
+from sgp.stages.maps import MapInput, maps_in_files, options_of
+from sgp.stages.memory_limit import Limit, identity
+from sgp.stages.options import MAPS, SEPARATION, MapOptions, SeparationOptions
+from sgp.stages.write_synthesis import (
     Synthesised,
     measure_texture,
     measure_transfer,

@@ -7,14 +7,14 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import simulator
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._metrics import TrainMetrics
-from sgp._options import TrainingSeed, TrainingSteps
-from sgp._output import check_file
-from sgp._result import Result
-from sgp._superres.pairs import Domain
-from sgp._superres.presets import CORRECTED, HELD_OUT, PRESETS, PresetName, Scale, Task
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import TrainingSeed, TrainingSteps
+from sgp.results.metrics import TrainMetrics
+from sgp.results.output import check_file
+from sgp.results.result import Result
+from sgp.training.pairs import Domain
+from sgp.training.presets import CORRECTED, HELD_OUT, PRESETS, PresetName, Scale, Task
 
 _LIBRARIES = ("torch", "onnx")
 
@@ -58,8 +58,8 @@ def train(
     force
         Overwrite existing files.
     """
-    from sgp._superres.files import claim_work, network_model, remove_work, write_network
-    from sgp._superres.pairs import make_pairs
+    from sgp.training.files import claim_work, network_model, remove_work, write_network
+    from sgp.training.pairs import make_pairs
 
     check_file(out, ".onnx", force=force)
     check_file(out.with_suffix(".json"), ".json", force=force)
@@ -69,8 +69,8 @@ def train(
             f"{' and '.join(missing)} not found, which training requires: "
             'pip install "surface-geometry-processing[learned]"'
         )
-    from sgp._superres.judgement import fitted_deviations, judged, measure
-    from sgp._superres.training import train as run
+    from sgp.training.judgement import fitted_deviations, judged, measure
+    from sgp.training.steps import train as run
 
     chosen = PRESETS[preset].at(scale)
     task = Task(scale, domain, seed, preset, steps or chosen.steps)

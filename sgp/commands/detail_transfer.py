@@ -13,10 +13,9 @@ import acquisition
 import processing
 import rig
 from rig.arrays import Bool
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._memory_limit import Limit
-from sgp._options import (
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import (
     Count,
     Degrees,
     Factor,
@@ -30,12 +29,13 @@ from sgp._options import (
     Steps,
     numbers,
 )
-from sgp._output import claim_folder, writes_folder
-from sgp._result import Result
-from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_options import MAPS, MapOptions
-from sgp._write_profile import write_height_profile
-from sgp._write_transfer import Transferred, write_transfer
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.maps import MapInput, stage_maps
+from sgp.stages.memory_limit import Limit
+from sgp.stages.options import MAPS, MapOptions
+from sgp.stages.write_profile import write_height_profile
+from sgp.stages.write_transfer import Transferred, write_transfer
 
 # Both numbers may be negative.
 Place = Annotated[str, Parameter(allow_leading_hyphen=True)]

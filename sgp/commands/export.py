@@ -7,14 +7,14 @@ from typing import Literal
 
 import processing
 import rig
-from sgp._console import Stages
-from sgp._hashes import input_hashes
-from sgp._options import Input, Pixels, Quality
-from sgp._output import claim_folder, writes_folder
-from sgp._recordings import recordings_of
-from sgp._result import Result
-from sgp._result_source import find_normals
-from sgp._stage_options import RelightOptions
+from sgp.cli.console import Stages
+from sgp.cli.options import Input, Pixels, Quality
+from sgp.results.hashes import input_hashes
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.recordings import recordings_of
+from sgp.results.result import Result
+from sgp.stages.options import RelightOptions
+from sgp.stages.result_source import find_normals
 
 _RELIGHT = RelightOptions()
 
@@ -61,7 +61,7 @@ def export(
     force
         Write into an output folder that already contains files.
     """
-    from sgp._relightable import fit_result, write_relightable
+    from sgp.stages.relightable import fit_result, write_relightable
 
     found = find_normals(result)
     read = processing.read_normals(found.folder, max_pixels=max_pixels)

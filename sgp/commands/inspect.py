@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from sgp._options import Input, RecordingOptions, SourceOptions
-from sgp._quality import add_quality, quality_lines
-from sgp._result import Result
-from sgp._stage_metrics import InspectMetrics
-from sgp._stages import compute_normals, open_recording
+from sgp.cli.options import Input, RecordingOptions, SourceOptions
+from sgp.results.quality import add_quality, quality_lines
+from sgp.results.result import Result
+from sgp.results.stage_metrics import InspectMetrics
+from sgp.stages.recording import compute_normals, open_recording
 
 _DEFAULTS = RecordingOptions()
 

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sgp._hashes import input_hashes
-from sgp._options import Input, Memory, Positive, SourceOptions
-from sgp._output import claim_folder, writes_folder
-from sgp._result import Result
-from sgp._spheres import add_sphere_lights
-from sgp._stage_options import MAPS, MapOptions
-from sgp._stages import open_recording, with_scale
-from sgp._stored_normals import normals_within
-from sgp._write import write_normals_stage
+from sgp.cli.options import Input, Memory, Positive, SourceOptions
+from sgp.results.hashes import input_hashes
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.options import MAPS, MapOptions
+from sgp.stages.recording import open_recording, with_scale
+from sgp.stages.spheres import add_sphere_lights
+from sgp.stages.stored_normals import normals_within
+from sgp.stages.write import write_normals_stage
 
 _DEFAULTS = SourceOptions()
 

@@ -12,13 +12,13 @@ from cyclopts.validators import Number
 
 import acquisition
 import processing
-from sgp._console import Stages, shown
-from sgp._exit import UsageError
-from sgp._metrics import ProjectMetrics
-from sgp._options import Input, OptionalInput, Positive, Whole, image_size, numbers
-from sgp._output import claim_folder, writes_folder
-from sgp._result import Result
-from sgp._stage_options import MAPS, MapOptions
+from sgp.cli.console import Stages, shown
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Input, OptionalInput, Positive, Whole, image_size, numbers
+from sgp.results.metrics import ProjectMetrics
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.options import MAPS, MapOptions
 
 Unit = Literal["um", "mm", "cm", "m", "in"]
 Neighbours = Annotated[Whole, Parameter(validator=Number(gte=3, lte=1000))]

@@ -10,11 +10,11 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._exit import UsageError
-from sgp._metrics import RelightMetrics
-from sgp._options import Input, Pixels, numbers
-from sgp._output import check_file
-from sgp._result import Result
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Input, Pixels, numbers
+from sgp.results.metrics import RelightMetrics
+from sgp.results.output import check_file
+from sgp.results.result import Result
 
 
 def relight(

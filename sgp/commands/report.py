@@ -6,11 +6,11 @@ from pathlib import Path
 
 import acquisition
 import rig
-from sgp._metrics import ReportMetrics
-from sgp._options import Input, Pixels
-from sgp._output import check_file
-from sgp._report.report import make_report
-from sgp._result import Result
+from sgp.cli.options import Input, Pixels
+from sgp.report.report import make_report
+from sgp.results.metrics import ReportMetrics
+from sgp.results.output import check_file
+from sgp.results.result import Result
 
 
 def report(

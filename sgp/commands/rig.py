@@ -9,12 +9,12 @@ from typing import Any
 
 import acquisition
 import rig as rigs
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._options import Microseconds, Positive, RigOption, Whole
-from sgp._output import check_file
-from sgp._result import Result
-from sgp._user_config import chosen_rig, default_rig, how_to_configure
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Microseconds, Positive, RigOption, Whole
+from sgp.results.output import check_file
+from sgp.results.result import Result
+from sgp.rigs.user_config import chosen_rig, default_rig, how_to_configure
 
 # The board's watchdog turns the LED off after one second without a message from this program.
 _SIGN_EVERY_S = 0.25

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sgp._hashes import input_hashes
-from sgp._metrics import RunMetrics, TruthMetrics
-from sgp._options import Input, Memory, SourceOptions
-from sgp._output import claim_folder, writes_folder
-from sgp._overview import source_title, write_overview
-from sgp._report.report import write_report
-from sgp._result import Result
-from sgp._spheres import add_sphere_lights
-from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
-from sgp._stages import Stopwatch, open_recording
-from sgp._stored_run import RunOptions, processed_within
+from sgp.cli.options import Input, Memory, SourceOptions
+from sgp.pictures.sheet import source_title, write_overview
+from sgp.report.report import write_report
+from sgp.results.hashes import input_hashes
+from sgp.results.metrics import RunMetrics, TruthMetrics
+from sgp.results.output import claim_folder, writes_folder
+from sgp.results.result import Result
+from sgp.stages.options import MapOptions, SeparationOptions, SurfaceOptions
+from sgp.stages.recording import Stopwatch, open_recording
+from sgp.stages.spheres import add_sphere_lights
+from sgp.stages.stored_run import RunOptions, processed_within
 
 _DEFAULTS = SourceOptions()
 _MAPS, _SEPARATION, _SURFACES = MapOptions(), SeparationOptions(), SurfaceOptions()

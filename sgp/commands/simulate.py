@@ -12,20 +12,20 @@ from cyclopts import Parameter
 import acquisition
 import rig
 import simulator
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._metrics import SimulateMetrics
-from sgp._options import Leds, Memory, Positive, Seed, image_size
-from sgp._output import check_file, check_folder, provenance
-from sgp._result import Result
-from sgp._simulation import (
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Leds, Memory, Positive, Seed, image_size
+from sgp.results.metrics import SimulateMetrics
+from sgp.results.output import check_file, check_folder, provenance
+from sgp.results.result import Result
+from sgp.sessions.simulation import (
     Rendered,
     metered_exposures,
     pixels_in_view,
     record_simulated,
     rendered,
 )
-from sgp._stages import Stopwatch
+from sgp.stages.recording import Stopwatch
 
 _SHEET_SIZE = (320, 256)
 # Where readers of a session find what is true of it.
@@ -222,7 +222,7 @@ def _list(sheet: Path | None, out: Path | None) -> Result:
         summary=[f"{name:<{widest}}  {text}" for name, text in simulator.SCENES.items()],
     )
     if sheet is not None:
-        from sgp._scene_sheet import write_contact_sheet
+        from sgp.pictures.scene_sheet import write_contact_sheet
 
         check_file(sheet, ".png", force=True)
         width, height = _SHEET_SIZE

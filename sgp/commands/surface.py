@@ -11,15 +11,15 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._camera_doubts import camera_notices
-from sgp._console import note
-from sgp._exit import UsageError
-from sgp._map_doubts import with_remedy
-from sgp._options import Input, Memory, Millimetres, OptionalInput, Pixels, Positive
-from sgp._output import writes_folder
-from sgp._result import Result
-from sgp._stage_options import SurfaceOptions
-from sgp._surface_maps import SurfaceInputs, SurfaceWay, integrated
+from sgp.cli.console import note
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Input, Memory, Millimetres, OptionalInput, Pixels, Positive
+from sgp.results.output import writes_folder
+from sgp.results.result import Result
+from sgp.stages.given_camera import camera_notices
+from sgp.stages.given_normals import with_remedy
+from sgp.stages.options import SurfaceOptions
+from sgp.stages.surface_maps import SurfaceInputs, SurfaceWay, integrated
 
 _SURFACE = SurfaceOptions()
 

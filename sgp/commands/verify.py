@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import rig
-from sgp._metrics import VerifyMetrics, figures_of
-from sgp._options import Input
-from sgp._result import Result
-from sgp._verification import verify_results
+from sgp.cli.options import Input
+from sgp.results.metrics import VerifyMetrics, figures_of
+from sgp.results.result import Result
+from sgp.results.verification import verify_results
 
 
 def verify(result: Input, *others: Input) -> Result:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from sgp._overview import Panel, set_plot_area
-from sgp._terminal import printable
+from sgp.cli.terminal import printable
+from sgp.pictures.sheet import Panel, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ import numpy as np
 
 import acquisition
 from rig.arrays import Float32
-from sgp._overview import Panel, add_scale, set_plot_area
+from sgp.pictures.sheet import Panel, add_scale, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

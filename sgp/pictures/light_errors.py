@@ -8,8 +8,8 @@ import numpy as np
 
 import acquisition
 from rig.arrays import Float64
-from sgp._overview import Panel, set_plot_area
-from sgp._panels.lights import short_names
+from sgp.pictures.lights import short_names
+from sgp.pictures.sheet import Panel, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ import numpy as np
 
 import acquisition
 from rig.arrays import Float32, Float64
-from sgp._overview import Panel
-from sgp._panels.crop import Crop
-from sgp._terminal import printable
+from sgp.cli.terminal import printable
+from sgp.pictures.crop import Crop
+from sgp.pictures.sheet import Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

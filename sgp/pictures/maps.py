@@ -10,8 +10,8 @@ import numpy as np
 import acquisition
 import processing
 from rig.arrays import AnyArray, Bool, Float32, Floating
-from sgp._overview import Panel, add_scale
-from sgp._panels.crop import Crop
+from sgp.pictures.crop import Crop
+from sgp.pictures.sheet import Panel, add_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ import numpy as np
 
 import simulator
 from rig.arrays import Float32
-from sgp._overview import choose_plot_folder, write_figure
+from sgp.pictures.sheet import choose_plot_folder, write_figure
 
 # The conventional light of drawings: from the upper left, low enough to show relief.
 _FROM = np.array([-0.6, 0.6, 0.5])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from rig.arrays import Float64
-from sgp._overview import Panel, set_plot_area
+from sgp.pictures.sheet import Panel, set_plot_area
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

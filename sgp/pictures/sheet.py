@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import acquisition
 import rig
-from sgp._console import shown
-from sgp._terminal import printable
+from sgp.cli.console import shown
+from sgp.cli.terminal import printable
 
 # matplotlib is imported where it draws: the commands' help texts must not wait for it.
 if TYPE_CHECKING:

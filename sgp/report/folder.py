@@ -9,8 +9,8 @@ from typing import Final, Literal
 
 import acquisition
 import rig
-from sgp._hashes import sha256
-from sgp._record import ResultRecord, is_record, read_record
+from sgp.results.hashes import sha256
+from sgp.results.record import ResultRecord, is_record, read_record
 
 # Of the folders of `sgp run`; the first one that has a map counts.
 _STAGES: Final = ("", "normals", "detail", "surface", "curvature")

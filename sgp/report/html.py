@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable
 from typing import Any, Final
 
-from sgp._terminal import printable
+from sgp.cli.terminal import printable
 
 _VOID: Final = frozenset({"img", "br", "input", "meta", "link"})
 

@@ -8,7 +8,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from rig.arrays import Float32, UInt8
-from sgp._report.planes import Colours, Plane, colour_plane, scalar_plane, vectors_plane
+from sgp.report.planes import Colours, Plane, colour_plane, scalar_plane, vectors_plane
 
 
 class Kind(NamedTuple):

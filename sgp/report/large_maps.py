@@ -10,7 +10,7 @@ import numpy as np
 
 import acquisition
 from rig.arrays import AnyArray, Bool
-from sgp._report.folder import ResultFolder
+from sgp.report.folder import ResultFolder
 
 Values = AnyArray | acquisition.MapRows
 

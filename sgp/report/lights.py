@@ -10,8 +10,8 @@ import numpy as np
 
 import acquisition
 from rig.arrays import Float64
-from sgp._report.folder import ResultFolder
-from sgp._report.html import Html, tag
+from sgp.report.folder import ResultFolder
+from sgp.report.html import Html, tag
 
 _RADIUS: Final = 100
 _RINGS_DEG: Final = (30, 60, 90)

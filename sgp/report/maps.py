@@ -13,12 +13,12 @@ import acquisition
 import processing
 import rig
 from rig.arrays import AnyArray, Bool, Int64
-from sgp._panels.crop import Crop
-from sgp._report.folder import ResultFolder
-from sgp._report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
-from sgp._report.large_maps import Values, known, large_normals, read_map
-from sgp._report.planes import Plane, Tile, tiles_of
-from sgp._write_jumps import JUMP_DOWN
+from sgp.pictures.crop import Crop
+from sgp.pictures.jumps import JUMP_DOWN
+from sgp.report.folder import ResultFolder
+from sgp.report.kinds import ALBEDO, HEIGHT, MASKS, NUMBERS, VECTORS, quantiser
+from sgp.report.large_maps import Values, known, large_normals, read_map
+from sgp.report.planes import Plane, Tile, tiles_of
 
 Read = tuple[str, Values, Bool]
 _MOSTLY: Final = 0.9

@@ -9,8 +9,8 @@ from functools import cache
 from string import Template
 from typing import Any
 
-from sgp._report.html import Html, joined, script_json, tag, text
-from sgp._report.scripts import asset, libraries, linked
+from sgp.report.html import Html, joined, script_json, tag, text
+from sgp.report.scripts import asset, libraries, linked
 
 
 def page(

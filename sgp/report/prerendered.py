@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from rig.arrays import Float32
-from sgp._report.html import Html, joined, tag
-from sgp._report.planes import VECTOR_STEPS, Plane
+from sgp.report.html import Html, joined, tag
+from sgp.report.planes import VECTOR_STEPS, Plane
 
 _SIDE_PX: Final = 360
 _QUALITY: Final = 82

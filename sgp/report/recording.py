@@ -15,10 +15,10 @@ import numpy as np
 import acquisition
 import rig
 from rig.arrays import AnyArray, Float32, Int64, UInt8
-from sgp._panels.crop import Crop
-from sgp._recordings import recordings_of
-from sgp._report.folder import Inputs, ResultFolder, changed_notice
-from sgp._report.maps import Embedded
+from sgp.pictures.crop import Crop
+from sgp.report.folder import Inputs, ResultFolder, changed_notice
+from sgp.report.maps import Embedded
+from sgp.results.recordings import recordings_of
 
 _MOST_IMAGES: Final = 40
 _SIDE_PX: Final = 420

@@ -10,10 +10,9 @@ from typing import Any, Final
 
 import acquisition
 import rig
-from sgp._report.companions import Companion, companions
-from sgp._report.folder import ResultFolder, read_folder
-from sgp._report.html import tag
-from sgp._report.maps import (
+from sgp.report.folder import ResultFolder, read_folder
+from sgp.report.html import tag
+from sgp.report.maps import (
     Embedded,
     FolderMaps,
     camera_of,
@@ -21,13 +20,14 @@ from sgp._report.maps import (
     embed_beside,
     height_differences,
 )
-from sgp._report.page import colour_maps, page
-from sgp._report.planes import SIDE
-from sgp._report.prerendered import prerendered
-from sgp._report.recording import Recording, read_bare_recording, read_recording
-from sgp._report.scripts import VIEWS
-from sgp._report.sections import identity_list, image_id, marked, sections
-from sgp._result import Result
+from sgp.report.page import colour_maps, page
+from sgp.report.planes import SIDE
+from sgp.report.prerendered import prerendered
+from sgp.report.recording import Recording, read_bare_recording, read_recording
+from sgp.report.scripts import VIEWS
+from sgp.report.sections import identity_list, image_id, marked, sections
+from sgp.report.source_maps import Companion, companions
+from sgp.results.result import Result
 
 _PIXELS: Final = 1_300_000
 _FEWEST_PIXELS: Final = 1000

@@ -24,7 +24,7 @@ class LinkError(Exception):
 @cache
 def asset(path: str) -> str:
     """Return a text file of this folder."""
-    return files("sgp._report").joinpath(path).read_text(encoding="utf-8")
+    return files("sgp.report").joinpath(path).read_text(encoding="utf-8")
 
 
 @cache

@@ -7,12 +7,12 @@ from typing import Final
 
 import acquisition
 import rig
-from sgp._record import ResultRecord
-from sgp._report.folder import ResultFolder
-from sgp._report.html import Html, tag
-from sgp._report.lights import lights_section
-from sgp._report.maps import Embedded
-from sgp._report.recording import Image, Recording
+from sgp.report.folder import ResultFolder
+from sgp.report.html import Html, tag
+from sgp.report.lights import lights_section
+from sgp.report.maps import Embedded
+from sgp.report.recording import Image, Recording
+from sgp.results.record import ResultRecord
 
 _NOT_GIVEN: Final[tuple[object, ...]] = (None, False, [], "")
 _SEVERITIES: Final = {"error": "Error", "warning": "Warning", "info": "Note"}

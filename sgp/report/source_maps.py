@@ -10,10 +10,10 @@ import acquisition
 import processing
 import rig
 from rig.arrays import Bool
-from sgp._options import Green
-from sgp._record import ResultRecord
-from sgp._report.folder import Inputs, ResultFolder, changed_notice, read_folder
-from sgp._report.large_maps import Values, large_normals
+from sgp.cli.options import Green
+from sgp.report.folder import Inputs, ResultFolder, changed_notice, read_folder
+from sgp.report.large_maps import Values, large_normals
+from sgp.results.record import ResultRecord
 
 Companion = tuple[str, Values, Bool]
 

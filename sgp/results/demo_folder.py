@@ -9,10 +9,10 @@ from pathlib import Path
 
 import acquisition
 import rig
-from sgp._exit import UsageError
-from sgp._hashes import sha256
-from sgp._output import check_folder, locked
-from sgp._result import dumps
+from sgp.cli.exit import UsageError
+from sgp.results.hashes import sha256
+from sgp.results.output import check_folder, locked
+from sgp.results.result import dumps
 
 MARK = ".made-by-sgp-demo"
 # Files and folders that a demo writes; a later demo replaces only these.

@@ -10,7 +10,7 @@ from typing import Any
 
 import acquisition
 import rig
-from sgp._console import shown
+from sgp.cli.console import shown
 
 # `sgp report` makes pages again from the other files of a result.
 _PAGE = ".html"

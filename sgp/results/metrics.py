@@ -13,7 +13,7 @@ from typing import Final, Literal, NotRequired, TypeVar, cast
 # Before Python 3.12, pydantic cannot check a `typing.TypedDict`.
 from typing_extensions import TypedDict
 
-from sgp._stage_metrics import (
+from sgp.results.stage_metrics import (
     CurvatureMetrics,
     InspectMetrics,
     NormalsMetrics,

@@ -14,12 +14,12 @@ from types import MappingProxyType
 from typing import Any, ParamSpec
 
 import acquisition
-from sgp._console import shown
-from sgp._exit import UsageError
-from sgp._hashes import SEAL, input_hashes, output_files, seal, sha256
-from sgp._metrics import RECORD_FORMAT, RECORD_VERSION
-from sgp._recordings import CALIBRATIONS, recordings_of
-from sgp._result import Result, dumps, json_table, plain
+from sgp.cli.console import shown
+from sgp.cli.exit import UsageError
+from sgp.results.hashes import SEAL, input_hashes, output_files, seal, sha256
+from sgp.results.metrics import RECORD_FORMAT, RECORD_VERSION
+from sgp.results.recordings import CALIBRATIONS, recordings_of
+from sgp.results.result import Result, dumps, json_table, plain
 
 try:
     import fcntl

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import acquisition
 import rig
-from sgp._hashes import sha256
+from sgp.results.hashes import sha256
 
 
 @contextmanager
@@ -28,7 +28,7 @@ def own_files_named() -> Iterator[None]:
 def _remedy(path: Path) -> str | None:
     """Return what to do about a file that is not what its record says; None for other files."""
     # Late, because most commands end without such an error and need no pydantic.
-    from sgp._record import records_of
+    from sgp.results.record import records_of
 
     for _, record in records_of(path):
         known = record.files.get(path.name)

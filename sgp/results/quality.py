@@ -9,7 +9,7 @@ import numpy as np
 import acquisition
 import processing
 from rig.arrays import Float64
-from sgp._stage_metrics import NormalsMetrics, QualityMetrics, SampleShares
+from sgp.results.stage_metrics import NormalsMetrics, QualityMetrics, SampleShares
 
 
 def add_quality(metrics: QualityMetrics, quality: processing.ImageQuality) -> None:

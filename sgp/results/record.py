@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, c
 
 import acquisition
 import rig
-from sgp._metrics import COMMANDS, RECORD_FORMAT, RECORD_VERSION
+from sgp.results.metrics import COMMANDS, RECORD_FORMAT, RECORD_VERSION
 
 _Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 

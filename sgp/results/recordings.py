@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import acquisition
-from sgp._metrics import RECORD_FORMAT
-from sgp._result import json_table
+from sgp.results.metrics import RECORD_FORMAT
+from sgp.results.result import json_table
 
 # Options that name files of calibrations: these may be from recordings of other objects.
 CALIBRATIONS: Final = ("lights", "camera", "flat", "sensor")
-_MOST_RECORDS: Final = 40  # in a folder, as in `sgp._report.folder`
+_MOST_RECORDS: Final = 40  # in a folder, as in `sgp.report.folder`
 _TEXTS: Final = ("object", "operator", "place", "notes", "rights", "started_utc")
 
 
@@ -59,7 +59,7 @@ def _of_folder(folder: Path, names: set[str]) -> Iterator[acquisition.Identity]:
 def _record(path: Path) -> dict[str, Any]:
     """Return the content of a record; empty for other files.
 
-    Validation by `sgp._record` would cost a quarter of a second for importing pydantic.
+    Validation by `sgp.results.record` would cost a quarter of a second for importing pydantic.
     """
     content = json_table(path)
     return content if content.get("format") == RECORD_FORMAT else {}

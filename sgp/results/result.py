@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import rig
-from sgp._terminal import printable_json
+from sgp.cli.terminal import printable_json
 
 
 @dataclass
@@ -22,7 +22,8 @@ class Result:
     outputs
         Path of every file that a caller may use, by name.
     metrics
-        Figures by name; the names include the units. `sgp._metrics` declares those of records.
+        Figures by name; the names include the units. `sgp.results.metrics` declares those of
+        records.
     warnings
         What must be reported besides the figures, in the order of printing.
     summary

@@ -1,4 +1,4 @@
-"""The figures of normals, components, surfaces and curvature; see `sgp._metrics`."""
+"""The figures of normals, components, surfaces and curvature; see `sgp.results.metrics`."""
 
 from __future__ import annotations
 

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import acquisition
 import rig
-from sgp._console import shown
-from sgp._exit import UsageError
-from sgp._hashes import seal, sha256
-from sgp._own_files import output_fault
-from sgp._record import OutputFile, ResultRecord, is_record, read_record
-from sgp._recordings import JOURNAL, compacted_since
+from sgp.cli.console import shown
+from sgp.cli.exit import UsageError
+from sgp.results.hashes import seal, sha256
+from sgp.results.own_files import output_fault
+from sgp.results.record import OutputFile, ResultRecord, is_record, read_record
+from sgp.results.recordings import JOURNAL, compacted_since
 
 _IMAGES = (".png", ".exr")
 

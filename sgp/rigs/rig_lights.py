@@ -10,9 +10,9 @@ from typing import NamedTuple
 import acquisition
 import calibration
 import rig
-from sgp._exit import UsageError
-from sgp._options import RIG_LIGHTS
-from sgp._user_config import chosen_rig, default_rig, how_to_configure
+from sgp.cli.exit import UsageError
+from sgp.cli.options import RIG_LIGHTS
+from sgp.rigs.user_config import chosen_rig, default_rig, how_to_configure
 
 
 class GivenLights(NamedTuple):

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import rig
-from sgp._exit import UsageError
+from sgp.cli.exit import UsageError
 
 RIG_VARIABLE = "SGP_RIG"
 _FILE = Path("sgp") / "config.toml"

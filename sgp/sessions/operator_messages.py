@@ -11,10 +11,10 @@ from typing import Any, Self
 
 import acquisition
 import rig as rigs
-from sgp._capture.resume_command import ResumeCommand
-from sgp._console import Stages, note
-from sgp._exit import UsageError
-from sgp._terminal import STDERR
+from sgp.cli.console import Stages, note
+from sgp.cli.exit import UsageError
+from sgp.cli.terminal import STDERR
+from sgp.sessions.resume_command import ResumeCommand
 
 if sys.platform != "win32":
     import termios

@@ -13,7 +13,7 @@ import acquisition
 import rig as rigs
 import simulator
 from rig.arrays import Bool, Float32, Int64
-from sgp._console import Stages
+from sgp.cli.console import Stages
 
 Rendered = simulator.Rendering | simulator.StoredRendering
 

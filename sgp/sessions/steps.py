@@ -11,10 +11,10 @@ from cyclopts.validators import Number
 
 import acquisition
 import rig as rigs
-from sgp._console import Stages, note
-from sgp._exit import UsageError
-from sgp._options import Real
-from sgp._result import Result
+from sgp.cli.console import Stages, note
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Real
+from sgp.results.result import Result
 
 Metering = Literal["each", "one"]
 _Percentile = Annotated[Real, Parameter(validator=Number(gt=0, lte=100))]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import rig
-from sgp._options import Green
+from sgp.cli.options import Green
 
 
 def with_remedy(notice: rig.Notice, green: Green, option: str | None = "--green") -> rig.Notice:

@@ -11,8 +11,8 @@ from cyclopts import Parameter
 
 import acquisition
 from rig.arrays import Float32
-from sgp._exit import UsageError
-from sgp._options import OptionalInput, Positive
+from sgp.cli.exit import UsageError
+from sgp.cli.options import OptionalInput, Positive
 
 _CURVATURE = "curvature"
 _LARGEST = {"uint8": 255, "uint16": 65535}

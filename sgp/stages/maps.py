@@ -11,11 +11,11 @@ from typing import Any
 import acquisition
 import processing
 import rig
-from sgp._console import Stages
-from sgp._hashes import input_hashes
-from sgp._map_doubts import with_remedy
-from sgp._memory_limit import Limit, identity, other_maps_refused
-from sgp._options import Green
+from sgp.cli.console import Stages
+from sgp.cli.options import Green
+from sgp.results.hashes import input_hashes
+from sgp.stages.given_normals import with_remedy
+from sgp.stages.memory_limit import Limit, identity, other_maps_refused
 
 Computed = acquisition.MemoryMaps | acquisition.BandStore
 

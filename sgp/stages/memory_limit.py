@@ -11,9 +11,9 @@ from pathlib import Path
 import acquisition
 import processing
 import rig
-from sgp._exit import UsageError
-from sgp._hashes import input_hashes
-from sgp._result import plain
+from sgp.cli.exit import UsageError
+from sgp.results.hashes import input_hashes
+from sgp.results.result import plain
 
 
 def is_in_bands(memory: int | None, need: processing.Need) -> bool:

@@ -10,9 +10,9 @@ from cyclopts import Parameter
 import acquisition
 import processing
 from rig.arrays import Bool
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._options import Count, Green, Order, Positive, Triangles
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import Count, Green, Order, Positive, Triangles
 
 
 @Parameter(name="*")

@@ -8,10 +8,9 @@ import numpy as np
 
 import acquisition
 from rig.arrays import Bool, Float32, Generic
-from sgp._overview import Panel
-from sgp._panels.crop import Crop
-from sgp._panels.lights import lights_panel
-from sgp._panels.maps import (
+from sgp.pictures.crop import Crop
+from sgp.pictures.lights import lights_panel
+from sgp.pictures.maps import (
     Masked,
     detail_panel,
     image_panel,
@@ -19,7 +18,8 @@ from sgp._panels.maps import (
     normals_panel,
     shaded_panel,
 )
-from sgp._stage_metrics import NormalsMetrics
+from sgp.pictures.sheet import Panel
+from sgp.results.stage_metrics import NormalsMetrics
 
 # The maps of normals in files that are drawn.
 DRAWN = ("normals", "albedo", "specular", "residual", "used", "normal_sigma_deg")

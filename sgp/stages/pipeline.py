@@ -12,24 +12,24 @@ import numpy as np
 import acquisition
 import processing
 from rig.arrays import Float32, UInt8
-from sgp._console import Stages
-from sgp._metrics import StagesMetrics
-from sgp._options import SourceOptions
-from sgp._output import claim_folder, write_record
-from sgp._overview import Panel
-from sgp._panels.crop import Crop
-from sgp._panels.stages import (
+from sgp.cli.console import Stages
+from sgp.cli.options import SourceOptions
+from sgp.pictures.crop import Crop
+from sgp.pictures.sheet import Panel
+from sgp.results.metrics import StagesMetrics
+from sgp.results.output import claim_folder, write_record
+from sgp.results.result import Result
+from sgp.results.stage_metrics import NormalsMetrics
+from sgp.stages.options import MapOptions, SeparationOptions, SurfaceOptions
+from sgp.stages.panels import (
     error_panels,
     normals_panels,
     separation_panels,
     surface_panels,
 )
-from sgp._result import Result
-from sgp._stage_metrics import NormalsMetrics
-from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
-from sgp._stages import Stopwatch, compute_normals, with_scale
-from sgp._write import write_normals_stage, write_separation
-from sgp._write_surface import write_surface
+from sgp.stages.recording import Stopwatch, compute_normals, with_scale
+from sgp.stages.write import write_normals_stage, write_separation
+from sgp.stages.write_surface import write_surface
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

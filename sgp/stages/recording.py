@@ -12,17 +12,17 @@ from typing import Any
 import acquisition
 import processing
 import rig
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._hashes import input_hashes
-from sgp._options import (
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.cli.options import (
     RIG_LIGHTS,
     RecordingOptions,
     transfer_files,
     transfer_of,
 )
-from sgp._rig_lights import given_lights, led_positions, rig_notices, rig_with_positions
-from sgp._spheres import SphereLights, light_by_spheres
+from sgp.results.hashes import input_hashes
+from sgp.rigs.rig_lights import given_lights, led_positions, rig_notices, rig_with_positions
+from sgp.stages.spheres import SphereLights, light_by_spheres
 
 _FEWEST_IMAGES = 3
 

@@ -13,13 +13,13 @@ import acquisition
 import processing
 import rig
 from rig.arrays import Bool, Float32, Float64
-from sgp._metrics import RtiMetrics, figures_of
-from sgp._overview import write_overview
-from sgp._panels.crop import Crop
-from sgp._panels.maps import image_panel, map_panel
-from sgp._result import Result
-from sgp._result_source import NormalsResult, open_source_of
-from sgp._stage_options import RelightOptions
+from sgp.pictures.crop import Crop
+from sgp.pictures.maps import image_panel, map_panel
+from sgp.pictures.sheet import write_overview
+from sgp.results.metrics import RtiMetrics, figures_of
+from sgp.results.result import Result
+from sgp.stages.options import RelightOptions
+from sgp.stages.result_source import NormalsResult, open_source_of
 
 # Rows and lights from which the deviations of the files are measured, at most.
 _ROWS = 200

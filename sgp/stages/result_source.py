@@ -9,12 +9,12 @@ from typing import Any
 from pydantic import JsonValue
 
 import acquisition
-from sgp._exit import UsageError
-from sgp._hashes import sha256
-from sgp._options import RIG_LIGHTS, RecordingOptions
-from sgp._record import ResultRecord, read_record
-from sgp._recordings import CALIBRATIONS
-from sgp._stages import Recording, open_recording, with_scale
+from sgp.cli.exit import UsageError
+from sgp.cli.options import RIG_LIGHTS, RecordingOptions
+from sgp.results.hashes import sha256
+from sgp.results.record import ResultRecord, read_record
+from sgp.results.recordings import CALIBRATIONS
+from sgp.stages.recording import Recording, open_recording, with_scale
 
 _RECORD = "normals.json"
 _LIGHTS = "lights.json"

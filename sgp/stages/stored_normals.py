@@ -10,9 +10,9 @@ from pathlib import Path
 import acquisition
 import processing
 import rig
-from sgp._memory_limit import identity, is_in_bands, needs_maps, other_maps_refused
-from sgp._options import SourceOptions
-from sgp._stages import compute_normals
+from sgp.cli.options import SourceOptions
+from sgp.stages.memory_limit import identity, is_in_bands, needs_maps, other_maps_refused
+from sgp.stages.recording import compute_normals
 
 
 @contextmanager

@@ -13,15 +13,20 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._console import note
-from sgp._memory_limit import Limit, identity, is_in_bands, other_maps_refused
-from sgp._metrics import StagesMetrics
-from sgp._options import SourceOptions
-from sgp._output import claim_folder
-from sgp._overview import Panel
-from sgp._own_files import output_fault
-from sgp._panels.crop import Crop
-from sgp._panels.stages import (
+from sgp.cli.console import note
+from sgp.cli.options import SourceOptions
+from sgp.pictures.crop import Crop
+from sgp.pictures.sheet import Panel
+from sgp.results.metrics import StagesMetrics
+from sgp.results.output import claim_folder
+from sgp.results.own_files import output_fault
+from sgp.results.record import read_record
+from sgp.results.result import Result, dumps
+from sgp.results.stage_metrics import NormalsMetrics
+from sgp.stages.maps import MapInput, stage_maps
+from sgp.stages.memory_limit import Limit, identity, is_in_bands, other_maps_refused
+from sgp.stages.options import MapOptions, SeparationOptions, SurfaceOptions
+from sgp.stages.panels import (
     DRAWN,
     error_panels,
     is_known,
@@ -29,20 +34,15 @@ from sgp._panels.stages import (
     separation_panels,
     surface_panels,
 )
-from sgp._pipeline import (
+from sgp.stages.pipeline import (
     Outcome,
     StageRecords,
     process,
 )
-from sgp._record import read_record
-from sgp._result import Result, dumps
-from sgp._stage_maps import MapInput, stage_maps
-from sgp._stage_metrics import NormalsMetrics
-from sgp._stage_options import MapOptions, SeparationOptions, SurfaceOptions
-from sgp._stages import Stopwatch, with_scale
-from sgp._stored_normals import are_normals_in_files, normals_within
-from sgp._surface_maps import SurfaceInputs, SurfaceWay, integrated
-from sgp._write import write_normals_stage, write_separation
+from sgp.stages.recording import Stopwatch, with_scale
+from sgp.stages.stored_normals import are_normals_in_files, normals_within
+from sgp.stages.surface_maps import SurfaceInputs, SurfaceWay, integrated
+from sgp.stages.write import write_normals_stage, write_separation
 
 # Bytes per pixel that the stages after the normals have in memory besides their own.
 _HELD = 16

@@ -16,15 +16,15 @@ import calibration
 import processing
 import rig
 from rig.arrays import Bool, Float32
-from sgp._console import Stages
-from sgp._exit import UsageError
-from sgp._hashes import input_hashes, sha256
-from sgp._memory_limit import identity, is_in_bands, other_maps_refused, size_text
-from sgp._output import claim_folder
-from sgp._result import Result
-from sgp._sigma_map import read_sigma
-from sgp._stage_options import SurfaceOptions
-from sgp._write_surface import write_surface
+from sgp.cli.console import Stages
+from sgp.cli.exit import UsageError
+from sgp.results.hashes import input_hashes, sha256
+from sgp.results.output import claim_folder
+from sgp.results.result import Result
+from sgp.stages.memory_limit import identity, is_in_bands, other_maps_refused, size_text
+from sgp.stages.options import SurfaceOptions
+from sgp.stages.sigma_map import read_sigma
+from sgp.stages.write_surface import write_surface
 
 # Bytes per pixel of temporary and final files in blocks.
 _TEMPORARY, _FILES = 64, 75

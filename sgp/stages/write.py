@@ -10,12 +10,12 @@ import numpy as np
 import acquisition
 import processing
 from rig.arrays import Bool
-from sgp._console import shown
-from sgp._output import provenance
-from sgp._quality import add_quality, add_uncertainty, quality_lines, sigma_lines
-from sgp._result import Result
-from sgp._stage_metrics import NormalsMetrics, SeparationMetrics
-from sgp._stage_options import MAPS, MapOptions
+from sgp.cli.console import shown
+from sgp.results.output import provenance
+from sgp.results.quality import add_quality, add_uncertainty, quality_lines, sigma_lines
+from sgp.results.result import Result
+from sgp.results.stage_metrics import NormalsMetrics, SeparationMetrics
+from sgp.stages.options import MAPS, MapOptions
 
 _WRITERS = 2  # files that are encoded at the same time
 _FLOATS = ("albedo", "residual", "specular", "normal_sigma_deg")

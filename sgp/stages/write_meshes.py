@@ -10,9 +10,9 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._console import shown
-from sgp._stage_metrics import MeshMetrics
-from sgp._stage_options import SurfaceOptions
+from sgp.cli.console import shown
+from sgp.results.stage_metrics import MeshMetrics
+from sgp.stages.options import SurfaceOptions
 
 SOLID = "solid.stl"
 

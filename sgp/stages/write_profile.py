@@ -10,10 +10,10 @@ import numpy as np
 
 import acquisition
 import processing
-from sgp._metrics import HeightProfileMetrics
-from sgp._overview import Panel, add_scale, set_plot_area, write_overview
-from sgp._panels.maps import signed_panel
-from sgp._result import Result
+from sgp.pictures.maps import signed_panel
+from sgp.pictures.sheet import Panel, add_scale, set_plot_area, write_overview
+from sgp.results.metrics import HeightProfileMetrics
+from sgp.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,13 +9,13 @@ import numpy as np
 import acquisition
 import processing
 import rig
-from sgp._console import shown
-from sgp._result import Result
-from sgp._stage_metrics import SurfaceMetrics
-from sgp._stage_options import SurfaceOptions
-from sgp._write_doubts import add_height_sigma, height_sigma_lines, write_curl
-from sgp._write_jumps import write_jumps
-from sgp._write_meshes import write_meshes
+from sgp.cli.console import shown
+from sgp.pictures.jumps import write_jumps
+from sgp.results.result import Result
+from sgp.results.stage_metrics import SurfaceMetrics
+from sgp.stages.options import SurfaceOptions
+from sgp.stages.write_doubts import add_height_sigma, height_sigma_lines, write_curl
+from sgp.stages.write_meshes import write_meshes
 
 _SURFACE = SurfaceOptions()
 # Values that are read at once.

@@ -11,12 +11,12 @@ import numpy as np
 import acquisition
 import processing
 from rig.arrays import Bool
-from sgp._console import Stages, shown
-from sgp._metrics import SynthesisMetrics, figures_of
-from sgp._overview import write_overview
-from sgp._panels.crop import Crop
-from sgp._panels.maps import lit_panel
-from sgp._result import Result
+from sgp.cli.console import Stages, shown
+from sgp.pictures.crop import Crop
+from sgp.pictures.maps import lit_panel
+from sgp.pictures.sheet import write_overview
+from sgp.results.metrics import SynthesisMetrics, figures_of
+from sgp.results.result import Result
 
 _MOST_SHOWN = 700  # pixels of a side of a picture
 

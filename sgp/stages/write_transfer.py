@@ -11,12 +11,12 @@ import acquisition
 import processing
 import rig
 from rig.arrays import Bool
-from sgp._metrics import TransferMetrics, figures_of
-from sgp._overview import write_overview
-from sgp._panels.crop import Crop
-from sgp._panels.maps import map_panel, normals_panel
-from sgp._result import Result
-from sgp._stage_maps import StageMaps
+from sgp.pictures.crop import Crop
+from sgp.pictures.maps import map_panel, normals_panel
+from sgp.pictures.sheet import write_overview
+from sgp.results.metrics import TransferMetrics, figures_of
+from sgp.results.result import Result
+from sgp.stages.maps import StageMaps
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import acquisition
 import processing
 import rig
-from sgp._exit import UsageError
-from sgp._result import dumps
-from sgp._superres.judgement import Judgement
-from sgp._superres.onnx_layers import onnx_bytes
-from sgp._superres.presets import CORRECTED, HELD_OUT, Task
+from sgp.cli.exit import UsageError
+from sgp.results.result import dumps
+from sgp.training.judgement import Judgement
+from sgp.training.onnx_layers import onnx_bytes
+from sgp.training.presets import CORRECTED, HELD_OUT, Task
 
 if TYPE_CHECKING:
     import torch

@@ -11,7 +11,7 @@ import processing
 import rig
 import simulator
 from rig.arrays import Float32, Float64, Floating
-from sgp._superres.presets import RUGGED_SCALES
+from sgp.training.presets import RUGGED_SCALES
 
 
 def surface(seed: int, side: int, scale: int) -> Float32:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rig.arrays import Float32
-from sgp._superres.rdn import OUTPUTS, RdnSize, rdn
+from sgp.training.rdn import OUTPUTS, RdnSize, rdn
 
 OPSET, _IR_VERSION = 17, 8
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from sgp._superres.pairs import Domain
-from sgp._superres.rdn import RdnSize
+from sgp.training.pairs import Domain
+from sgp.training.rdn import RdnSize
 
 Scale = Literal[2, 4]
 PresetName = Literal["small", "paper"]

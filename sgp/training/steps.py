@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import acquisition
 import rig
-from sgp._superres.pairs import PairFiles, batch
-from sgp._superres.presets import Task
-from sgp._superres.torch_layers import as_images, first_weights, forward
+from sgp.training.pairs import PairFiles, batch
+from sgp.training.presets import Task
+from sgp.training.torch_layers import as_images, first_weights, forward
 
 if TYPE_CHECKING:
     import torch

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rig.arrays import Float32
-from sgp._superres.rdn import RdnSize, rdn, weight_shapes
+from sgp.training.rdn import RdnSize, rdn, weight_shapes
 
 if TYPE_CHECKING:
     import torch
@@ -28,23 +28,28 @@ class TorchLayers:
     def convolve(
         self, name: str, image: torch.Tensor, inputs: int, outputs: int, side: int
     ) -> torch.Tensor:
+        """Return the convolution of an image, padded to its size."""
         from torch.nn.functional import conv2d
 
         weights, bias = self._weights[f"{name}.weight"], self._weights[f"{name}.bias"]
         return conv2d(image, weights, bias, padding=side // 2)
 
     def rectify(self, image: torch.Tensor) -> torch.Tensor:
+        """Return the values that are not negative, and 0 for the others."""
         return image.relu()
 
     def join(self, images: Sequence[torch.Tensor]) -> torch.Tensor:
+        """Return the channels of all images as one image."""
         import torch
 
         return torch.cat(list(images), 1)
 
     def add(self, first: torch.Tensor, second: torch.Tensor) -> torch.Tensor:
+        """Return the sum of two images."""
         return first + second
 
     def shuffle(self, image: torch.Tensor, scale: int) -> torch.Tensor:
+        """Return groups of channels as the pixels of a larger image."""
         from torch.nn.functional import pixel_shuffle
 
         return pixel_shuffle(image, scale)

@@ -15,10 +15,10 @@ import numpy as np
 
 from rig import CameraError
 from rig.arrays import AnyArray
-from simulator._camera.sensor import ImageFormation, fixed_pattern
-from simulator._owned_folder import OwnedFolder
-from simulator._scene.lens import CFAS
+from simulator.bench.owned_folder import OwnedFolder
+from simulator.camera.sensor import ImageFormation, fixed_pattern
 from simulator.gentl import build
+from simulator.scene.lens import CFAS
 
 GentlPlanes = Callable[[int | None], AnyArray | None]
 GentlFault = Literal["lost", "late", "incomplete", "doubled", "missed", "unplug", "underrun"]

@@ -11,8 +11,8 @@ import numpy as np
 from acquisition import NoiseModel
 from rig import in_threads, short_repr
 from rig.arrays import Float32, UInt16
-from simulator._dice import GOLDEN, MIX_1, MIX_2, stream
-from simulator._scene.lamps import Lamps
+from simulator.noise.dice import GOLDEN, MIX_1, MIX_2, stream
+from simulator.scene.lamps import Lamps
 
 # Below this mean, Poisson numbers are drawn exactly; above it, by an expansion whose distribution
 # function, rounded to whole electrons, is within 0.0015 of the exact one.
@@ -297,7 +297,7 @@ class ImageFormation:
 
 @numba.njit(cache=True)
 def hashed(state: np.uint64, counter: np.uint64) -> np.uint64:
-    """Return the same bits as `simulator._dice.bits`.
+    """Return the same bits as `simulator.noise.dice.bits`.
 
     All random numbers for pixels are bit-identical to `simulator/gentl/sensor.c`.
     """

@@ -11,11 +11,11 @@ from collections.abc import Callable, Mapping
 from typing import Literal
 
 from rig import CameraError, CameraFrame, CameraInfo, FrameTimeoutError, Trigger
-from simulator._bench_state import BenchState
-from simulator._camera.sensor import ImageFormation, pixel_format
-from simulator._camera.virtual_sensor import Exposure, VirtualSensor
-from simulator._scene.lens import CFAS
-from simulator._wiring import Planes
+from simulator.bench.state import BenchState
+from simulator.bench.wiring import Planes
+from simulator.camera.sensor import ImageFormation, pixel_format
+from simulator.camera.virtual_sensor import Exposure, VirtualSensor
+from simulator.scene.lens import CFAS
 
 __all__ = ["CameraFault", "Planes", "VirtualCamera"]
 

@@ -12,10 +12,10 @@ import numpy as np
 from acquisition import MapRows
 from rig import CameraError, CameraInfo
 from rig.arrays import Float32, UInt16
-from simulator._bench_state import BenchState
-from simulator._camera.sensor import FixedPattern, ImageFormation, fixed_pattern, sensor_image
-from simulator._dice import normal_pair, stream
-from simulator._wiring import Planes
+from simulator.bench.state import BenchState
+from simulator.bench.wiring import Planes
+from simulator.camera.sensor import FixedPattern, ImageFormation, fixed_pattern, sensor_image
+from simulator.noise.dice import normal_pair, stream
 
 # Pixels of a frame that are computed at once, and of a sensor whose pattern stays in memory.
 _BAND, _KEPT = 2**22, 2**25

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from acquisition import StorageError, make_folder, write_durably
 from rig import RigError
-from simulator._owned_folder import OwnedFolder
+from simulator.bench.owned_folder import OwnedFolder
 
 _SOURCES = Path(__file__).parent
 _FLAGS = tuple(

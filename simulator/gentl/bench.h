@@ -1,5 +1,5 @@
 /* The bench state: light and trigger pulses of the board, and exposures of the camera.
- * The layout of the file is that of `simulator/_bench_state.py`. */
+ * The layout of the file is that of `simulator/bench/state.py`. */
 #ifndef BENCH_H
 #define BENCH_H
 

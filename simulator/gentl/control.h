@@ -1,7 +1,7 @@
 /* The control file: the properties of this camera, in memory shared with the process that made it.
  *
  * It is "camera.control" in the folder of the library. Without it, the library is a camera with a
- * test pattern. `simulator/_camera/gentl_camera.py` has the same layout: change both together. */
+ * test pattern. `simulator/camera/gentl_camera.py` has the same layout: change both together. */
 #ifndef CONTROL_H
 #define CONTROL_H
 

@@ -1,4 +1,4 @@
-/* Counter-based random numbers: `simulator/_dice.py` in C. Change both together. */
+/* Counter-based random numbers: `simulator/noise/dice.py` in C. Change both together. */
 #ifndef DICE_H
 #define DICE_H
 

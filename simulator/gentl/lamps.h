@@ -1,4 +1,4 @@
-/* Light over time: `simulator/_scene/lamps.py` in C. Change both together. */
+/* Light over time: `simulator/scene/lamps.py` in C. Change both together. */
 #ifndef LAMPS_H
 #define LAMPS_H
 

@@ -1,4 +1,4 @@
-/* The sensor: `simulator/_camera/sensor.py` in C with the same random numbers. Change both
+/* The sensor: `simulator/camera/sensor.py` in C with the same random numbers. Change both
  * together. */
 #ifndef SENSOR_H
 #define SENSOR_H

@@ -15,8 +15,8 @@ from rig import (
     decode_reply,
     encode_command,
 )
-from simulator._board.firmware import BoardFirmware
-from simulator._board.outputs import BoardOutputs
+from simulator.led_board.firmware import BoardFirmware
+from simulator.led_board.outputs import BoardOutputs
 
 _MS = 1_000_000
 _US = 1000

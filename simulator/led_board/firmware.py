@@ -18,9 +18,9 @@ from rig import (
     decode_command,
     encode_reply,
 )
-from simulator._bench_state import FULL_LEVEL
-from simulator._board.light import WATCHDOG_NS, BoardLight, FlashRecord
-from simulator._board.outputs import ActiveInput, BoardOutputs
+from simulator.bench.state import FULL_LEVEL
+from simulator.led_board.light import WATCHDOG_NS, BoardLight, FlashRecord
+from simulator.led_board.outputs import ActiveInput, BoardOutputs
 
 NAME = "sgp-virtual-board"
 FIRMWARE = "2.0.0"

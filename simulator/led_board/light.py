@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from rig import Step
-from simulator._bench_state import FULL_LEVEL, NEVER_NS, ExposurePeriod
-from simulator._board.outputs import ActiveInput, BoardOutputs, Light
+from simulator.bench.state import FULL_LEVEL, NEVER_NS, ExposurePeriod
+from simulator.led_board.outputs import ActiveInput, BoardOutputs, Light
 
 WATCHDOG_NS = 900_000_000
 _SINCE_MOST_US = 999_000_000

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from simulator._bench_state import NEVER_NS, BenchState, BenchWriter, ExposurePeriod
+from simulator.bench.state import NEVER_NS, BenchState, BenchWriter, ExposurePeriod
 
 TRIGGER_NS = 200_000
 Event = dict[str, int | list[int]]

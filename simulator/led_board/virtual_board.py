@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Self
 
 from rig import RigError, module_command
-from simulator._board.faults import BoardFault, faults_to_json
+from simulator.led_board.faults import BoardFault, faults_to_json
 
 _START_TIMEOUT_S = 30.0
 _END_TIMEOUT_S = 1.0

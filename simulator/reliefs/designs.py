@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from rig.arrays import Float64, Intp
-from simulator._reliefs.measured import power_noise, slope
+from simulator.reliefs.measurement import power_noise, slope
 
 Random = np.random.Generator
 

@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import cKDTree
 
 from rig.arrays import Float32, Float64
-from simulator._reliefs.drawn import bodies, cells, strokes, summed, weave
-from simulator._reliefs.measured import (
+from simulator.reliefs.designs import bodies, cells, strokes, summed, weave
+from simulator.reliefs.measurement import (
     embossed,
     logarithmic,
     measured_normals,
@@ -25,9 +25,9 @@ from simulator._reliefs.measured import (
     smooth,
     unit,
 )
-from simulator._shapes.carved import CrackedLeather, Textile
-from simulator._shapes.coin import Coin
-from simulator._shapes.surface import Surface
+from simulator.shapes.carved_surfaces import CrackedLeather, Textile
+from simulator.shapes.coin import Coin
+from simulator.shapes.surface import Surface
 
 Random = np.random.Generator
 

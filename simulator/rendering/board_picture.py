@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from acquisition import DataError
 from rig.arrays import Float32, Float64
-from simulator._render.blur import blur
-from simulator._scene.lens import Lens
-from simulator._shapes.patterns import Pattern
+from simulator.rendering.blur import blur
+from simulator.scene.lens import Lens
+from simulator.shapes.patterns import Pattern
 
 _FINE = 8
 _STRIP = 1 << 15  # pixels with edges that are sampled at a time

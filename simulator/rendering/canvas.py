@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from rig.arrays import Bool, Float32, Float64, Int8, Int16, Int64
-from simulator._render.blur import blur
-from simulator._render.chrome import MirroredLights, draw_mirrored_lights
-from simulator._render.rendering import Rendering, Truth
-from simulator._render.shade import Shader
-from simulator._render.trace import Seen, meets, see
-from simulator._scene.scene import Scene
+from simulator.rendering.blur import blur
+from simulator.rendering.chrome import MirroredLights, draw_mirrored_lights
+from simulator.rendering.rendering import Rendering, Truth
+from simulator.rendering.shade import Shader
+from simulator.rendering.trace import Seen, meets, see
+from simulator.scene.scene import Scene
 
 _NOWHERE = np.zeros(0, np.int64), np.zeros(0, np.int64)
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64
-from simulator._render.shadow import Occluders
-from simulator._scene.clutter import BALL, BOX
-from simulator._scene.lens import Lens
-from simulator._scene.scene import ChromeSphere, Scene
+from simulator.rendering.shadow import Occluders
+from simulator.scene.clutter import BALL, BOX
+from simulator.scene.lens import Lens
+from simulator.scene.scene import ChromeSphere, Scene
 
 _MOST_RINGS = 16
 _REACH_SIGMAS = 6.0

@@ -12,7 +12,7 @@ import numpy as np
 from acquisition import DataError, Lights, NoiseModel
 from rig import in_threads, short_repr
 from rig.arrays import Bool, Float32, Float64, Floating, Integer
-from simulator._render.shade import lamp_table
+from simulator.rendering.shade import lamp_table
 
 # Determinants below this share of the product of the diagonal mean that the lights are coplanar.
 _SINGULAR = 1e-10

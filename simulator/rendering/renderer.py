@@ -15,13 +15,13 @@ import numpy as np
 from acquisition import BandFile, ComputedRows, DataError, MapRows, StorageError, storage_error
 from rig import Progress, memory_of_computer, no_progress
 from rig.arrays import Bool, Float64
-from simulator._render.blur import blur_reach
-from simulator._render.canvas import POINTS, Canvas
-from simulator._render.chrome import MirroredLights, find_mirrored_lights
-from simulator._render.rendering import Rendering, Truth
-from simulator._render.shade import Shader
-from simulator._render.trace import see
-from simulator._scene.scene import Scene
+from simulator.rendering.blur import blur_reach
+from simulator.rendering.canvas import POINTS, Canvas
+from simulator.rendering.chrome import MirroredLights, find_mirrored_lights
+from simulator.rendering.rendering import Rendering, Truth
+from simulator.rendering.shade import Shader
+from simulator.rendering.trace import see
+from simulator.scene.scene import Scene
 
 # Memory of a rendering: an image and shadows for each light, maps of the truth, working memory.
 _BYTES_PER_LIGHT, _BYTES_PER_PIXEL, _BYTES_AT_WORK = 5, 48, 2**27

@@ -10,9 +10,9 @@ import numpy as np
 from acquisition import CameraModel, DataError, Lights, MapRows, NoiseModel
 from rig import pluralize, short_repr
 from rig.arrays import Bool, Float32, Float64
-from simulator._render.blur import blur
-from simulator._scene.lens import Lens
-from simulator._scene.scene import Scene
+from simulator.rendering.blur import blur
+from simulator.scene.lens import Lens
+from simulator.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,12 +12,12 @@ import numpy as np
 from acquisition import Lights
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64, Int8, Int64
-from simulator._render.chrome import across
-from simulator._render.shadow import Occluders
-from simulator._render.trace import Seen
-from simulator._scene.clutter import BALL, BOX
-from simulator._scene.reflectance import reflect
-from simulator._scene.scene import Scene
+from simulator.rendering.chrome import across
+from simulator.rendering.shadow import Occluders
+from simulator.rendering.trace import Seen
+from simulator.scene.clutter import BALL, BOX
+from simulator.scene.reflectance import reflect
+from simulator.scene.scene import Scene
 
 _BLOCK = 1024
 _GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
@@ -49,6 +49,7 @@ class Shader:
 
     @cached_property
     def occluders(self) -> Occluders:
+        """What can be between a point and a light."""
         scene, caster = self.scene, None
         if scene.body is not None and scene.shadows:
             caster = scene.body.shadow_caster(self.shadow_step_mm)

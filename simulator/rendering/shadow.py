@@ -15,9 +15,9 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Bool, Float32, Float64
-from simulator._render.shadow_kernels import BLOCK, TILE, WALL, block
-from simulator._shapes.body import HeightGrid
-from simulator._shapes.bvh import TriangleTree
+from simulator.rendering.shadow_kernels import BLOCK, TILE, WALL, block
+from simulator.shapes.body import HeightGrid
+from simulator.shapes.bvh import TriangleTree
 
 _ROWS = 256
 # Safety factor on the interpolation error as estimated from second differences.

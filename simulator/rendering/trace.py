@@ -11,10 +11,10 @@ import numpy as np
 from acquisition import DataError
 from rig import in_threads
 from rig.arrays import Bool, Float64, Int64
-from simulator._scene.clutter import BALL
-from simulator._scene.scene import Scene
+from simulator.scene.clutter import BALL
+from simulator.scene.scene import Scene
 
-# Compiled in: simulator/_scene/clutter.py f024ad283d66
+# Compiled in: simulator/scene/clutter.py ed1da6d64b11
 
 _BOUNCES = 4
 # Steps of the search for the relief of the board. Each one divides the error by the product of the

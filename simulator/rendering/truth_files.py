@@ -24,10 +24,10 @@ from acquisition import (
     write_mask,
 )
 from rig.arrays import AnyArray, Float32
-from simulator._render.cramer_rao import Measurement, cramer_rao_deg
-from simulator._render.render import StoredRendering
-from simulator._render.rendering import Rendering
-from simulator._scene.scene_file import write_scene
+from simulator.rendering.cramer_rao import Measurement, cramer_rao_deg
+from simulator.rendering.renderer import StoredRendering
+from simulator.rendering.rendering import Rendering
+from simulator.scene.scene_file import write_scene
 
 _BAND_BYTES = 2**26
 

@@ -8,13 +8,13 @@ from typing import Literal
 
 from rig import Board, Camera, Rig, RigConfig, RigConfigError, open_genicam
 from rig.arrays import Float32
-from simulator._bench_state import BenchState
-from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.sensor import ImageFormation, pixel_format
-from simulator._camera.virtual_camera import Planes, VirtualCamera
-from simulator._wiring import Wiring
+from simulator.bench.state import BenchState
+from simulator.bench.wiring import Wiring
+from simulator.camera.gentl_camera import GentlCamera, GentlDevice
+from simulator.camera.sensor import ImageFormation, pixel_format
+from simulator.camera.virtual_camera import Planes, VirtualCamera
 from simulator.gentl import CompilerError, build
+from simulator.led_board.virtual_board import VirtualBoard
 
 CameraKind = Literal["auto", "gentl", "inside"]
 

@@ -9,16 +9,16 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from acquisition import DataError, MissingPathError, NoiseModel
 from rig import Rig, RigConfig, RigConfigError, validation_message
-from simulator._camera.sensor import ImageFormation
-from simulator._render.render import StoredRendering, render
-from simulator._render.rendering import Rendering
-from simulator._scene.lamps import Lamps
-from simulator._scene.rig_scenes import SCENES, scene_named
-from simulator._scene.scene import Scene
-from simulator._scene.scene_file import read_scene
-from simulator._scene.scene_parts import build
-from simulator._simulated_rig import FRAME_RATE_HZ, CameraKind, simulated_rig
-from simulator._wiring import Wiring
+from simulator.bench.wiring import Wiring
+from simulator.camera.sensor import ImageFormation
+from simulator.rendering.renderer import StoredRendering, render
+from simulator.rendering.rendering import Rendering
+from simulator.rigs.bench_rig import FRAME_RATE_HZ, CameraKind, simulated_rig
+from simulator.scene.lamps import Lamps
+from simulator.scene.rig_scenes import SCENES, scene_named
+from simulator.scene.scene import Scene
+from simulator.scene.scene_file import read_scene
+from simulator.scene.scene_parts import build
 
 _Pixels = Annotated[int, Field(ge=1, le=16384)]
 

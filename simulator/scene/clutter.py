@@ -9,8 +9,8 @@ import numpy as np
 
 from acquisition import DataError
 from rig.arrays import Float64
-from simulator._scene.reflectance import Ggx, Lambert
-from simulator._shapes.patterns import Albedo, check_albedo, check_length
+from simulator.scene.reflectance import Ggx, Lambert
+from simulator.shapes.patterns import Albedo, check_albedo, check_length
 
 # First column of `clutter_table`.
 BALL, BOX = 0.0, 1.0

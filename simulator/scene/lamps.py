@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 
 from acquisition import DataError
 from rig import short_repr
-from simulator._dice import normal_pair, stream, uniform
+from simulator.noise.dice import normal_pair, stream, uniform
 
 _TAG = 0x1A3B  # keeps the lamps' random numbers apart from the sensor's
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from acquisition import CameraModel, DataError
 from rig import short_repr
 from rig.arrays import Float64, Int64, Integer
-from simulator._scene.distortion import distorted, undistorted
+from simulator.scene.distortion import distorted, undistorted
 
 _CFA_CHANNEL = {"R": 0, "G": 1, "B": 2}
 # Supported mosaics, by their first 2 x 2 pixels.

@@ -8,13 +8,19 @@ from collections.abc import Callable
 import numpy as np
 
 from acquisition import CameraModel, DataError, Lights, NoiseModel
-from simulator._scene.lens import Lens
-from simulator._scene.scene import ChromeSphere, Scene
-from simulator._shapes.body import Body
-from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
-from simulator._shapes.coin import Coin
-from simulator._shapes.patterns import ChArUco, Checker, Even, Paint, Pattern
-from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
+from simulator.scene.lens import Lens
+from simulator.scene.scene import ChromeSphere, Scene
+from simulator.shapes.body import Body
+from simulator.shapes.carved_surfaces import (
+    CrackedLeather,
+    LizardScales,
+    StepGauge,
+    Textile,
+    WoodCarving,
+)
+from simulator.shapes.coin import Coin
+from simulator.shapes.patterns import ChArUco, Checker, Even, Paint, Pattern
+from simulator.shapes.surface import BandNoise, Plane, Ripples, SphericalCap
 
 # Elevations of the LED rings. The lowest is high enough to keep cast shadows of the relief small;
 # the highest is outside the camera's view.

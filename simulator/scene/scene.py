@@ -11,13 +11,13 @@ import numpy as np
 from acquisition import CameraModel, DataError, Lights, NoiseModel
 from rig import pluralize
 from rig.arrays import Bool, Float32, Float64, Int64
-from simulator._scene.clutter import Ball, Clutter, clutter_table
-from simulator._scene.lamps import Lamps
-from simulator._scene.lens import Lens
-from simulator._scene.reflectance import Lambert, Material
-from simulator._shapes.body import Body
-from simulator._shapes.patterns import Even, Pattern
-from simulator._shapes.surface import Surface
+from simulator.scene.clutter import Ball, Clutter, clutter_table
+from simulator.scene.lamps import Lamps
+from simulator.scene.lens import Lens
+from simulator.scene.reflectance import Lambert, Material
+from simulator.shapes.body import Body
+from simulator.shapes.patterns import Even, Pattern
+from simulator.shapes.surface import Surface
 
 _MOST_PARTS = 1024
 _RINGS, _SPOKES = 12, 48

@@ -19,10 +19,10 @@ from rig import (
     read_bounded,
     validation_message,
 )
-from simulator._scene.lamps import Lamps
-from simulator._scene.rig_scenes import bench_sensor
-from simulator._scene.scene import ChromeSphere, Scene
-from simulator._scene.scene_parts import (
+from simulator.scene.lamps import Lamps
+from simulator.scene.rig_scenes import bench_sensor
+from simulator.scene.scene import ChromeSphere, Scene
+from simulator.scene.scene_parts import (
     BODIES,
     CLUTTER,
     LENSES,
@@ -38,7 +38,7 @@ from simulator._scene.scene_parts import (
     resized,
     table,
 )
-from simulator._shapes.mesh import MeshBody
+from simulator.shapes.mesh import MeshBody
 
 Table = dict[str, Any]
 

@@ -17,16 +17,22 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from acquisition import CameraModel, DataError, Lights, led_id, read_camera, read_lights
 from rig import validation_message
 from rig.arrays import Float64
-from simulator._scene.clutter import Ball, Box
-from simulator._scene.lens import Lens, Optics
-from simulator._scene.reflectance import Ggx, Lambert, OrenNayar
-from simulator._scene.rig_scenes import dome_lights
-from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
-from simulator._shapes.coin import Coin
-from simulator._shapes.grounds import Cork, Print, Weave, Wood
-from simulator._shapes.mesh import MeshBody
-from simulator._shapes.patterns import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
-from simulator._shapes.surface import BandNoise, Plane, Ripples, SphericalCap
+from simulator.scene.clutter import Ball, Box
+from simulator.scene.lens import Lens, Optics
+from simulator.scene.reflectance import Ggx, Lambert, OrenNayar
+from simulator.scene.rig_scenes import dome_lights
+from simulator.shapes.carved_surfaces import (
+    CrackedLeather,
+    LizardScales,
+    StepGauge,
+    Textile,
+    WoodCarving,
+)
+from simulator.shapes.coin import Coin
+from simulator.shapes.grounds import Cork, Print, Weave, Wood
+from simulator.shapes.mesh import MeshBody
+from simulator.shapes.patterns import ChArUco, Checker, ColourWheel, Even, Gradient, Paint
+from simulator.shapes.surface import BandNoise, Plane, Ripples, SphericalCap
 
 _Vector = tuple[float, float, float]
 _OPTICS = Optics()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from rig.arrays import Bool, Float32, Float64
-from simulator._shapes.bvh import TriangleTree
+from simulator.shapes.bvh import TriangleTree
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Bool, Float64, Int32
-from simulator._shapes.bvh_growth import STACK, grow
+from simulator.shapes.bvh_growth import STACK, grow
 
 
 @dataclass(frozen=True, eq=False)

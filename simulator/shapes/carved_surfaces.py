@@ -13,9 +13,9 @@ import numpy as np
 from acquisition import DataError
 from rig import in_threads
 from rig.arrays import Float64
-from simulator._shapes.carved_kernels import CELLS, leather, scales, textile, wood
-from simulator._shapes.field_trace import FieldBounds
-from simulator._shapes.surface import Surface, drawn, random_waves
+from simulator.shapes.carved_kernels import CELLS, leather, scales, textile, wood
+from simulator.shapes.field_trace import FieldBounds
+from simulator.shapes.surface import Surface, drawn, random_waves
 
 _DESIGN_RADIUS = 80.0  # lengths in the wood carving are for this radius
 
@@ -61,6 +61,7 @@ class _Relief(Surface):
         return (self._table,)
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
+        """Return height and gradient at positions, see `Surface`."""
         unit = self._unit_mm
         height, slope_x, slope_y = drawn(self._draw, x_mm, y_mm, unit)
         low, high = self._reaches
@@ -189,6 +190,7 @@ class StepGauge(Surface):
         return self.tread_mm * (np.arange(1.0, count) - count / 2)
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
+        """Return height and gradient at positions, see `Surface`."""
         z = np.full(np.broadcast(x_mm, y_mm).shape, float(self.heights_mm[0]))
         zx = np.zeros_like(z)
         for at, rise in zip(self.edges_mm, np.diff(self.heights_mm), strict=True):
@@ -200,5 +202,6 @@ class StepGauge(Surface):
 
     @cached_property
     def bounds(self) -> FieldBounds:
+        """Lowest and highest height, and the steepest slope."""
         steepest = 1.875 * float(np.abs(np.diff(self.heights_mm)).max()) / self.edge_mm
         return FieldBounds(min(self.heights_mm), max(self.heights_mm), steepest)

@@ -15,8 +15,8 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Float64
-from simulator._shapes.field_trace import FieldBounds
-from simulator._shapes.surface import SphericalCap, Surface, drawn, random_waves
+from simulator.shapes.field_trace import FieldBounds
+from simulator.shapes.surface import SphericalCap, Surface, drawn, random_waves
 
 _DESIGN_RADIUS = 80.0  # all lengths below are for a coin of this radius
 _TEXT = "FIAT LVX"
@@ -62,6 +62,7 @@ class Coin(Surface):
 
     @cached_property
     def bounds(self) -> FieldBounds:
+        """Lowest and highest height, and the steepest slope."""
         return _bounds(self)
 
     @cached_property
@@ -77,6 +78,7 @@ class Coin(Surface):
         return random_waves(_GRAIN_MM, self.seed, _GRAIN_WAVES)
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
+        """Return height and gradient at positions, see `Surface`."""
         z, zx, zy = self._dome.evaluate(x_mm, y_mm)
         scale = self.radius_mm / _DESIGN_RADIUS
         height, slope_x, slope_y = drawn(self._draw, x_mm, y_mm, scale)

@@ -15,7 +15,7 @@ import numpy as np
 
 from rig import in_threads
 from rig.arrays import Float64
-from simulator._shapes.patterns import Albedo, Pattern, blend, turned
+from simulator.shapes.patterns import Albedo, Pattern, blend, turned
 
 # A glyph is 3 x 5 modules of a cell of 4 x 9: the rest is the space between letters and lines.
 _GLYPH_COLUMNS, _GLYPH_ROWS, _CELL_COLUMNS, _CELL_ROWS = 3, 5, 4, 9
@@ -44,6 +44,7 @@ class Cork(Pattern):
     seed: int = 0
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         share = _drawn(_cork, x_mm / self.grain_mm, y_mm / self.grain_mm, self.seed)
         return blend(self.low, self.high, share)
 
@@ -72,6 +73,7 @@ class Wood(Pattern):
     seed: int = 0
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         x, y = turned(x_mm, y_mm, self.angle_deg)
         share = _drawn(_wood, x / self.ring_mm, y / self.ring_mm, self.seed)
         return blend(self.low, self.high, share)
@@ -101,6 +103,7 @@ class Print(Pattern):
     seed: int = 0
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         module = self.line_mm / _CELL_ROWS
         x, y = turned(x_mm, y_mm, self.angle_deg)
         return blend(self.paper, self.ink, _drawn(_print, x / module, -y / module, self.seed))
@@ -130,6 +133,7 @@ class Weave(Pattern):
     seed: int = 0
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         x, y = turned(x_mm, y_mm, self.angle_deg)
         return blend(
             self.low, self.high, _drawn(_weave, x / self.yarn_mm, y / self.yarn_mm, self.seed)

@@ -14,8 +14,8 @@ import numpy as np
 from acquisition import DataError, read_mesh_file
 from rig import short_repr
 from rig.arrays import Bool, Float64, Int64
-from simulator._shapes.body import BodyHits
-from simulator._shapes.bvh import TriangleTree
+from simulator.shapes.body import BodyHits
+from simulator.shapes.bvh import TriangleTree
 
 SUFFIXES = (".obj", ".ply", ".stl")
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from acquisition import DataError
 from rig.arrays import Bool, Float64
-from simulator._shapes.surface import random_waves
+from simulator.shapes.surface import random_waves
 
 Albedo = float | tuple[float, float, float]
 
@@ -65,6 +65,7 @@ class Even(Pattern):
     albedo: Albedo = 0.8
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         return blend(self.albedo, self.albedo, np.zeros(np.shape(x_mm)))
 
 
@@ -92,6 +93,7 @@ class Checker(Pattern):
     shift_mm: tuple[float, float] = (0.0, 0.0)
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         x, y = turned(x_mm - self.shift_mm[0], y_mm - self.shift_mm[1], self.angle_deg)
         odd = (np.floor(x / self.square_mm) + np.floor(y / self.square_mm)) % 2
         return blend(self.high, self.low, odd)
@@ -117,6 +119,7 @@ class Gradient(Pattern):
     angle_deg: float = 0.0
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         angle = math.radians(self.angle_deg)
         along = (math.cos(angle) * x_mm + math.sin(angle) * y_mm) / self.length_mm
         return blend(self.low, self.high, np.clip(0.5 + along, 0.0, 1.0))
@@ -149,6 +152,7 @@ class Paint(Pattern):
             )
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         waves = random_waves(self.wavelength_mm, self.seed, count=5)
         swing = sum(np.cos(kx * x_mm + ky * y_mm + phase) for kx, ky, phase in waves)
         # The sum of five waves is rarely near its extremes: tanh expands it to the bounds.
@@ -172,6 +176,7 @@ class ColourWheel(Pattern):
     high: float = 0.8
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         full = np.minimum(np.hypot(x_mm, y_mm) / self.radius_mm, 1.0)
         hue = np.arctan2(y_mm, x_mm)
         turn = np.cos(hue[..., None] - 2 * math.pi / 3 * np.arange(3))
@@ -221,6 +226,7 @@ class ChArUco(Pattern):
         return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> Float64:
+        """Return the albedo at positions, see `Pattern`."""
         modules = self._modules
         module_mm = self.square_mm / _MODULES_PER_SQUARE
         column = np.floor(x_mm / module_mm + modules.shape[1] / 2)

@@ -15,8 +15,8 @@ import numpy as np
 from acquisition import DataError
 from rig import in_threads
 from rig.arrays import Bool, Float64
-from simulator._shapes.body import BodyHits, HeightGrid
-from simulator._shapes.field_trace import FieldBounds, meet_field
+from simulator.shapes.body import BodyHits, HeightGrid
+from simulator.shapes.field_trace import FieldBounds, meet_field
 
 _WAVES = 24  # plane waves in band noise, enough to look isotropic
 _SAMPLES = 513  # samples along each side to find the extremes of a field
@@ -218,11 +218,13 @@ class Plane(Surface):
     slope_y: float = 0.0
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
+        """Return height and gradient at positions, see `Surface`."""
         z = self.height_mm + self.slope_x * x_mm + self.slope_y * y_mm
         return z, np.full_like(z, self.slope_x), np.full_like(z, self.slope_y)
 
     @cached_property
     def bounds(self) -> FieldBounds:
+        """Lowest and highest height, and the steepest slope."""
         slope = math.hypot(self.slope_x, self.slope_y)
         rise = slope * self.radius_mm
         return FieldBounds(self.height_mm - rise, self.height_mm + rise, slope)
@@ -252,6 +254,7 @@ class SphericalCap(Surface):
         return (self.radius_mm**2 + self.height_mm**2) / (2 * self.height_mm)
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
+        """Return height and gradient at positions, see `Surface`."""
         sphere = self.sphere_radius_mm
         squared = x_mm**2 + y_mm**2
         on_cap = squared <= self.radius_mm**2
@@ -263,6 +266,7 @@ class SphericalCap(Surface):
 
     @cached_property
     def bounds(self) -> FieldBounds:
+        """Lowest and highest height, and the steepest slope."""
         upright = self.height_mm == self.radius_mm
         rim = math.inf if upright else self.radius_mm / (self.sphere_radius_mm - self.height_mm)
         return FieldBounds(0.0, self.height_mm, rim)
@@ -292,6 +296,7 @@ class Ripples(Surface):
     _lengths = ("amplitude_mm", "wavelength_mm")
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
+        """Return height and gradient at positions, see `Surface`."""
         k = 2 * math.pi / self.wavelength_mm
         r = np.hypot(x_mm, y_mm)
         z = self.amplitude_mm * (1 + np.cos(k * r))
@@ -301,6 +306,7 @@ class Ripples(Surface):
 
     @cached_property
     def bounds(self) -> FieldBounds:
+        """Lowest and highest height, and the steepest slope."""
         slope = 2 * math.pi * self.amplitude_mm / self.wavelength_mm
         return FieldBounds(0.0, 2 * self.amplitude_mm, slope)
 
@@ -316,6 +322,7 @@ class BandNoise(Surface):
     _lengths = ("rms_mm", "wavelength_mm")
 
     def evaluate(self, x_mm: Float64, y_mm: Float64) -> tuple[Float64, Float64, Float64]:
+        """Return height and gradient at positions, see `Surface`."""
         waves = random_waves(self.wavelength_mm, self.seed, _WAVES)
         gain = self.rms_mm * math.sqrt(2 / _WAVES)
 
@@ -327,6 +334,7 @@ class BandNoise(Surface):
 
     @cached_property
     def bounds(self) -> FieldBounds:
+        """Lowest and highest height, and the steepest slope."""
         most = self.rms_mm * math.sqrt(2 * _WAVES)
         slope = most * 2 * math.pi / self.wavelength_mm
         return FieldBounds(self.height_mm - most, self.height_mm + most, slope)

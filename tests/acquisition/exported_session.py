@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition._pixels.images import write_exr, write_png
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.lights_record import LightsRecord
-from acquisition._session.manifest import Manifest
-from acquisition._session.session import Session
-from acquisition._session.value_records import CameraModelRecord
-from acquisition._session.writer import CameraReport, SessionWriter
-from acquisition._storage import make_folder
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights, led_id
+from acquisition.files.storage import make_folder
+from acquisition.pixels.images import write_exr, write_png
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.lights_record import LightsRecord
+from acquisition.session.manifest import Manifest
+from acquisition.session.session import Session
+from acquisition.session.value_records import CameraModelRecord
+from acquisition.session.writer import CameraReport, SessionWriter
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.lights import Lights, led_id
 from rig import Mounting
 from rig.arrays import Bool, Float32, UInt16
 

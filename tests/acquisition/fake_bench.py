@@ -10,12 +10,12 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from acquisition._engine.engine import record
-from acquisition._plan.plan import CapturePlan
-from acquisition._session import writer as _session_writer
-from acquisition._session.journal import EventLine
-from acquisition._session.manifest import Labels
-from acquisition._session.session import Session
+from acquisition.engine.engine import record
+from acquisition.plan.plan import CapturePlan
+from acquisition.session import writer as _session_writer
+from acquisition.session.journal import EventLine
+from acquisition.session.manifest import Labels
+from acquisition.session.session import Session
 from rig import (
     Board,
     BoardEcho,

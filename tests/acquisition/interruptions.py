@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from acquisition._engine.engine import record
-from acquisition._session.manifest import _ADDED, Calibrations
-from acquisition._session.session import Session
-from acquisition._values.noise_model import NoiseModel
+from acquisition.engine.engine import record
+from acquisition.session.manifest import _ADDED, Calibrations
+from acquisition.session.session import Session
+from acquisition.values.noise_model import NoiseModel
 from rig import CameraError, Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench
 from tests.acquisition.mutants import rows_of, seal

@@ -28,10 +28,10 @@ from acquisition import (
     resume,
     verify_session,
 )
-from acquisition._session.journal import GENESIS
+from acquisition.session.journal import GENESIS
 from rig import RigError
-from sgp._capture.session_sheet import write_session_sheet
-from sgp._capture.session_summary import describe
+from sgp.sessions.session_sheet import write_session_sheet
+from sgp.sessions.session_summary import describe
 from tests.acquisition.fake_bench import Bench, rig_on
 
 DECLARED = (DataError, MissingPathError, StorageError, RigError)

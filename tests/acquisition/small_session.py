@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
 from rig.arrays import UInt16
 
 SHAPE = (24, 32)

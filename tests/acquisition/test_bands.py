@@ -29,7 +29,7 @@ from acquisition import (
     write_png,
     write_tiff,
 )
-from acquisition._bands import band_store
+from acquisition.files import band_store
 
 FORM = {"normals": ((7, 4, 3), np.float32), "used": ((7, 4), np.uint16)}
 IDENTITY = {"method": "ls", "inputs": {"a.png": "00"}, "version": "1"}

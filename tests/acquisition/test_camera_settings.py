@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from acquisition._engine.camera_settings import camera_notices
-from acquisition._engine.engine import record, resume
-from acquisition._session.session import Session
+from acquisition.engine.camera_settings import camera_notices
+from acquisition.engine.engine import record, resume
+from acquisition.session.session import Session
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench
 from tests.acquisition.interruptions import interrupted
 

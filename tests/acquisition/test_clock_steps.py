@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from acquisition._session.clock_steps import clock_steps
-from acquisition._session.journal import EventLine, Journal
-from acquisition._session.manifest import Manifest, RigRecord
+from acquisition.session.clock_steps import clock_steps
+from acquisition.session.journal import EventLine, Journal
+from acquisition.session.manifest import Manifest, RigRecord
 
 STARTED = datetime(2026, 3, 14, 9, 26, tzinfo=UTC)
 RIG = RigRecord(name="dome", driver="bench", board="b", protocol="2", firmware="1", leds=4)

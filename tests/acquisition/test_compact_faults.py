@@ -15,12 +15,12 @@ from typing import Any
 import pytest
 
 from acquisition._errors import StorageError
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.compact import compact_session
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.compact import compact_session
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
 from rig import Notice
 from tests.acquisition.small_session import PLAN, names, picture, whole, write
 
@@ -89,7 +89,7 @@ def test_a_full_disk(tmp_path: Path) -> None:
     folder = write(tmp_path / "s")
     code = """
 import resource, signal, sys
-from acquisition._session.compact import compact_session
+from acquisition.session.compact import compact_session
 from acquisition._errors import StorageError
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (300, 300))
@@ -108,7 +108,7 @@ except StorageError as error:
 
 SERVER = """
 import json, os, sys
-from acquisition._session.compact import compact_session
+from acquisition.session.compact import compact_session
 
 def deadly(name, calls, dies_at):
     real = getattr(os, name)

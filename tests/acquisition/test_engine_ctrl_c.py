@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from acquisition._engine.engine import record
-from acquisition._engine.recording import RecordingHooks
-from acquisition._session.session import Session
+from acquisition.engine.engine import record
+from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.session.session import Session
 from rig import Rig as RealRig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._engine.engine import record
 from acquisition._errors import DataError, StorageError
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.manifest import Calibrations, Labels
-from acquisition._session.session import Session
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
-from acquisition._values.noise_model import NoiseModel
+from acquisition.engine.engine import record
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.manifest import Calibrations, Labels
+from acquisition.session.session import Session
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.lights import Lights
+from acquisition.values.noise_model import NoiseModel
 from rig import CameraError, CameraFrame, RigError
 from rig import Rig as RealRig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of

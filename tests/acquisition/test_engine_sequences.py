@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._engine.engine import record
-from acquisition._engine.recording import RecordingHooks
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.verify import verify_session
-from acquisition._values.noise_model import NoiseModel
+from acquisition.engine.engine import record
+from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.verify import verify_session
+from acquisition.values.noise_model import NoiseModel
 from rig import Rig as RealRig
 from rig import RigConfig
 from rig.arrays import Float32
@@ -26,7 +26,7 @@ def _plane(led: int | None) -> Float32:
 
 
 def _sequenced_rig() -> RealRig:
-    from simulator._simulated_rig import simulated_rig
+    from simulator.rigs.bench_rig import simulated_rig
 
     config = RigConfig(name="sim", driver="simulated", leds=12, trigger="board", settle_ms=0.5)
     sensor = NoiseModel(1.0, 0.0, 0.0, 12)

@@ -12,16 +12,16 @@ from typing import Any
 
 import pytest
 
-from acquisition._engine import carry_out as _carry_out
-from acquisition._engine import recording as _recording
-from acquisition._engine import write_queue as _write_queue
-from acquisition._engine.engine import record
-from acquisition._engine.recording import RecordingHooks
 from acquisition._errors import StorageError
-from acquisition._session import writer as _session_writer
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition.engine import recording_loop as _recording
+from acquisition.engine import recording_run as _carry_out
+from acquisition.engine import write_queue as _write_queue
+from acquisition.engine.engine import record
+from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.session import writer as _session_writer
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
 from rig import CameraError
 from rig import Rig as RealRig
 from rig.arrays import UInt16

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._export.export import Layout, prepare_export
-from acquisition._import.frames import import_frames, read_import
-from acquisition._pixels.images import read_image
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.compact import compact_session
-from acquisition._session.lights_record import LightsRecord
-from acquisition._session.manifest import Manifest
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._source.reader import read_source
-from acquisition._value_files.lights import read_lights
-from acquisition._values.lights import Lights
+from acquisition.exports.export import Layout, prepare_export
+from acquisition.imports.frames import import_frames, read_import
+from acquisition.pixels.images import read_image
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.compact import compact_session
+from acquisition.session.lights_record import LightsRecord
+from acquisition.session.manifest import Manifest
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
+from acquisition.source.reader import read_source
+from acquisition.value_files.lights import read_lights
+from acquisition.values.lights import Lights
 from rig import Mounting
 from tests.acquisition.exported_session import (
     LEDS,

@@ -16,14 +16,14 @@ from hypothesis import strategies as st
 from PIL import Image
 from scipy.io import loadmat
 
-from acquisition._export.captioned_images import Caption, write_captioned_png
-from acquisition._export.export import Layout, prepare_export
-from acquisition._import.frames import import_frames, read_import
-from acquisition._pixels.images import read_image
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.session import Session
-from acquisition._source.reader import read_source
-from acquisition._values.lights import led_id
+from acquisition.exports.captioned_images import Caption, write_captioned_png
+from acquisition.exports.export import Layout, prepare_export
+from acquisition.imports.frames import import_frames, read_import
+from acquisition.pixels.images import read_image
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.session import Session
+from acquisition.source.reader import read_source
+from acquisition.values.lights import led_id
 from tests.acquisition.exported_session import NEAR, SIZE, TEXTS, lit, picture, same_lights, session
 
 

@@ -24,9 +24,9 @@ from acquisition import (
     write_exr,
     write_png,
 )
-from acquisition._pixels.image_facts import image_facts
-from acquisition._pixels.image_head import check_image_head, kind_of
-from acquisition._value_files.mat5 import read_mat5
+from acquisition.pixels.image_head import check_image_head, kind_of
+from acquisition.pixels.stated_facts import image_facts
+from acquisition.value_files.mat5 import read_mat5
 from rig import UnreadableError
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8)

@@ -18,10 +18,10 @@ import tifffile
 from PIL import Image
 
 from acquisition import DataError, ImageRows, read_image, read_image_with_alpha, read_mask
-from acquisition._pixels.exif_block import tiff_tags
-from acquisition._pixels.image_facts import ImageFacts, ShotFacts, image_facts, shot_facts
-from acquisition._pixels.mask_files import read_mask_of
-from acquisition._pixels.raw import RawLevels, read_levelled
+from acquisition.pixels.camera_raw import RawLevels, read_levelled
+from acquisition.pixels.exif_block import tiff_tags
+from acquisition.pixels.mask_files import read_mask_of
+from acquisition.pixels.stated_facts import ImageFacts, ShotFacts, image_facts, shot_facts
 from tests.acquisition.dng_file import dng
 
 GREY = np.arange(48, dtype=np.uint16).reshape(6, 8) * 1000

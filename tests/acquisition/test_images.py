@@ -11,11 +11,11 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 
-from acquisition._pixels.image_facts import image_facts
-from acquisition._pixels.images import (
+from acquisition.pixels.images import (
     read_image,
     read_image_with_alpha,
 )
+from acquisition.pixels.stated_facts import image_facts
 from tests.acquisition.image_bytes import BIG, RGB, RGB16, by_library, chunk, png, tga
 
 DATA = os.environ.get("SGP_DATA")

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._pixels.images import (
+from acquisition.pixels.images import (
     read_image,
     write_png,
 )

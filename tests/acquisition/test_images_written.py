@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from acquisition._errors import DataError, StorageError
-from acquisition._pixels.images import (
+from acquisition.pixels.images import (
     read_image,
     write_exr,
     write_png,

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from acquisition._session.journal import (
+from acquisition.session.journal import (
     GENESIS,
     EventLine,
     FrameLine,

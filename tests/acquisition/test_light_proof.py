@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._engine.engine import record, resume
 from acquisition._errors import DataError
-from acquisition._export.export import prepare_export
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.compact import compact_session
-from acquisition._session.journal import Echo
-from acquisition._session.light_proof import BOARD, wrong_light
-from acquisition._session.manifest import Manifest
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._source.reader import read_source
+from acquisition.engine.engine import record, resume
+from acquisition.exports.export import prepare_export
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.compact import compact_session
+from acquisition.session.journal import Echo
+from acquisition.session.light_proof import BOARD, wrong_light
+from acquisition.session.manifest import Manifest
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
+from acquisition.source.reader import read_source
 from rig import CameraError, Rig, RigError, Shot
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench
 from tests.acquisition.mutants import rows_of, seal

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acquisition import DataError, MeshFile, MissingPathError, read_mesh_file
-from acquisition._mesh_files.ply import read_ply
+from acquisition.mesh_files.ply import read_ply
 from rig import UnreadableError
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float64)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from acquisition._mesh_files import polygons
-from acquisition._mesh_files.polygons import triangles_of
+from acquisition.mesh_files import polygons
+from acquisition.mesh_files.polygons import triangles_of
 from rig import UnreadableError
 
 TURN = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]

@@ -13,15 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acquisition._errors import DataError
-from acquisition._metering.light_level import (
+from acquisition.metering.light_level import (
     LightLevel,
     MeteringGoal,
     better_exposure_us,
     light_level,
     stepped_us,
 )
-from acquisition._metering.metering import meter
-from acquisition._plan.plan import CapturePlan
+from acquisition.metering.metering import meter
+from acquisition.plan.plan import CapturePlan
 from rig import CameraFrame, CameraInfo, Rig, RigError, Shot
 from rig.arrays import Float64
 from tests.quick_sample import quick
@@ -269,9 +269,9 @@ def test_a_saturated_frame_only_shows_that_less_is_needed() -> None:
 def test_on_the_simulated_rig_the_percentile_is_within_3_per_cent(
     scene: str, seed: int, cfa: str | None, gain_db: float
 ) -> None:
-    from simulator._open_rig import open_rig_seeing
-    from simulator._render.render import render
-    from simulator._scene.rig_scenes import scene_named
+    from simulator.rendering.renderer import render
+    from simulator.rigs.opening import open_rig_seeing
+    from simulator.scene.rig_scenes import scene_named
 
     made = scene_named(scene, width=160, height=128, leds=8, seed=seed)
     rendering = render(replace(made, lens=replace(made.lens, cfa=cfa)))

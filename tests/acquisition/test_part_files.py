@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from acquisition import _part_files
 from acquisition._errors import StorageError
-from acquisition._part_files import Part
-from acquisition._storage import (
+from acquisition.files import part_files as _part_files
+from acquisition.files.part_files import Part
+from acquisition.files.storage import (
     open_binary,
     part_path,
     published,
@@ -175,7 +175,7 @@ def test_the_file_of_a_killed_process_is_removed_by_the_next_write(tmp_path: Pat
     code = """
 import os, sys
 from pathlib import Path
-from acquisition._storage import published, write_whole
+from acquisition.files.storage import published, write_whole
 with published(Path(sys.argv[1])) as part:
     write_whole(part.descriptor, b"half")
     os.kill(os.getpid(), 9)

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError
-from acquisition._import.frames import import_frames
-from acquisition._pixels.images import write_png
-from acquisition._pixels.pile_up import PileUp, find_pile_up
-from acquisition._session.session import Session
-from acquisition._source.reader import read_source
-from acquisition._values.transfer_curve import SRGB
+from acquisition.imports.frames import import_frames
+from acquisition.pixels.images import write_png
+from acquisition.pixels.pile_up import PileUp, find_pile_up
+from acquisition.session.session import Session
+from acquisition.source.reader import read_source
+from acquisition.values.transfer_curve import SRGB
 from rig.arrays import Floating, Generic, UInt8, UInt16
 
 SIZE = 64

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from acquisition import StorageError, read_image_with_alpha, write_png
-from acquisition._pixels import png_file
-from acquisition._pixels.opened_image import check_png_file
+from acquisition.pixels import png_file
+from acquisition.pixels.image_input import check_png_file
 
 RNG = np.random.default_rng(5)
 # Several bands of rows, the last of which is not full; and a single pixel.

@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition._plan.plan import CapturePlan
-from acquisition._preflight import rig as _check_rig
-from acquisition._preflight.check import Check
-from acquisition._preflight.preflight import Preflight, preflight
-from acquisition._preflight.rig import check_camera, check_disk
-from acquisition._preflight.trial_frames import (
+from acquisition.plan.plan import CapturePlan
+from acquisition.preflights import rig as _check_rig
+from acquisition.preflights.capture_checks import Preflight, preflight
+from acquisition.preflights.check import Check
+from acquisition.preflights.rig import check_camera, check_disk
+from acquisition.preflights.trial_frames import (
     Trials,
     check_exposure,
     check_focus,
@@ -31,14 +31,14 @@ from acquisition._preflight.trial_frames import (
 )
 from rig import BoardError, RigConfig
 from rig.arrays import Float64, UInt16
-from simulator import _simulated_rig
-from simulator._camera.virtual_camera import VirtualCamera
-from simulator._open_rig import BenchFlaws, open_rig_seeing
-from simulator._render.render import render
-from simulator._render.rendering import Rendering
-from simulator._scene.lamps import Lamps
-from simulator._scene.rig_scenes import scene_named
+from simulator.camera.virtual_camera import VirtualCamera
 from simulator.gentl import CompilerError, build
+from simulator.rendering.renderer import render
+from simulator.rendering.rendering import Rendering
+from simulator.rigs import bench_rig as _simulated_rig
+from simulator.rigs.opening import BenchFlaws, open_rig_seeing
+from simulator.scene.lamps import Lamps
+from simulator.scene.rig_scenes import scene_named
 
 LEDS = 8
 PLAN = CapturePlan(leds=tuple(range(LEDS)), exposures_us=(20_000.0, 1000.0))
@@ -296,7 +296,7 @@ def test_a_disk_that_refuses_to_flush_or_returns_other_data(
         assert found.state == "failed"
         assert "Input/output error; the disk fails" in found.text
     with monkeypatch.context() as patched:
-        patched.setattr("acquisition._preflight.rig.read_back", lambda path: b"something else")
+        patched.setattr("acquisition.preflights.rig.read_back", lambda path: b"something else")
         found = check_disk(tmp_path, 1)
         assert found.state == "failed"
         assert "differs from the data written" in found.text

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from acquisition._import.frames import import_frames, read_import
-from acquisition._import.watch import WatchResult, watch_folder
-from acquisition._import.watch_shots import Watch, lights_in_order
-from acquisition._session.session import Session
-from acquisition._source.reader import read_source
+from acquisition.imports.frames import import_frames, read_import
+from acquisition.imports.watch import WatchResult, watch_folder
+from acquisition.imports.watch_shots import Watch, lights_in_order
+from acquisition.session.session import Session
+from acquisition.source.reader import read_source
 from rig import Notice
 from tests.acquisition.dng_file import dng
 from tests.quick_sample import quick

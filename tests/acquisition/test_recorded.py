@@ -10,13 +10,13 @@ from typing import Any, cast
 import pytest
 
 from acquisition._errors import DataError
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.journal import EventLine, FrameLine, Journal, Line, StartLine
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.open_shots import OpenShots
-from acquisition._session.recorded import Recorded, recorded_frames
-from acquisition._session.session import Session
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.journal import EventLine, FrameLine, Journal, Line, StartLine
+from acquisition.session.journal_frames import Recorded, recorded_frames
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.open_shots import OpenShots
+from acquisition.session.session import Session
 
 TIME = "2026-03-04T05:06:07Z"
 CAMERA = CameraRecord(width=8, height=6, bit_depth=12)

@@ -7,11 +7,11 @@ import functools
 import numpy as np
 import pytest
 
-from acquisition._engine.rejection import SeenLight, is_lit, rejection
 from acquisition._errors import DataError
-from acquisition._pixels.frame_quality import FrameQuality
-from acquisition._pixels.quality import measure_quality
-from acquisition._plan.planned_shot import PlannedShot
+from acquisition.engine.rejection import SeenLight, is_lit, rejection
+from acquisition.pixels.frame_quality import FrameQuality
+from acquisition.pixels.quality import measure_quality
+from acquisition.plan.planned_shot import PlannedShot
 from rig import RigError
 from rig.arrays import Float64
 

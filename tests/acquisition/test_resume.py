@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from acquisition._engine.engine import record, resume
-from acquisition._engine.recording import RecordingHooks
-from acquisition._session.manifest import Calibrations
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._values.noise_model import NoiseModel
+from acquisition.engine.engine import record, resume
+from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.session.manifest import Calibrations
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.values.noise_model import NoiseModel
 from rig import CameraError, Rig, RigError
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, seen
 from tests.acquisition.interruptions import fail_after, interrupted

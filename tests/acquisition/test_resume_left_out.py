@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._engine.engine import check_resume, record, resume
-from acquisition._engine.recording import RecordingHooks
 from acquisition._errors import DataError
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.compact import compact_session
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._source.reader import read_source
+from acquisition.engine.engine import check_resume, record, resume
+from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.compact import compact_session
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
+from acquisition.source.reader import read_source
 from rig import CameraError, Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, events_of, rig_on
 from tests.acquisition.interruptions import fail_after, interrupted, make_older

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError
-from acquisition._import.frames import import_frames
-from acquisition._pixels.images import write_png
-from acquisition._source.exclude import exclude
-from acquisition._source.image_folder import numbered_series
-from acquisition._source.reader import read_source
-from acquisition._values.lights import Lights
-from acquisition._values.running_numbers import order_doubt, running_number, steps_between
+from acquisition.imports.frames import import_frames
+from acquisition.pixels.images import write_png
+from acquisition.source.exclusion import exclude
+from acquisition.source.image_folder import numbered_series
+from acquisition.source.reader import read_source
+from acquisition.values.lights import Lights
+from acquisition.values.running_numbers import order_doubt, running_number, steps_between
 
 
 def names(form: str, *numbers: int) -> list[str]:

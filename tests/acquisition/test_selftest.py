@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import acquisition._selftest.selftest as selftest_module
+import acquisition.selftests.led_test as selftest_module
 from acquisition import Finding, selftest
-from acquisition._selftest.led_findings import Evidence, findings
+from acquisition.selftests.led_findings import Evidence, findings
 from rig import (
     CameraError,
     CameraFrame,

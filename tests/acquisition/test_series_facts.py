@@ -9,8 +9,8 @@ import pytest
 import tifffile
 
 from acquisition import DataError, Lights, import_frames, read_import, read_source
-from acquisition._pixels.image_facts import ImageFacts, ShotFacts
-from acquisition._source.series_facts import exposure_times, reference_times
+from acquisition.pixels.stated_facts import ImageFacts, ShotFacts
+from acquisition.source.series_facts import exposure_times, reference_times
 from calibration import linear_stack
 
 WHERE = Path("series")

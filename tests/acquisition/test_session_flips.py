@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.session import Session
-from acquisition._session.session_frame import SessionFrame
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.session import Session
+from acquisition.session.session_frame import SessionFrame
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
 from rig.arrays import UInt16
 
 FLIPS = 250

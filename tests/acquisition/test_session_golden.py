@@ -23,10 +23,10 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.journal import Echo
-from acquisition._session.lights_record import LightsRecord
-from acquisition._session.manifest import (
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.journal import Echo
+from acquisition.session.lights_record import LightsRecord
+from acquisition.session.manifest import (
     FORMAT_VERSION,
     CameraRecord,
     Manifest,
@@ -34,14 +34,14 @@ from acquisition._session.manifest import (
     SoftwareRecord,
     parse_manifest,
 )
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import CameraReport, SessionWriter
-from acquisition._value_files.lights import lights_json
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.light_errors import LightErrors
-from acquisition._values.lights import Lights
-from acquisition._values.setup import Calibrated, Setup, UsedSphere
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import CameraReport, SessionWriter
+from acquisition.value_files.lights import lights_json
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.light_errors import LightErrors
+from acquisition.values.lights import Lights
+from acquisition.values.setup import Calibrated, Setup, UsedSphere
 from rig import Mounting
 from rig.arrays import UInt16
 
@@ -170,7 +170,7 @@ def write(folder: Path) -> None:
     data = damaged.read_bytes()
     damaged.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
     (folder / "frames" / "D_40us.tif").unlink()
-    module = "acquisition._session"
+    module = "acquisition.session"
     with (
         patch(f"{module}.opening.utc_now", clock(100)),
         patch(f"{module}.opening.software_version", return_value="0.0.0"),

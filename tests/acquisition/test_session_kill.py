@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
 from rig.arrays import UInt16
 from tests.quick_sample import quick
 
@@ -38,10 +38,10 @@ import json, os, resource, sys
 from datetime import UTC, datetime
 import numpy as np
 from acquisition._errors import StorageError
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._plan.plan import CapturePlan
-from acquisition._pixels.quality import measure_quality
-from acquisition._session.writer import SessionWriter
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.plan.plan import CapturePlan
+from acquisition.pixels.quality import measure_quality
+from acquisition.session.writer import SessionWriter
 
 measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compile it once
 

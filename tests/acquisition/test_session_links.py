@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError, StorageError
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.compact import compact_session
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.compact import compact_session
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
 from rig.arrays import UInt16
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs links and pipes")

@@ -16,8 +16,8 @@ from acquisition import (
     read_source,
     record,
 )
-from acquisition._pixels.images import write_png
-from acquisition._session.manifest import Manifest, parse_manifest
+from acquisition.pixels.images import write_png
+from acquisition.session.manifest import Manifest, parse_manifest
 from calibration import linear_stack
 from rig import Mounting, RigConfig
 from simulator import open_rig_seeing, render, save_truth, scene_named

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError, MissingPathError
-from acquisition._pixels.images import write_tiff
-from acquisition._plan.plan import CapturePlan
-from acquisition._session import session as _session
-from acquisition._session.compact import compact_session
-from acquisition._session.journal import GENESIS, encode_line
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition.pixels.images import write_tiff
+from acquisition.plan.plan import CapturePlan
+from acquisition.session import session as _session
+from acquisition.session.compact import compact_session
+from acquisition.session.journal import GENESIS, encode_line
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
 
 PLAN = CapturePlan(leds=(0, 1), exposures_us=(100.0,))
 

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._pixels.images import read_image
-from acquisition._plan.plan import CapturePlan
-from acquisition._plan.planned_shot import PlannedShot
-from acquisition._session.journal import EventLine
-from acquisition._session.lights_record import LightsRecord
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.session import Session
-from acquisition._session.value_records import CameraModelRecord, SensorRecord
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
-from acquisition._values.noise_model import NoiseModel
+from acquisition.pixels.images import read_image
+from acquisition.plan.plan import CapturePlan
+from acquisition.plan.planned_shot import PlannedShot
+from acquisition.session.journal import EventLine
+from acquisition.session.lights_record import LightsRecord
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.session import Session
+from acquisition.session.value_records import CameraModelRecord, SensorRecord
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.lights import Lights
+from acquisition.values.noise_model import NoiseModel
 from rig.arrays import UInt16
 
 PLAN = CapturePlan(leds=(0, 1, 2), exposures_us=(100.0,))
@@ -219,7 +219,7 @@ def test_a_folder_that_is_not_empty_is_refused(tmp_path: Path) -> None:
 def test_a_second_writer_is_refused_in_this_process_and_in_another(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     other = (
-        "import sys; from acquisition._session.writer import SessionWriter\n"
+        "import sys; from acquisition.session.writer import SessionWriter\n"
         "from acquisition._errors import StorageError\n"
         "try: SessionWriter.reopen(sys.argv[1])\n"
         "except StorageError as error: print(error)\n"

@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition._engine.engine import check_resume, record, resume
-from acquisition._engine.recording import RecordingHooks
 from acquisition._errors import DataError, StorageError
-from acquisition._plan.plan import CapturePlan
-from acquisition._session import frame_proofs as _frame_proofs
-from acquisition._session.compact import compact_session
-from acquisition._session.frame_proofs import damaged_frames
-from acquisition._session.journal import Echo
-from acquisition._session.manifest import Manifest
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._source.reader import read_source
+from acquisition.engine.engine import check_resume, record, resume
+from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.plan.plan import CapturePlan
+from acquisition.session import frame_proofs as _frame_proofs
+from acquisition.session.compact import compact_session
+from acquisition.session.frame_proofs import damaged_frames
+from acquisition.session.journal import Echo
+from acquisition.session.manifest import Manifest
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
+from acquisition.source.reader import read_source
 from rig import Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip, rig_on, seen
 from tests.acquisition.mutants import rows_of, seal

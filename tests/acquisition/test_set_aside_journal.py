@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from acquisition._engine.engine import record, resume
 from acquisition._errors import DataError
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
+from acquisition.engine.engine import record, resume
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
 from rig import Rig
 from tests.acquisition.fake_bench import LABELS, PLAN, Bench, cut, events_of, flip
 from tests.acquisition.interruptions import make_older
@@ -122,8 +122,8 @@ SERVER = """
 import os, sys
 from pathlib import Path
 import numpy as np
-from acquisition._pixels.quality import measure_quality
-from acquisition._session.writer import SessionWriter
+from acquisition.pixels.quality import measure_quality
+from acquisition.session.writer import SessionWriter
 
 measure_quality(np.zeros((16, 16), np.uint16), white_level_dn=4095)  # compile it once
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from acquisition._engine.engine import record, resume
-from acquisition._engine.recording import RecordingHooks
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.session import Session
+from acquisition.engine.engine import record, resume
+from acquisition.engine.recording_loop import RecordingHooks
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.session import Session
 from rig import CameraError, Rig, RigError
 from tests.acquisition.fake_bench import LABELS, Bench, events_of, rig_on
 

@@ -10,10 +10,10 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from acquisition import SRGB, import_frames, read_import, read_source
-from acquisition._import.watch import watch_folder
-from acquisition._import.watch_shots import Watch, lights_in_order
-from acquisition._pixels.images import write_png, write_tiff
-from acquisition._source.series_facts import split_references
+from acquisition.imports.watch import watch_folder
+from acquisition.imports.watch_shots import Watch, lights_in_order
+from acquisition.pixels.images import write_png, write_tiff
+from acquisition.source.series_facts import split_references
 from calibration import linear_stack
 
 SHAPE = (12, 16)

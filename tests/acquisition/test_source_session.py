@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError
-from acquisition._pixels.images import write_exr, write_png
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.lights_record import LightsRecord
-from acquisition._session.manifest import CameraRecord, Manifest
-from acquisition._session.value_records import CameraModelRecord
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._source.reader import read_source
-from acquisition._values.camera_model import CameraModel
-from acquisition._values.lights import Lights
+from acquisition.pixels.images import write_exr, write_png
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.lights_record import LightsRecord
+from acquisition.session.manifest import CameraRecord, Manifest
+from acquisition.session.value_records import CameraModelRecord
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
+from acquisition.source.reader import read_source
+from acquisition.values.camera_model import CameraModel
+from acquisition.values.lights import Lights
 
 SHAPE = (4, 6)
 K = np.array([[9.0, 0, 3], [0, 9, 2], [0, 0, 1]])

@@ -18,9 +18,9 @@ from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
 from acquisition import LINEAR, SRGB, TransferCurve, write_exr, write_png, write_tiff
-from acquisition._pixels.icc_curve import icc_curve
-from acquisition._pixels.image_facts import image_facts
-from acquisition._source.series_facts import transfer_notices
+from acquisition.pixels.icc_curve import icc_curve
+from acquisition.pixels.stated_facts import image_facts
+from acquisition.source.series_facts import transfer_notices
 from rig import UnreadableError
 
 RGB = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)

@@ -10,20 +10,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from acquisition import _part_files, _storage
 from acquisition._errors import DataError, StorageError
-from acquisition._export.captioned_images import Caption, write_captioned_exr, write_captioned_png
-from acquisition._export.tables import write_diligent_tables
-from acquisition._import.frames import import_frames, read_import
-from acquisition._pixels.images import read_image, write_png
-from acquisition._pixels.raw import read_raw
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.manifest import CameraRecord, Manifest, SoftwareRecord
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._storage import write_durably
-from acquisition._values.lights import Lights
+from acquisition.exports.captioned_images import Caption, write_captioned_exr, write_captioned_png
+from acquisition.exports.tables import write_diligent_tables
+from acquisition.files import part_files as _part_files
+from acquisition.files import storage as _storage
+from acquisition.files.storage import write_durably
+from acquisition.imports.frames import import_frames, read_import
+from acquisition.pixels.camera_raw import read_raw
+from acquisition.pixels.images import read_image, write_png
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.manifest import CameraRecord, Manifest, SoftwareRecord
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
+from acquisition.values.lights import Lights
 
 PIXELS = np.arange(48, dtype=np.uint16).reshape(6, 8)
 CAPTION = Caption(

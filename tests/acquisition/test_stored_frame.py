@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition._errors import StorageError
-from acquisition._pixels.images import read_image
-from acquisition._session.session_frame import pixels_sha256
-from acquisition._session.stored_frame import store_frame
+from acquisition.pixels.images import read_image
+from acquisition.session.frame_file import store_frame
+from acquisition.session.session_frame import pixels_sha256
 from rig.arrays import UInt16
 
 

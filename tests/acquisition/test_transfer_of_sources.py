@@ -33,7 +33,7 @@ from acquisition import (
     write_png,
     write_tiff,
 )
-from acquisition._session.manifest import parse_manifest
+from acquisition.session.manifest import parse_manifest
 
 TABLE = TransferCurve.table([[0, 0], [100, 10], [255, 100]])
 GREY = np.arange(256, dtype=np.uint8).reshape(16, 16)

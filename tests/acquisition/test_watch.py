@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError, MissingPathError, StorageError
-from acquisition._import import watch_files as _watch_files
-from acquisition._import.watch import WatchResult, watch_folder
-from acquisition._import.watch_shots import Watch, lights_in_order
-from acquisition._pixels.images import write_exr, write_png, write_tiff
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.manifest import Labels, Manifest
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
-from acquisition._session.writer import SessionWriter
-from acquisition._values.lights import Lights
+from acquisition.imports import watch_files as _watch_files
+from acquisition.imports.watch import WatchResult, watch_folder
+from acquisition.imports.watch_shots import Watch, lights_in_order
+from acquisition.pixels.images import write_exr, write_png, write_tiff
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.manifest import Labels, Manifest
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
+from acquisition.session.writer import SessionWriter
+from acquisition.values.lights import Lights
 from rig.arrays import UInt16
 
 SHAPE = (8, 10)

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 from acquisition._errors import DataError
-from acquisition._import.watch import WatchResult, watch_folder
-from acquisition._import.watch_shots import Watch, lights_in_order
-from acquisition._pixels.images import write_png
-from acquisition._session.session import Session
-from acquisition._session.verify import verify_session
+from acquisition.imports.watch import WatchResult, watch_folder
+from acquisition.imports.watch_shots import Watch, lights_in_order
+from acquisition.pixels.images import write_png
+from acquisition.session.session import Session
+from acquisition.session.verify import verify_session
 
 ROOT = Path(__file__).parents[2]
 PROGRAM = """

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from acquisition._errors import DataError
-from acquisition._import.watch_match import Arrival, Match, Rule, follows_gap, match_shots
-from acquisition._values.running_numbers import in_order, natural, running_number
+from acquisition.imports.watch_match import Arrival, Match, Rule, follows_gap, match_shots
+from acquisition.values.running_numbers import in_order, natural, running_number
 
 LABELS = [f"L{led:02d}_E0" for led in range(36)]
 BY_NUMBER = Rule()

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from acquisition._engine.write_queue import Turn, WriteQueue
 from acquisition._errors import StorageError
+from acquisition.engine.write_queue import Turn, WriteQueue
 
 FOLDER = Path("session")
 

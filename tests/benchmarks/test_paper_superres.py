@@ -18,7 +18,7 @@ from benchmarks.paper.__main__ import main
 from benchmarks.paper.superres_judge import Judgement, judge
 from benchmarks.paper.superres_maps import smooth
 from processing import NormalMap
-from sgp._superres.judgement import Judgement as Judged
+from sgp.training.judgement import Judgement as Judged
 
 MODELS = Path(processing.__file__).parent / "_superres" / "models"
 

@@ -20,12 +20,12 @@ from acquisition import (
     write_exr,
     write_png,
 )
-from acquisition._pixels.plain_rows import plain_rows
-from acquisition._plan.plan import CapturePlan
-from acquisition._session.compact import compact_session
-from acquisition._session.manifest import CameraRecord, Manifest, RigRecord
-from acquisition._session.value_records import SensorRecord
-from acquisition._session.writer import CameraReport, SessionWriter
+from acquisition.pixels.plain_rows import plain_rows
+from acquisition.plan.plan import CapturePlan
+from acquisition.session.compact import compact_session
+from acquisition.session.manifest import CameraRecord, Manifest, RigRecord
+from acquisition.session.value_records import SensorRecord
+from acquisition.session.writer import CameraReport, SessionWriter
 from calibration import EstimateError, linear_stack, open_stack
 from rig import Mounting
 from tests.quick_sample import quick
@@ -285,7 +285,7 @@ def test_every_frame_is_checked_once(tmp_path, monkeypatch):
     source = SOURCES["brackets"](tmp_path / "s")
     opened = []
     monkeypatch.setattr(
-        "acquisition._session.session_frame.plain_rows",
+        "acquisition.session.session_frame.plain_rows",
         lambda path, *rest: opened.append(path) or plain_rows(path, *rest),
     )
     with open_stack(source) as stack:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from acquisition import angle_deg, read_source, write_png
 from calibration import EstimateError, calibrate_moved_spheres, calibrate_spheres, raw_stack
-from calibration._spheres import recording
-from calibration._spheres.displaced import displaced
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.lost_images import blank_images
+from calibration.spheres import recording
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.judge.sphere_shifts import displaced
+from calibration.spheres.solve.lost_images import blank_images
 from tests.calibration.spheres_and_object import CIRCLES, write_recording
 from tests.calibration.uneven_balls import uneven_ball
 from tests.quick_sample import quick

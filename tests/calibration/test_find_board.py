@@ -7,7 +7,7 @@ import pytest
 
 from acquisition import MissingPathError
 from calibration import CharucoBoard, DataError, EstimateError, find_board, read_board, write_board
-from calibration._camera.board import DICTIONARIES
+from calibration.camera.board import DICTIONARIES
 from tests.calibration.board_series import BOARD, CAMERA, FLAT, corners, poses, shot
 from tests.quick_sample import quick
 

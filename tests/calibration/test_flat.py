@@ -9,7 +9,7 @@ import pytest
 
 from acquisition import DataError, LightErrors, Lights, NoiseModel, crop
 from calibration import EstimateError, calibrate_flat, calibrate_intensities, linear_stack
-from calibration._intensities.surface import MatteSurface
+from calibration.intensities.surface import MatteSurface
 from tests.calibration.card_recordings import SENSOR, card, gloss, recorded, response, rms
 
 WIDTH = 160
@@ -232,8 +232,8 @@ def test_a_large_card_is_averaged_before_the_fit(monkeypatch):
     made = small()
     source = recorded(made, 34)
     whole = calibrate_flat(source, made.lights).flat
-    monkeypatch.setattr("calibration._flat.small_card._SHORTER", 40)
-    monkeypatch.setattr("calibration._flat.small_card._BAND", 100_000)
+    monkeypatch.setattr("calibration.flat.card_means._SHORTER", 40)
+    monkeypatch.setattr("calibration.flat.card_means._BAND", 100_000)
     blocks = calibrate_flat(source, made.lights).flat
     assert rms(blocks.response, whole.response) < 2e-4
     assert blocks.covered == 1

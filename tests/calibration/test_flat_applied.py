@@ -8,7 +8,7 @@ import pytest
 
 from acquisition import Flat, Frame, Lights, NoiseModel, Source, apply_flat, crop, downscale
 from calibration import linear_images, linear_stack, open_stack, raw_stack
-from simulator._camera.sensor import sensor_image
+from simulator.camera.sensor import sensor_image
 
 SENSOR = NoiseModel(2.5, 2.5, 64.0, 12)
 SHAPE = (64, 160)

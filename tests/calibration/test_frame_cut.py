@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration._spheres.search import cut_spheres
-from calibration._spheres.spots import reduce_stack
+from calibration.spheres.highlights.spots import reduce_stack
+from calibration.spheres.propose.sphere_selection import cut_spheres
 
 SIZE = (200, 260)
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import Candidates, Highlights, find_highlights
-from calibration._spheres.spot import weighted_centroid
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.highlights import Candidates, Highlights, find_highlights
+from calibration.spheres.highlights.spot import weighted_centroid
 
 OUTLINE = Ellipse((60.0, 50.0), (40.0, 40.0))
 

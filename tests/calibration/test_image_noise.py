@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError, calibrate_spheres
-from calibration._spheres.outline import image_noise, shows_blocks
+from calibration.spheres.outline.outline import image_noise, shows_blocks
 from tests.quick_sample import quick
 
 from .uneven_balls import uneven_ball

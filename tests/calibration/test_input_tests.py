@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from acquisition import DataError
-from calibration._spheres.input_tests import (
+from calibration.spheres.judge.input_tests import (
     DISTORTION,
     FOCAL,
     RATIO,

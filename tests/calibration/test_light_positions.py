@@ -7,11 +7,11 @@ import pytest
 from scipy.optimize import least_squares
 
 from calibration import EstimateError
-from calibration._spheres.cone import fit_cone
-from calibration._spheres.joint_refinement import KnownSpheres, Observation, linearise, refine
-from calibration._spheres.light_positions import locate_lights, pair_positions
-from calibration._spheres.lost_images import named
-from calibration._spheres.placed import off_the_plane, place
+from calibration.spheres.geometry.cone import fit_cone
+from calibration.spheres.solve.joint_refinement import KnownSpheres, Observation, linearise, refine
+from calibration.spheres.solve.light_positions import locate_lights, pair_positions
+from calibration.spheres.solve.lost_images import named
+from calibration.spheres.solve.sphere_positions import off_the_plane, place
 
 TWO_R10 = [((-90, 0, 10), 10.0), ((90, 0, 10), 10.0)]
 TWO_R20 = [((-90, 0, 20), 20.0), ((90, 0, 20), 20.0)]

@@ -10,10 +10,10 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from acquisition import tangent_basis
-from calibration._spheres.average_directions import direction_covariances
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.outline_noise import circle_covariance, slow_variance, viewing_cone
-from calibration._spheres.reflection import orthographic_directions
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.geometry.reflection import orthographic_directions
+from calibration.spheres.outline.outline_noise import circle_covariance, slow_variance, viewing_cone
+from calibration.spheres.solve.average_directions import direction_covariances
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 TURN = np.arange(800) * (2 * np.pi / 800)

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration._spheres.limb_fit import _texture, fit_limb
-from calibration._spheres.spots import reduce_stack
-from calibration._spheres.surroundings import Balls, MirroredPlane
+from calibration.spheres.highlights.spots import reduce_stack
+from calibration.spheres.outline.limb_fit import _texture, fit_limb
+from calibration.spheres.outline.surroundings import Balls, MirroredPlane
 from simulator import Checker, ChromeSphere, Even, Gradient, Lens, render, scene_named
 
 SIZE, CENTRE, RADIUS = (400, 320), (-20.0, 15.0, 20.0), 20.0

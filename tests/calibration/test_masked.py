@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from calibration import calibrate_spheres
-from calibration._spheres.ellipse import fit_ellipse
-from calibration._spheres.marked import masked_spheres, painted_covariance
-from calibration._spheres.outline import mask_outlines
-from calibration._spheres.outline_noise import outline_covariance
+from calibration.spheres.geometry.ellipse import fit_ellipse
+from calibration.spheres.outline.outline import mask_outlines
+from calibration.spheres.outline.outline_noise import outline_covariance
+from calibration.spheres.propose.sphere_marks import masked_spheres, painted_covariance
 from simulator import render, scene_named
 from tests.quick_sample import quick
 

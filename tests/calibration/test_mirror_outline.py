@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration._spheres.limb_fit import LimbFit
-from calibration._spheres.mirror_outline import _combined
-from calibration._spheres.surroundings import Balls
+from calibration.spheres.outline.limb_fit import LimbFit
+from calibration.spheres.outline.mirror_outline import _combined
+from calibration.spheres.outline.surroundings import Balls
 
 CENTRE, SIZE, MIRROR_PX, EDGE_PX = np.array([100.0, 80.0]), 40.0, 0.04, 0.01
 

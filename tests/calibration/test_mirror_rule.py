@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration._spheres.mirror_outline import _MirrorFit
-from calibration._spheres.mirrors import accepted
-from calibration._spheres.spots import reduce_stack
-from calibration._spheres.surroundings import Balls, Likeness, MirroredPlane
+from calibration.spheres.highlights.spots import reduce_stack
+from calibration.spheres.outline.mirror_outline import _MirrorFit
+from calibration.spheres.outline.mirror_search import accepted
+from calibration.spheres.outline.surroundings import Balls, Likeness, MirroredPlane
 
 BALL = Balls(np.array([[50.0, 40.0]]), np.array([20.0]))
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration._spheres.edge_search import is_painted
-from calibration._spheres.ellipse import fit_ellipse
-from calibration._spheres.highlights import find_highlights
-from calibration._spheres.search import find_spheres
+from calibration.spheres.geometry.ellipse import fit_ellipse
+from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres.propose.edge_search import is_painted
+from calibration.spheres.propose.sphere_selection import find_spheres
 from simulator import Ball, Checker, ChromeSphere, render, scene_named
 
 

@@ -14,7 +14,7 @@ from calibration import (
     check_recordings,
     record_setup,
 )
-from calibration._spheres.apply import light_difference
+from calibration.spheres.spheres_beside_object import light_difference
 from tests.calibration.moved import RADII_MM, masks, planes, rendered
 from tests.quick_sample import quick
 

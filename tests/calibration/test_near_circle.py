@@ -5,10 +5,10 @@ import pytest
 
 from acquisition import angle_deg
 from calibration import EstimateError, calibrate_spheres
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.mirrored_border import is_mirrored_border
-from calibration._spheres.near_circle import outline_near
-from calibration._spheres.outline import OutlineImages
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.outline.mirrored_border import is_mirrored_border
+from calibration.spheres.outline.near_circle import outline_near
+from calibration.spheres.outline.outline import OutlineImages
 from tests.quick_sample import quick
 
 from .uneven_balls import uneven_ball, wrong_circle

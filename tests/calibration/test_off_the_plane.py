@@ -8,9 +8,9 @@ import pytest
 
 from acquisition import CameraModel
 from calibration import calibrate_spheres
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.joint_refinement import KnownSpheres
-from calibration._spheres.placed import one_off_the_plane
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.solve.joint_refinement import KnownSpheres
+from calibration.spheres.solve.sphere_positions import one_off_the_plane
 from simulator import ChromeSphere, render, scene_named
 
 CAMERA = CameraModel(np.array([[2000.0, 0, 320], [0, 2000.0, 256], [0, 0, 1]]), 640, 512, 600.0)

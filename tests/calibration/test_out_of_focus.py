@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from calibration import find_spheres
-from calibration._spheres.ellipse import fit_circle, fit_ellipse
-from calibration._spheres.outline_noise import outline_covariance
+from calibration.spheres.geometry.ellipse import fit_circle, fit_ellipse
+from calibration.spheres.outline.outline_noise import outline_covariance
 from simulator import render, scene_named
 
 BLUR_PX = 3.0

@@ -4,10 +4,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibration import EstimateError
-from calibration._spheres.cone import fit_cone
-from calibration._spheres.ellipse import Ellipse, fit_circle, fit_ellipse
-from calibration._spheres.limb import edge_offsets, estimate_blur, profile_offsets
-from calibration._spheres.outline import mask_outlines, refine_outline
+from calibration.spheres.geometry.cone import fit_cone
+from calibration.spheres.geometry.ellipse import Ellipse, fit_circle, fit_ellipse
+from calibration.spheres.outline.limb import edge_offsets, estimate_blur, profile_offsets
+from calibration.spheres.outline.outline import mask_outlines, refine_outline
 
 
 def on_ellipse(cx, cy, a, b, degrees, t):

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration._spheres import outline
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.outline import (
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.outline import outline
+from calibration.spheres.outline.outline import (
     _fit,
     _steepest,
     _white,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from calibration._spheres.cone import fit_cone
-from calibration._spheres.joint_refinement import Observation
-from calibration._spheres.light_positions import locate_lights
-from calibration._spheres.placed import place
+from calibration.spheres.geometry.cone import fit_cone
+from calibration.spheres.solve.joint_refinement import Observation
+from calibration.spheres.solve.light_positions import locate_lights
+from calibration.spheres.solve.sphere_positions import place
 
 MIXED = [((-70, -40, 25), 25.0), ((80, 40, 25), 25.0), ((-60, 60, 8), 8.0), ((70, -60, 8), 8.0)]
 STATED_PX = 0.01

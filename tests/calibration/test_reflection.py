@@ -3,8 +3,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.reflection import mirror_points, orthographic_directions, reflected_rays
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.geometry.reflection import (
+    mirror_points,
+    orthographic_directions,
+    reflected_rays,
+)
 
 unit = st.floats(-0.6, 0.6)
 

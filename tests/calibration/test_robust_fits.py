@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration._spheres.cone import fit_cone
-from calibration._spheres.ellipse import Ellipse, fit_circle, fit_ellipse
-from calibration._spheres.robust import FINEST_PX, check_enough, tukey_weights, weighted_solve
+from calibration.spheres.geometry.cone import fit_cone
+from calibration.spheres.geometry.ellipse import Ellipse, fit_circle, fit_ellipse
+from calibration.spheres.geometry.robust import (
+    FINEST_PX,
+    check_enough,
+    tukey_weights,
+    weighted_solve,
+)
 
 PIXEL = 1 / 5000.0
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import calibration._sensor.series_points as series_points_module
+import calibration.sensor.series_points as series_points_module
 from acquisition import SRGB, DataError, NoiseModel, Setup
 from calibration import EstimateError, calibrate_sensor
 from tests.calibration.emva_peer import reference_figures

@@ -7,11 +7,12 @@ import pytest
 
 from acquisition import DataError
 from calibration import EstimateError, Stack, calibrate_spheres
-from calibration._spheres import positioned_lights, recording
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import Highlights
-from calibration._spheres.sphere_calibration import rms_deg
-from calibration._spheres.sphere_image import SphereImage
+from calibration.spheres import position_calibration as positioned_lights
+from calibration.spheres import recording
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.highlights import Highlights
+from calibration.spheres.outline.sphere_image import SphereImage
+from calibration.spheres.solve.sphere_calibration import rms_deg
 from rig import Notice
 from tests.calibration.conftest import Bench, dome
 

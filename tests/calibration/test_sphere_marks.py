@@ -5,12 +5,18 @@ import pytest
 
 from acquisition import DataError
 from calibration import EstimateError
-from calibration._spheres import marked, recording
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import Highlights
-from calibration._spheres.marked import _check_disc, _coverage, circled_spheres, masked_spheres
-from calibration._spheres.near_circle import NearOutline
-from calibration._spheres.sphere_image import SphereImage
+from calibration.spheres import recording
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.highlights import Highlights
+from calibration.spheres.outline.near_circle import NearOutline
+from calibration.spheres.outline.sphere_image import SphereImage
+from calibration.spheres.propose import sphere_marks as marked
+from calibration.spheres.propose.sphere_marks import (
+    _check_disc,
+    _coverage,
+    circled_spheres,
+    masked_spheres,
+)
 
 VALUES = np.zeros((3, 120, 160), np.float32)
 

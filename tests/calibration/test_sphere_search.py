@@ -5,8 +5,12 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration._spheres import edge_search, search
-from calibration._spheres.edge_search import (
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.highlights import Highlights
+from calibration.spheres.highlights.spots import reduce_stack, spot_clusters
+from calibration.spheres.propose import edge_search
+from calibration.spheres.propose import sphere_selection as search
+from calibration.spheres.propose.edge_search import (
     _centres,
     _edges,
     _has_highlights,
@@ -19,9 +23,6 @@ from calibration._spheres.edge_search import (
     round_outlines,
     spheres_by_edges,
 )
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import Highlights
-from calibration._spheres.spots import reduce_stack, spot_clusters
 from tests.calibration.test_sphere_parts import SMALL, image_of
 
 

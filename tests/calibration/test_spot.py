@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import find_highlights
-from calibration._spheres.spot import saturated_spot, unsaturated_spot
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres.highlights.spot import saturated_spot, unsaturated_spot
 
 CENTRE = np.array([40.3, 36.6])
 Y, X = np.indices((75, 80)) - CENTRE[::-1, None, None]

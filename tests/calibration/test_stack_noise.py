@@ -9,8 +9,8 @@ import pytest
 
 from acquisition import LINEAR, SRGB, DataError, Frame, NoiseModel, Source, crop, downscale
 from calibration import StackNoise, linear_stack
-from calibration._radiance.brackets import clear_of_white, grown
-from simulator._camera.sensor import sensor_image
+from calibration.radiance.brackets import clear_of_white, grown
+from simulator.camera.sensor import sensor_image
 from tests.quick_sample import quick
 
 SENSOR = NoiseModel(2.5, 2.5, 64.0, 12)

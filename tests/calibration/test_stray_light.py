@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration._spheres.spot import Spot, saturated_spot
+from calibration.spheres.highlights.spot import Spot, saturated_spot
 
 
 def halo(scale_px: float, skew_px: float, ray: float = 0.0) -> Spot:

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from calibration import EstimateError
-from calibration._spheres.average_directions import orthographic_lights
-from calibration._spheres.blobs import usual_size
-from calibration._spheres.confirmed import confirmed
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import find_highlights
-from calibration._spheres.joint_search import JointNear, best_of, edges_support
-from calibration._spheres.lost_images import left_out
-from calibration._spheres.sphere_calibration import SeenTogether
-from calibration._spheres.sphere_image import SphereImage
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.blobs import usual_size
+from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres.outline.joint_search import JointNear, best_of, edges_support
+from calibration.spheres.outline.outline_confirmation import confirmed
+from calibration.spheres.outline.sphere_image import SphereImage
+from calibration.spheres.solve.average_directions import orthographic_lights
+from calibration.spheres.solve.lost_images import left_out
+from calibration.spheres.solve.sphere_calibration import SeenTogether
 from tests.calibration.test_sphere_parts import image_of
 
 LIGHTS = 7

@@ -1,7 +1,7 @@
 """Plant faults in the core modules and count those that no test detects.
 
     python -m tests.mutation --sample 15 --seed 1
-    python -m tests.mutation calibration/_spheres/cone.py --sample 1000
+    python -m tests.mutation calibration/spheres/geometry/cone.py --sample 1000
     python -m tests.mutation --planted
 
 Faults are planted in a temporary copy of the tree. The exit code is 1 if fewer than 90 % are

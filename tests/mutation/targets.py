@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-_SPHERES = "calibration/_spheres"
+_SPHERES = "calibration/spheres"
 _VALUES, _BY_CLOCK = "rig/test_shooting_values.py", "rig/test_shots_by_clock.py"
 _LINES = "acquisition/test_session_lines.py"
 _SESSION = (
@@ -21,19 +21,19 @@ _OUTLINE = ("calibration/test_outline_parts.py", "calibration/test_outline.py")
 _MARKS = "calibration/test_sphere_marks.py"
 _LIGHTS = "calibration/test_sphere_lights.py"
 _WHOLE_CALIBRATION = (_LIGHTS, _PARTS, "calibration/test_spheres_simulated.py")
-_DETAIL = "processing/_detail"
+_DETAIL = "processing/detail"
 
 TARGETS: dict[str, tuple[str, ...]] = {
-    "acquisition/_engine/rejection.py": (
+    "acquisition/engine/rejection.py": (
         "acquisition/test_references.py",
         "acquisition/test_rejection.py",
         "acquisition/test_short_brackets.py",
     ),
-    "acquisition/_engine/agenda.py": (
+    "acquisition/engine/shot_order.py": (
         "acquisition/test_agenda.py",
         "acquisition/test_judging_order.py",
     ),
-    "acquisition/_engine/carry_out.py": (
+    "acquisition/engine/recording_run.py": (
         "acquisition/test_engine.py",
         "acquisition/test_engine_ctrl_c.py",
         "acquisition/test_engine_lost_shots.py",
@@ -43,37 +43,37 @@ TARGETS: dict[str, tuple[str, ...]] = {
         "acquisition/test_engine_disk.py",
         "acquisition/test_set_aside.py",
     ),
-    "acquisition/_session/journal.py": ("acquisition/test_journal.py", _LINES),
-    "acquisition/_session/recorded.py": ("acquisition/test_recorded.py", *_SESSION),
-    "acquisition/_session/open_shots.py": (
+    "acquisition/session/journal.py": ("acquisition/test_journal.py", _LINES),
+    "acquisition/session/journal_frames.py": ("acquisition/test_recorded.py", *_SESSION),
+    "acquisition/session/open_shots.py": (
         "acquisition/test_recorded.py",
         "acquisition/test_resume.py",
         "acquisition/test_resume_left_out.py",
         "acquisition/test_resume_refusals.py",
     ),
-    "acquisition/_session/verify.py": _SESSION,
-    "rig/_shooting/alive.py": (_VALUES,),
-    "rig/_shooting/dark.py": ("rig/test_dark.py", "rig/test_rig_signals.py"),
-    "rig/_shooting/shot_times.py": (_VALUES,),
-    "rig/_shooting/frame_proof.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
-    "rig/_shooting/sequence.py": (_VALUES, _BY_CLOCK, "rig/test_rig_sequence.py"),
-    "rig/_shooting/shooting.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
-    "rig/_shooting/shot.py": (_VALUES,),
-    "rig/_board/protocol.py": ("rig/test_protocol_lines.py",),
-    "rig/_board/replies.py": ("rig/test_board_replies.py",),
-    "calibration/_radiance/developer.py": (
+    "acquisition/session/verify.py": _SESSION,
+    "rig/shooting/keep_alive.py": (_VALUES,),
+    "rig/shooting/lights_off.py": ("rig/test_dark.py", "rig/test_rig_signals.py"),
+    "rig/shooting/shot_times.py": (_VALUES,),
+    "rig/shooting/frame_proof.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
+    "rig/shooting/sequence.py": (_VALUES, _BY_CLOCK, "rig/test_rig_sequence.py"),
+    "rig/shooting/shooting.py": (_VALUES, _BY_CLOCK, "rig/test_rig_shoot.py"),
+    "rig/shooting/shot.py": (_VALUES,),
+    "rig/board/protocol.py": ("rig/test_protocol_lines.py",),
+    "rig/board/replies.py": ("rig/test_board_replies.py",),
+    "calibration/radiance/developer.py": (
         "calibration/test_radiance_limits.py",
         "calibration/test_radiance.py",
     ),
-    "calibration/_radiance/linear_stack.py": (
+    "calibration/radiance/stack.py": (
         "calibration/test_radiance_limits.py",
         "calibration/test_radiance.py",
         "calibration/test_raw_stack.py",
     ),
-    "calibration/_flat/combine.py": ("calibration/test_flat.py",),
-    "calibration/_flat/card.py": ("calibration/test_flat.py",),
+    "calibration/flat/pixel_part.py": ("calibration/test_flat.py",),
+    "calibration/flat/card.py": ("calibration/test_flat.py",),
     **{
-        f"calibration/_sensor/{name}.py": ("calibration/test_sensor.py",)
+        f"calibration/sensor/{name}.py": ("calibration/test_sensor.py",)
         for name in (
             "calibrate",
             "dark_frames",
@@ -83,34 +83,43 @@ TARGETS: dict[str, tuple[str, ...]] = {
         )
     },
     f"{_SPHERES}/calibrate.py": _WHOLE_CALIBRATION,
-    f"{_SPHERES}/cone.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
-    f"{_SPHERES}/ellipse.py": ("calibration/test_robust_fits.py", "calibration/test_outline.py"),
-    f"{_SPHERES}/edge_search.py": (_SEARCH, _PARTS),
-    f"{_SPHERES}/average_directions.py": ("calibration/test_light_uncertainty.py",),
-    f"{_SPHERES}/highlights.py": ("calibration/test_highlights.py", _PARTS),
-    f"{_SPHERES}/input_tests.py": ("calibration/test_input_tests.py",),
-    f"{_SPHERES}/joint_refinement.py": (
+    f"{_SPHERES}/geometry/cone.py": (
+        "calibration/test_robust_fits.py",
+        "calibration/test_outline.py",
+    ),
+    f"{_SPHERES}/geometry/ellipse.py": (
+        "calibration/test_robust_fits.py",
+        "calibration/test_outline.py",
+    ),
+    f"{_SPHERES}/propose/edge_search.py": (_SEARCH, _PARTS),
+    f"{_SPHERES}/solve/average_directions.py": ("calibration/test_light_uncertainty.py",),
+    f"{_SPHERES}/highlights/highlights.py": ("calibration/test_highlights.py", _PARTS),
+    f"{_SPHERES}/judge/input_tests.py": ("calibration/test_input_tests.py",),
+    f"{_SPHERES}/solve/joint_refinement.py": (
         "calibration/test_light_positions.py",
         "calibration/test_light_uncertainty.py",
     ),
-    f"{_SPHERES}/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
-    f"{_SPHERES}/limb.py": ("calibration/test_outline.py",),
-    f"{_SPHERES}/limb_fit.py": ("calibration/test_limb_fit.py",),
-    f"{_SPHERES}/marked.py": (_MARKS, _PARTS),
-    f"{_SPHERES}/outline.py": (*_OUTLINE, _PARTS),
-    f"{_SPHERES}/outline_noise.py": ("calibration/test_light_uncertainty.py",),
-    f"{_SPHERES}/placed.py": (_PARTS, "calibration/test_light_positions.py"),
-    f"{_SPHERES}/reflection.py": (
+    f"{_SPHERES}/solve/light_positions.py": ("calibration/test_light_positions.py", _PARTS),
+    f"{_SPHERES}/outline/limb.py": ("calibration/test_outline.py",),
+    f"{_SPHERES}/outline/limb_fit.py": ("calibration/test_limb_fit.py",),
+    f"{_SPHERES}/propose/sphere_marks.py": (_MARKS, _PARTS),
+    f"{_SPHERES}/outline/outline.py": (*_OUTLINE, _PARTS),
+    f"{_SPHERES}/outline/outline_noise.py": ("calibration/test_light_uncertainty.py",),
+    f"{_SPHERES}/solve/sphere_positions.py": (_PARTS, "calibration/test_light_positions.py"),
+    f"{_SPHERES}/geometry/reflection.py": (
         "calibration/test_reflection.py",
         "calibration/test_light_positions.py",
     ),
-    f"{_SPHERES}/robust.py": ("calibration/test_robust_fits.py",),
-    f"{_SPHERES}/search.py": (_SEARCH, _PARTS),
-    f"{_SPHERES}/sphere_calibration.py": (_PARTS,),
-    f"{_SPHERES}/sphere_image.py": (_PARTS,),
-    f"{_SPHERES}/spot.py": ("calibration/test_spot.py", "calibration/test_highlights.py"),
+    f"{_SPHERES}/geometry/robust.py": ("calibration/test_robust_fits.py",),
+    f"{_SPHERES}/propose/sphere_selection.py": (_SEARCH, _PARTS),
+    f"{_SPHERES}/solve/sphere_calibration.py": (_PARTS,),
+    f"{_SPHERES}/outline/sphere_image.py": (_PARTS,),
+    f"{_SPHERES}/highlights/spot.py": (
+        "calibration/test_spot.py",
+        "calibration/test_highlights.py",
+    ),
     **{
-        f"processing/_stereo/{name}.py": (
+        f"processing/stereo/{name}.py": (
             "processing/test_photometric_stereo.py",
             "processing/test_photometric_near.py",
         )
@@ -122,33 +131,33 @@ TARGETS: dict[str, tuple[str, ...]] = {
         )
     },
     **{
-        f"processing/_stereo/{name}.py": (
+        f"processing/stereo/{name}.py": (
             "processing/test_photometric_best.py",
             "processing/test_photometric_stereo.py",
         )
         for name in ("best", "reflectance_fit")
     },
-    "processing/_stereo/pixel_algebra.py": (
+    "processing/stereo/pixel_algebra.py": (
         "processing/test_photometric_stereo.py",
         "processing/test_photometric_near.py",
         "processing/test_photometric_noise.py",
     ),
     **{
-        f"processing/_stereo/{name}.py": ("processing/test_tile_least_squares.py",)
+        f"processing/stereo/{name}.py": ("processing/test_tile_least_squares.py",)
         for name in ("frames", "tile_kernels", "tile_least_squares")
     },
-    "processing/_stereo/image_noise.py": (
+    "processing/stereo/image_noise.py": (
         "processing/test_image_noise.py",
         "processing/test_photometric_noise.py",
     ),
-    "processing/_stereo/frame_normals.py": ("processing/test_frame_normals.py",),
-    "processing/_stereo/photometric_stereo.py": (
+    "processing/stereo/frame_normals.py": ("processing/test_frame_normals.py",),
+    "processing/stereo/normals_and_albedo.py": (
         "processing/test_photometric_stereo.py",
         "processing/test_photometric_near.py",
     ),
-    "processing/_curvature/curvature.py": ("processing/test_curvature.py",),
+    "processing/curvatures/slopes.py": ("processing/test_curvature.py",),
     **{
-        f"processing/_uncertainty/{name}.py": ("processing/test_normal_uncertainty.py",)
+        f"processing/noise/{name}.py": ("processing/test_normal_uncertainty.py",)
         for name in (
             "judged_samples",
             "light_table",
@@ -159,64 +168,64 @@ TARGETS: dict[str, tuple[str, ...]] = {
             "tangents",
         )
     },
-    "processing/_uncertainty/tile_reference.py": (
+    "processing/noise/tile_reference.py": (
         "processing/test_tile_reference.py",
         "processing/test_normal_uncertainty.py",
     ),
-    "processing/_uncertainty/pixel_variances.py": (
+    "processing/noise/pixel_variances.py": (
         "processing/test_model_error.py",
         "processing/test_normal_uncertainty.py",
     ),
     **{
-        f"processing/_reconstruction/{name}.py": ("processing/test_banded_normals.py",)
-        for name in ("banded_normals", "recorded_images")
+        f"processing/{name}.py": ("processing/test_banded_normals.py",)
+        for name in ("recording/banded_normals", "images/recorded_images")
     },
-    "processing/_reconstruction/colour_normals.py": (
+    "processing/recording/colour_normals.py": (
         "processing/test_banded_normals.py",
         "processing/test_colours.py",
         "processing/test_joint_colours.py",
     ),
-    "processing/_reconstruction/colours.py": (
+    "processing/colour/channel_normals.py": (
         "processing/test_joint_colours.py",
         "processing/test_colours.py",
     ),
-    "processing/_reconstruction/joint_colours.py": ("processing/test_joint_colours.py",),
-    "processing/_reconstruction/specular.py": ("processing/test_specular.py",),
-    "processing/_surface/alternation.py": ("processing/test_alternation.py",),
-    "processing/_surface/anchors.py": ("processing/test_height_doubt.py",),
-    "processing/_surface/certainty.py": ("processing/test_height_doubt.py",),
-    "processing/_surface/chord_rule.py": (
+    "processing/colour/joint_colours.py": ("processing/test_joint_colours.py",),
+    "processing/colour/specular.py": ("processing/test_specular.py",),
+    "processing/surface/alternation.py": ("processing/test_alternation.py",),
+    "processing/surface/anchors.py": ("processing/test_height_doubt.py",),
+    "processing/surface/edge_certainty.py": ("processing/test_height_doubt.py",),
+    "processing/surface/chord_rule.py": (
         "processing/test_chord_rule.py",
         "processing/test_extrapolation.py",
     ),
-    "processing/_surface/curl.py": ("processing/test_normal_curl.py",),
-    "processing/_surface/extrapolation.py": ("processing/test_extrapolation.py",),
-    "processing/_surface/height_errors.py": ("processing/test_height_doubt.py",),
-    "processing/_surface/integration.py": ("processing/test_integration.py",),
-    "processing/_surface/jump_kernels.py": (
+    "processing/surface/curl.py": ("processing/test_normal_curl.py",),
+    "processing/surface/extrapolation.py": ("processing/test_extrapolation.py",),
+    "processing/surface/height_errors.py": ("processing/test_height_doubt.py",),
+    "processing/surface/integration.py": ("processing/test_integration.py",),
+    "processing/surface/jump_kernels.py": (
         "processing/test_alternation.py",
         "processing/test_jumps.py",
     ),
-    "processing/_surface/jumps.py": ("processing/test_jumps.py",),
-    "processing/_surface/multigrid.py": ("processing/test_multigrid.py",),
-    "processing/_surface/prior.py": ("processing/test_height_doubt.py",),
-    "processing/_surface/prior_file.py": ("processing/test_prior_files.py",),
-    "processing/_surface/solid.py": ("processing/test_mesh_simplification.py",),
-    "processing/_surface/thin_graphs.py": ("processing/test_multigrid.py",),
-    "processing/_surface/turns.py": ("processing/test_turns.py",),
+    "processing/surface/jumps.py": ("processing/test_jumps.py",),
+    "processing/surface/multigrid.py": ("processing/test_multigrid.py",),
+    "processing/surface/prior.py": ("processing/test_height_doubt.py",),
+    "processing/surface/prior_file.py": ("processing/test_prior_files.py",),
+    "processing/meshes/solid.py": ("processing/test_mesh_simplification.py",),
+    "processing/surface/thin_graphs.py": ("processing/test_multigrid.py",),
+    "processing/surface/normal_turns.py": ("processing/test_turns.py",),
     f"{_DETAIL}/separation.py": ("processing/test_separation.py",),
-    f"{_DETAIL}/transfer.py": ("processing/test_transfer.py",),
+    f"{_DETAIL}/detail_transfer.py": ("processing/test_transfer.py",),
     f"{_DETAIL}/placement.py": ("processing/test_transfer.py",),
-    "processing/_fill/fill.py": ("processing/test_fill.py",),
-    "processing/_fill/quilted.py": ("processing/test_fill.py",),
+    "processing/synthesis/hole_filling.py": ("processing/test_fill.py",),
+    "processing/synthesis/hole_detail.py": ("processing/test_fill.py",),
     f"{_DETAIL}/rotation.py": ("processing/test_rotation.py",),
     f"{_DETAIL}/local_transfer.py": ("processing/test_local_transfer.py",),
     f"{_DETAIL}/properties.py": ("processing/test_properties.py",),
-    "simulator/_shapes/surface.py": (
+    "simulator/shapes/surface.py": (
         "simulator/test_surface_trace.py",
         "simulator/test_surface_shapes.py",
     ),
-    "simulator/_render/shade.py": (
+    "simulator/rendering/shade.py": (
         "simulator/test_shade.py",
         "simulator/test_render_closed_forms.py",
         "simulator/test_render_light_and_colour.py",

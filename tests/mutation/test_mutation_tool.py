@@ -102,7 +102,7 @@ def trial(tmp_path_factory: pytest.TempPathFactory) -> Trial:
     return Trial(tmp_path_factory.mktemp("trial") / "tree")
 
 
-ROBUST = "calibration/_spheres/robust.py"
+ROBUST = "calibration/spheres/geometry/robust.py"
 
 
 @pytest.mark.slow
@@ -127,7 +127,7 @@ def test_the_verdict_is_the_result_of_the_tests(
 
 @pytest.mark.slow
 def test_a_kernel_that_others_have_compiled_in_is_faulty_at_once(trial: Trial) -> None:
-    kernels, solver = (f"processing/_stereo/{name}.py" for name in ("pixel_algebra", "cauchy"))
+    kernels, solver = (f"processing/stereo/{name}.py" for name in ("pixel_algebra", "cauchy"))
     assert solver in trial.compiled_from(kernels)
     faulty = text_of(kernels).replace("a12 += wy * z", "a12 -= wy * z")
     tests = ("processing/test_photometric_stereo.py",)

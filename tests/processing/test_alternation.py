@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from processing._surface import alternation
-from processing._surface.alternation import Alternation, Pair
-from processing._surface.anchors import Anchors
-from processing._surface.grid_graph import divergence
-from processing._surface.multigrid import solve
+from processing.surface import alternation
+from processing.surface.alternation import Alternation, Pair
+from processing.surface.anchors import Anchors
+from processing.surface.grid_graph import divergence
+from processing.surface.multigrid import solve
 from rig.arrays import Float64
 
 ROWS, COLUMNS = 24, 30

@@ -12,8 +12,8 @@ import pytest
 
 from acquisition import Frame, read_source
 from processing import Reconstruction, reconstruct
-from processing._reconstruction import reconstruct as source_to_normals
-from processing._reconstruction import recorded_images
+from processing.images import recorded_images
+from processing.recording import pipeline as source_to_normals
 from rig.arrays import AnyArray
 from tests.processing.test_colours import recording
 from tests.processing.test_reconstruct import session  # noqa: F401

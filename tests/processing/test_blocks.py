@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from acquisition import BandStore, CameraModel, DamagedMapsError, DataError
 from calibration import EstimateError
 from processing import NormalMap, SurfaceStage, integrate, integrate_in_blocks
-from processing._blocks.block_files import BlockFiles
-from processing._blocks.local_parts import NO_MEETING, LocalParts, meeting_of
-from processing._blocks.plan import CELL, plan_blocks
-from processing._blocks.seams import Seam, Side
+from processing.surface.blocks.block_files import BlockFiles
+from processing.surface.blocks.local_parts import NO_MEETING, LocalParts, meeting_of
+from processing.surface.blocks.plan import CELL, plan_blocks
+from processing.surface.blocks.seams import Seam, Side
 from tests.processing.test_stages import deleted, flipped
 
 LIMIT = 5e-4  # of the range
@@ -208,7 +208,7 @@ def test_what_does_not_fit_is_refused(tmp_path, name):
 
 
 def test_blocks_that_do_not_fit_together_are_reported(tmp_path, monkeypatch):
-    monkeypatch.setattr("processing._blocks.rounds._MOST_ROUNDS", 0)
+    monkeypatch.setattr("processing.surface.blocks.corrections._MOST_ROUNDS", 0)
     mirrored = NormalMap(waves().normals * np.float32([1, -1, 1]), np.ones(SIZE, bool))
     with opened(tmp_path) as store:
         found = integrate_in_blocks(mirrored, store, rows=48)

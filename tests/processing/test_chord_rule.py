@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from processing._surface.chord_rule import orthographic_edges, perspective_edges
+from processing.surface.chord_rule import orthographic_edges, perspective_edges
 from rig.arrays import Float32, Float64
 
 

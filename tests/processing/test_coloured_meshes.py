@@ -156,7 +156,7 @@ def test_a_flat_height_has_a_picture() -> None:
 
 
 def test_a_written_height_states_its_scale(tmp_path: Path) -> None:
-    from sgp._write_surface import write_surface
+    from sgp.stages.write_surface import write_surface
 
     normal_map, height_map = surface()
     result = write_surface(tmp_path, height_map, normal_map)

@@ -9,9 +9,9 @@ import pytest
 from acquisition import DataError, Frame, Lights, Source, angle_deg
 from calibration import EstimateError
 from processing import reconstruct
-from processing._uncertainty.normal_uncertainty import STRUCTURED
+from processing.noise.normal_errors import STRUCTURED
 from simulator import bench_sensor
-from simulator._camera.sensor import sensor_image
+from simulator.camera.sensor import sensor_image
 from tests.quick_sample import quick
 
 SIZE = (60, 80)

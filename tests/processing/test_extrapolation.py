@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from acquisition import CameraModel
-from processing._surface.chord_rule import ChordRule
+from processing.surface.chord_rule import ChordRule
 from rig.arrays import Float64
 
 ROWS, COLUMNS = 9, 40

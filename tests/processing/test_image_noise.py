@@ -6,9 +6,9 @@ from scipy.optimize import nnls
 
 from acquisition import Lights, angle_deg
 from processing import photometric_stereo
-from processing._stereo.frames import Frames
-from processing._stereo.image_noise import _not_negative, law_of_images
-from processing._stereo.light_model import LightModel
+from processing.stereo.frames import Frames
+from processing.stereo.image_noise import _not_negative, law_of_images
+from processing.stereo.light_model import LightModel
 
 COUNT = 24
 

@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from processing._stereo.pixel_algebra import IN_PLACE
+from processing.stereo.pixel_algebra import IN_PLACE
 
 OPTIONS = {**IN_PLACE, "cache": False}
 
@@ -32,7 +32,7 @@ def test_the_pinned_numba_counts_no_references_in_functions_of_single_pixels() -
         found.append("".join(compiled.inspect_llvm().values()).count("call void @NRT_"))
     assert found[1] < found[0], (
         f"numba {numba.__version__} ignores or lacks the option _nrt of IN_PLACE in "
-        "processing/_stereo/pixel_algebra.py: estimators and error bars take 10 to 50 % longer. "
+        "processing/stereo/pixel_algebra.py: estimators and error bars take 10 to 50 % longer. "
         "Find its new name, or remove IN_PLACE"
     )
     # An exception inside passes through, and leaves no reference behind.

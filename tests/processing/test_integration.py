@@ -9,9 +9,9 @@ import pytest
 
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
-from processing._normal_map import NormalMap
-from processing._surface.height_map import HeightMap
-from processing._surface.integration import integrate
+from processing.maps.normal_map import NormalMap
+from processing.surface.height_map import HeightMap
+from processing.surface.integration import integrate
 from rig.arrays import Float64
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")

@@ -8,14 +8,14 @@ import pytest
 from acquisition import CameraModel, Lights
 from calibration import EstimateError, StackNoise, luma
 from processing import angle_deg
-from processing._reconstruction.colour_normals import shown_by_colours, variances_of_colours
-from processing._reconstruction.colours import ColourImages, laws_of_colours, solve_colours
-from processing._reconstruction.joint_colours import JointNoise, law_of_joint_samples, solve_jointly
-from processing._stereo.method import METHODS
-from processing._stereo.photometric_stereo import stereo_of
-from processing._stereo.stereo_maps import StereoMaps
-from processing._uncertainty.normal_uncertainty import as_uncertainty
-from processing._uncertainty.pixel_variances import SolvedStack
+from processing.colour.channel_normals import ColourImages, laws_of_colours, solve_colours
+from processing.colour.joint_colours import JointNoise, law_of_joint_samples, solve_jointly
+from processing.noise.normal_errors import as_uncertainty
+from processing.noise.pixel_variances import SolvedStack
+from processing.recording.colour_normals import shown_by_colours, variances_of_colours
+from processing.stereo.method import METHODS
+from processing.stereo.normals_and_albedo import stereo_of
+from processing.stereo.stereo_maps import StereoMaps
 
 SIZE = (70, 60)
 COUNT = 20

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from acquisition import CameraModel, DataError, read_camera, read_mask
 from processing import HeightMap, NormalMap, height_mesh, integrate, read_normals
-from processing._surface.face_kernels import faces_of
+from processing.meshes.face_kernels import faces_of
 from rig.arrays import Float64
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")

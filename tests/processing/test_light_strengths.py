@@ -8,7 +8,7 @@ import pytest
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing import angular_error, light_strengths, photometric_stereo
-from processing._reconstruction.strength_fit import solve_normals, strength_information
+from processing.checks.strength_fit import solve_normals, strength_information
 
 SIZE = 40
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from processing._reconstruction.examination import lit_images
+from processing.recording.examination import lit_images
 
 
 def test_a_large_object_is_judged_by_pixels_spread_over_it():

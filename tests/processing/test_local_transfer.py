@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from processing._detail.local_transfer import Pose, Similarity, transfer_local
-from processing._detail.seam import _membrane, blend_detail, seam_of, seam_steps
-from processing._detail.separation import separate
-from processing._detail.shape_filter import ShapeFilter
-from processing._metrics import angle_deg
-from processing._normal_map import NormalMap
-from processing._normal_map_files import read_normals
+from processing.detail.local_transfer import Pose, Similarity, transfer_local
+from processing.detail.seam import _membrane, blend_detail, seam_of, seam_steps
+from processing.detail.separation import separate
+from processing.detail.shape_filter import ShapeFilter
+from processing.maps.metrics import angle_deg
+from processing.maps.normal_map import NormalMap
+from processing.maps.normal_map_files import read_normals
 from rig.arrays import Bool, Float64
 from tests.quick_sample import quick
 

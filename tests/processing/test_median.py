@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from processing._superres import super_resolve as median
+from processing.superres import higher_resolution as median
 
 
 def test_the_median_is_that_of_all_values(monkeypatch) -> None:

@@ -13,10 +13,10 @@ from scipy.integrate import dblquad as integrate_twice
 
 from acquisition import CameraModel, DataError, StorageError
 from processing import height_mesh, write_mesh
-from processing._normal_map import NormalMap
-from processing._surface.face_kernels import faces_of
-from processing._surface.height_map import HeightMap
-from processing._surface.integration import integrate
+from processing.maps.normal_map import NormalMap
+from processing.meshes.face_kernels import faces_of
+from processing.surface.height_map import HeightMap
+from processing.surface.integration import integrate
 from rig.arrays import Bool
 
 FORMATS = ("ply", "obj", "stl", "glb")

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from processing._projection.mesh_kernels import edge_faults, joined_vertices
+from processing.projection.mesh_kernels import edge_faults, joined_vertices
 
 
 @pytest.mark.parametrize("seed", range(6))

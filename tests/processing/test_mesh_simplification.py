@@ -24,8 +24,8 @@ from processing import (
     solid_mesh,
     write_mesh,
 )
-from processing._surface.rim import rim
-from processing._surface.simplification import pixels_of
+from processing.meshes.rim import rim
+from processing.meshes.simplification import pixels_of
 from rig.arrays import Bool
 from tests.processing.test_mesh_files import dome, flat, read
 

@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from acquisition import DataError
 from processing import NormalMap, angle_deg, angular_error, ssim
-from processing._metrics import angle_map_deg
+from processing.maps.metrics import angle_map_deg
 
 
 def _bumpy(seed, height=40, width=50, slope=0.5):

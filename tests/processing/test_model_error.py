@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from processing._uncertainty.pixel_variances import common_error, deviations, model_errors
+from processing.noise.pixel_variances import common_error, deviations, model_errors
 
 SIZE, FREE, PAIRED, TOTAL = (9, 9), 30.0, 10.0, 2e-4
 

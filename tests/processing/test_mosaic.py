@@ -8,9 +8,9 @@ import pytest
 from acquisition import DataError, Frame, Lights, Source, angle_deg, crop, downscale
 from calibration import demosaic, linear_stack
 from processing import reconstruct
-from processing._reconstruction.mosaic import albedo_of_sites
+from processing.images.mosaic import albedo_of_sites
 from simulator import bench_sensor
-from simulator._camera.sensor import sensor_image
+from simulator.camera.sensor import sensor_image
 from tests.quick_sample import quick
 
 SIZE = (72, 96)

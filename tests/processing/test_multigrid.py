@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from processing._surface.grid_graph import apply_laplacian, divergence, label_parts
-from processing._surface.multigrid import _cycle, coarsened, solve
+from processing.surface.grid_graph import apply_laplacian, divergence, label_parts
+from processing.surface.multigrid import _cycle, coarsened, solve
 from rig.arrays import Bool, Float32, Float64
 
 Graph = tuple[Float32, Float32]

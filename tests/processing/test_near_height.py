@@ -9,8 +9,8 @@ import pytest
 
 from acquisition import CameraModel, DataError, LightErrors, Lights, angle_deg
 from processing import NormalMap, integrate, photometric_stereo
-from processing._reconstruction.near_height import near_height
-from processing._reconstruction.views import Parallel, Perspective
+from processing.images.viewing_rays import Parallel, Perspective
+from processing.near.near_height import near_height
 from simulator import render, scene_named
 from tests.quick_sample import quick
 
@@ -308,7 +308,7 @@ def test_large_images_are_averaged(monkeypatch):
     depth, normals = SURFACES["tilted"](25.0)
     values = images(depth, normals, lights)
     values[3, 20:24, 30:35] = np.nan
-    monkeypatch.setattr("processing._reconstruction.mean_height_search._PIXELS", 200)
+    monkeypatch.setattr("processing.near.mean_height_search._PIXELS", 200)
     found = near_height(values, lights, DISC, VIEW)
     assert found.mean_height_mm == pytest.approx(25.0, abs=0.3)
     inner = (X - 39.5) ** 2 + (Y - 29.5) ** 2 < 22**2

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from processing._normal_encoding import normal_encoding
-from processing._normal_map_files import read_normals, store_normals
+from processing.maps.normal_encoding import normal_encoding
+from processing.maps.normal_map_files import read_normals, store_normals
 from rig.arrays import Float64, UInt8
 
 Y, X = np.mgrid[:60, :80]

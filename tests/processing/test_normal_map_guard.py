@@ -9,7 +9,7 @@ import pytest
 
 from acquisition import DataError, MissingPathError, write_exr, write_png
 from processing import read_normals
-from processing._npy_file import read_npy
+from processing.maps.npy_file import read_npy
 from rig import Notice
 
 SIZE = (12, 16)

@@ -14,10 +14,10 @@ from processing import (
     normal_uncertainty,
     photometric_stereo,
 )
-from processing._stereo.method import METHODS
-from processing._uncertainty.light_table import light_table, near_variances
-from processing._uncertainty.normal_uncertainty import in_degrees
-from processing._uncertainty.pixel_variances import kinds_of
+from processing.noise.light_table import light_table, near_variances
+from processing.noise.normal_errors import in_degrees
+from processing.noise.pixel_variances import kinds_of
+from processing.stereo.method import METHODS
 from tests.quick_sample import quick
 
 SLOPE, FLOOR = 1e-4, 2.5e-7

@@ -8,7 +8,7 @@ from acquisition import Lights
 from calibration import StackNoise
 from processing import angle_deg, photometric_stereo
 from simulator import Ggx
-from simulator._scene.reflectance import reflectance
+from simulator.scene.reflectance import reflectance
 
 
 def _dome(count, lowest=0.35):

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing import angle_deg, photometric_stereo
-from processing._stereo.method import METHODS as METHOD_NAMES
+from processing.stereo.method import METHODS as METHOD_NAMES
 
 METHODS = pytest.mark.parametrize("method", METHOD_NAMES)
 

@@ -8,7 +8,7 @@ import pytest
 from acquisition import DataError, Lights
 from calibration import StackNoise
 from processing import angle_deg, photometric_stereo
-from processing._stereo.method import METHODS
+from processing.stereo.method import METHODS
 from simulator import Measurement, bench_sensor, cramer_rao_deg
 
 SLOPE, FLOOR = 1e-4, 2.5e-7

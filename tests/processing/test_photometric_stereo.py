@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from acquisition import DataError, Lights
 from calibration import EstimateError
 from processing import angle_deg, angular_error, photometric_stereo
-from processing._stereo.method import METHODS
+from processing.stereo.method import METHODS
 
 every_method = pytest.mark.parametrize("method", METHODS)
 

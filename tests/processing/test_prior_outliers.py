@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from processing import HeightPrior, NormalMap, integrate
-from processing._surface.prior_outliers import prior_outliers
+from processing.surface.prior_outliers import prior_outliers
 
 SIZE = (60, 80)
 Y, X = np.mgrid[: SIZE[0], : SIZE[1]]

@@ -15,10 +15,10 @@ from scipy.spatial import Delaunay
 from acquisition import CameraModel, DataError
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry, view_rotation
-from processing._projection import rasterize_kernels as kernels
-from processing._projection.rasterize import crease_angle_deg
+from processing.projection import rasterize_kernels as kernels
+from processing.projection.rasterize import crease_angle_deg
 from rig import in_threads
-from simulator._shapes.bvh import TriangleTree
+from simulator.shapes.bvh import TriangleTree
 from tests.quick_sample import quick
 
 CAMERA = CameraModel(np.array([[900.0, 2.5, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)

@@ -11,8 +11,8 @@ import trimesh
 from acquisition import CameraModel
 from calibration import EstimateError
 from processing import Geometry, angle_deg, project, read_geometry
-from processing._projection.point_cloud import draw_points, fit_surfels, orient
-from processing._projection.view import fit_raster
+from processing.projection.point_cloud import draw_points, fit_surfels, orient
+from processing.projection.view import fit_raster
 from tests.quick_sample import quick
 
 CAMERA = CameraModel(np.array([[900.0, 0, 150.3], [0, 880, 121.1], [0, 0, 1]]), 300, 240, 500.0)

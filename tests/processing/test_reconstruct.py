@@ -190,8 +190,8 @@ def test_a_computed_mask_that_fills_the_frame_is_reported(tmp_path, rows, column
 
 
 def test_one_method_is_the_default_everywhere():
-    from processing._reconstruction.near_height import near_height
-    from sgp._options import SourceOptions
+    from processing.near.near_height import near_height
+    from sgp.cli.options import SourceOptions
 
     functions = (reconstruct, photometric_stereo, near_height)
     defaults = [signature(function).parameters["method"].default for function in functions]

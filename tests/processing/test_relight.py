@@ -26,8 +26,8 @@ from processing import (
     write_ptm,
     write_rti_planes,
 )
-from processing._relight.fit import PENALTY, fitted
-from processing._relight.ptm_bytes import ptm_bytes
+from processing.relight.ptm_bytes import ptm_bytes
+from processing.relight.relightable_fit import PENALTY, fitted
 
 ABOVE, BELOW, RIGHT = (0, 1, 0.6), (0, -1, 0.6), (1, 0, 0.6)
 

@@ -10,8 +10,8 @@ from scipy.ndimage import gaussian_filter
 
 from acquisition import Lights
 from processing import image_quality
-from processing._reconstruction.cells import cells_of
-from processing._reconstruction.scheme_check import SchemeCheck, check_scheme, scheme_notices
+from processing.checks.scheme_check import SchemeCheck, check_scheme, scheme_notices
+from processing.images.block_means import cells_of
 from tests.quick_sample import quick
 
 SIZE = 100

@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from acquisition import DataError
-from processing._detail.choices import FilterKind
-from processing._detail.separation import combine, separate
-from processing._detail.shape_filter import ShapeFilter
-from processing._metrics import angle_deg, ssim
-from processing._normal_map import NormalMap
-from processing._normal_map_files import read_normals, write_normals
+from processing.detail.choices import FilterKind
+from processing.detail.separation import combine, separate
+from processing.detail.shape_filter import ShapeFilter
+from processing.maps.metrics import angle_deg, ssim
+from processing.maps.normal_map import NormalMap
+from processing.maps.normal_map_files import read_normals, write_normals
 from rig.arrays import Float64
 from tests.quick_sample import quick
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from processing import NormalMap, texture_figures
-from processing._synthesis.seam_steps import cut_steps
-from processing._synthesis.spectrum_match import filtered_bands, matching_kernel
-from processing._synthesis.synthesize import softened_bands, softening_share
+from processing.synthesis.seam_steps import cut_steps
+from processing.synthesis.sheet_synthesis import softened_bands, softening_share
+from processing.synthesis.spectrum_match import filtered_bands, matching_kernel
 
 
 def soften_cuts(sheet, labels, *, wrapped):

@@ -7,7 +7,7 @@ from acquisition import DataError, Lights
 from calibration import StackNoise
 from processing import photometric_stereo, specular_residual
 from simulator import Ggx
-from simulator._scene.reflectance import reflectance
+from simulator.scene.reflectance import reflectance
 
 SLOPE, FLOOR = 1e-4, 2.5e-7
 COUNT = 36

@@ -20,7 +20,7 @@ from processing import (
     write_mesh,
     write_normals,
 )
-from processing._surface import mesh_rows
+from processing.meshes import mesh_rows
 
 SIZE = (61, 34)
 
@@ -76,7 +76,7 @@ def alpha_and_mask(path: Path) -> Path:
 def test_a_stored_map_is_that_in_memory(tmp_path, monkeypatch, make, green):
     path = make(tmp_path)
     whole = read_normals(path, green=green)
-    monkeypatch.setattr("processing._normal_decoding._BAND_BYTES", 7 * 12 * SIZE[1])
+    monkeypatch.setattr("processing.maps.normal_decoding._BAND_BYTES", 7 * 12 * SIZE[1])
     stored = store_normals(path, tmp_path / "n.raw", green=green)
     np.testing.assert_array_equal(stored.normals[:], whole.normal_map.normals)
     np.testing.assert_array_equal(stored.mask, whole.normal_map.mask)
@@ -107,8 +107,8 @@ def test_rows_of_a_surface_are_those_of_the_whole(tmp_path, monkeypatch, camera)
     sigma = np.where(normal_map.mask, 2.0, np.nan).astype(np.float32)
     whole = normal_curl(normal_map, camera=model, sigma_deg=sigma)
     residual = normal_residual(surface, normal_map)
-    monkeypatch.setattr("processing._surface.curl._BAND", 10)
-    monkeypatch.setattr("processing._surface.normal_residual._BAND", 9 * 400 * SIZE[1])
+    monkeypatch.setattr("processing.surface.curl._BAND", 10)
+    monkeypatch.setattr("processing.surface.residual._BAND", 9 * 400 * SIZE[1])
     forms = dict.fromkeys(("curl", "residual"), (SIZE, np.float32))
     with BandStore(tmp_path / "maps", {}, forms) as maps:
         banded = normal_curl(normal_map, camera=model, sigma_deg=sigma, into=maps["curl"])

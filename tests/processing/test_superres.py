@@ -25,8 +25,8 @@ from processing import (
     read_superres_model,
     super_resolve,
 )
-from processing._superres import super_resolution_stage as memory_module
-from processing._superres.enlarge import (
+from processing.superres import super_resolution_stage as memory_module
+from processing.superres.enlarge import (
     bicubic,
     blend,
     filled_outwards,
@@ -34,9 +34,9 @@ from processing._superres.enlarge import (
     units,
     without_averaging,
 )
-from processing._superres.network import Network, turned
+from processing.superres.network import Network, turned
 
-MODELS = Path(processing.__file__).parent / "_superres" / "models"
+MODELS = Path(processing.__file__).parent / "superres" / "models"
 KINDS = {scale: read_superres_model(None, scale) for scale in (2, 4)}
 
 

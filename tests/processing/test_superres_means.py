@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from processing import NormalMap, angle_deg, angular_error, low_resolution, super_resolve
-from processing._superres.enlarge import (
+from processing.superres.enlarge import (
     averaged,
     means_of_points,
     units,

@@ -10,8 +10,8 @@ import pytest
 
 from acquisition import DataError
 from processing import read_superres_model
-from processing._superres import trial
-from processing._superres.network import Network
+from processing.superres import network_trial as trial
+from processing.superres.network import Network
 
 FOREIGN = replace(read_superres_model(None, 2), path=Path("given.onnx"), sha256="0" * 64)
 

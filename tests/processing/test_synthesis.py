@@ -91,7 +91,7 @@ def slanted(side=64):
 )
 def test_copies_turn_their_normals(options, directions, monkeypatch):
     """Every vector that leans along (2, 1) leans along one of the turned directions."""
-    monkeypatch.setattr("processing._synthesis.synthesize.matching_kernel", lambda *_: None)
+    monkeypatch.setattr("processing.synthesis.sheet_synthesis.matching_kernel", lambda *_: None)
     made = synthesize(slanted(), (150, 150), patch=12, **options).detail.normals
     leans = made[..., :2] / np.linalg.norm(made[..., :2], axis=2, keepdims=True)
     # The cosines of the angles to each direction.
@@ -101,7 +101,7 @@ def test_copies_turn_their_normals(options, directions, monkeypatch):
 
 def test_a_turned_copy_is_the_turned_surface():
     """The copy of a cone's detail has the pixels and normals of the turned cone."""
-    from processing._synthesis.exemplar import prepare_exemplar
+    from processing.synthesis.exemplar import prepare_exemplar
 
     y, x = np.mgrid[4:-5:-1, -6:7].astype(float)
     cone = NormalMap.from_vectors(np.dstack([x + 0.1, y + 0.2 * x, 5 + 0 * x]))
@@ -229,7 +229,7 @@ def angles_of(vectors):
 
 def test_steep_patches_make_up_for_a_rim_where_none_fits(disc, monkeypatch):
     """The shares of the classes do so by themselves, before the filter makes a sheet steeper."""
-    from processing._synthesis.exemplar import prepare_exemplar
+    from processing.synthesis.exemplar import prepare_exemplar
 
     meant = angles_of(disc.normals)[disc.mask].mean()
     prepared = prepare_exemplar(disc, PATCH, rotate=False, mirror=False)
@@ -240,6 +240,6 @@ def test_steep_patches_make_up_for_a_rim_where_none_fits(disc, monkeypatch):
     # Equal shares would leave the sheet a quarter too flat.
     assert means.mean() < 0.8 * meant
     # The search for patches that fit leaves the sheet a little flatter than the shares alone.
-    monkeypatch.setattr("processing._synthesis.synthesize.matching_kernel", lambda *_: None)
+    monkeypatch.setattr("processing.synthesis.sheet_synthesis.matching_kernel", lambda *_: None)
     unfiltered = synthesize(disc, (256, 256), patch=PATCH).detail.normals
     assert angles_of(unfiltered).mean() > 0.85 * meant

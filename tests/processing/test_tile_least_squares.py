@@ -7,11 +7,11 @@ import pytest
 
 from acquisition import Lights
 from processing import photometric_stereo
-from processing._stereo.frames import TILE, Frames
-from processing._stereo.light_model import LightModel
-from processing._stereo.method import METHODS
-from processing._stereo.solve import solve_maps
-from processing._stereo.stereo_maps import StereoMaps
+from processing.stereo.frames import TILE, Frames
+from processing.stereo.light_model import LightModel
+from processing.stereo.method import METHODS
+from processing.stereo.solve import solve_maps
+from processing.stereo.stereo_maps import StereoMaps
 from rig import no_progress
 
 

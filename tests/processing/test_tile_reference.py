@@ -8,10 +8,10 @@ import pytest
 from acquisition import CameraModel, LightErrors, Lights
 from calibration import StackNoise
 from processing import photometric_stereo
-from processing._stereo.frames import Frames
-from processing._stereo.light_model import LightModel
-from processing._uncertainty.reference_solver import ReferenceSolver
-from processing._uncertainty.tile_reference import TILE
+from processing.noise.reference_solver import ReferenceSolver
+from processing.noise.tile_reference import TILE
+from processing.stereo.frames import Frames
+from processing.stereo.light_model import LightModel
 
 COUNT, SIZE = 14, (24, 3 * TILE + 5)
 FLOOR, SLOPE = 1e-5, 1e-4

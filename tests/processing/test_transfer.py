@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError
-from processing._detail.choices import Tile
-from processing._detail.placement import Cover, Placement, largest_rectangle
-from processing._detail.separation import separate
-from processing._detail.shape_filter import ShapeFilter
-from processing._detail.transfer import TransferResult, scale_slopes, transfer
-from processing._metrics import angle_deg
-from processing._normal_map import NormalMap
+from processing.detail.choices import Tile
+from processing.detail.detail_transfer import TransferResult, scale_slopes, transfer
+from processing.detail.placement import Cover, Placement, largest_rectangle
+from processing.detail.separation import separate
+from processing.detail.shape_filter import ShapeFilter
+from processing.maps.metrics import angle_deg
+from processing.maps.normal_map import NormalMap
 from rig.arrays import Bool
 
 needs_data = pytest.mark.skipif("SGP_DATA" not in os.environ, reason="SGP_DATA is not set")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from processing._surface.turns import evenness
+from processing.surface.normal_turns import evenness
 from rig.arrays import Bool, Float32, Float64
 
 ROWS, COLUMNS = 20, 30

@@ -5,7 +5,7 @@ import numpy as np
 from acquisition import CameraModel, Lights, angle_deg
 from processing import photometric_stereo
 from simulator import Ggx
-from simulator._scene.reflectance import reflectance
+from simulator.scene.reflectance import reflectance
 
 
 def test_a_glossy_plane_at_30_degrees_off_axis():

@@ -7,10 +7,10 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import open_genicam
-from simulator._bench_state import BenchState, BenchWriter
-from simulator._camera.gentl_camera import GentlCamera
-from simulator._camera.sensor import ImageFormation
-from simulator._camera.virtual_camera import VirtualCamera
+from simulator.bench.state import BenchState, BenchWriter
+from simulator.camera.gentl_camera import GentlCamera
+from simulator.camera.sensor import ImageFormation
+from simulator.camera.virtual_camera import VirtualCamera
 from simulator.gentl import CompilerError
 from tests.simulator.camera_options import grouped
 

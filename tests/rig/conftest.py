@@ -8,10 +8,10 @@ import pytest
 
 from acquisition import NoiseModel
 from rig import Board, CameraFrame, Rig, RigConfig
-from simulator._bench_state import BenchState
-from simulator._board.virtual_board import VirtualBoard
-from simulator._camera.sensor import ImageFormation
-from simulator._camera.virtual_camera import VirtualCamera
+from simulator.bench.state import BenchState
+from simulator.camera.sensor import ImageFormation
+from simulator.camera.virtual_camera import VirtualCamera
+from simulator.led_board.virtual_board import VirtualBoard
 
 SIZE = (4, 6)
 

@@ -8,7 +8,7 @@ from itertools import product
 import pytest
 
 from rig import Board, BoardError, Step
-from simulator._board.faults import BoardFault
+from simulator.led_board.faults import BoardFault
 from tests.quick_sample import quick
 from tests.rig.board_calls import VERBS, one_line
 from tests.rig.conftest import led_on

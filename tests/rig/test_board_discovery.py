@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from rig import Board, BoardError, find_board, find_boards
-from rig._board import ports as ports
+from rig.board import ports as ports
 from tests.rig.fake_port import IDENTITY, device, saying
 
 TIMEOUT_S = 0.75

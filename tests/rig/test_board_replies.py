@@ -4,7 +4,7 @@ import pytest
 import serial
 
 from rig import BoardError, Command, Reply
-from rig._board.replies import Outcome, lost, overtaken, silent, spoken, where
+from rig.board.replies import Outcome, lost, overtaken, silent, spoken, where
 
 ON = Command(7, "ON", ("3", "2500"))
 

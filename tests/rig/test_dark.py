@@ -6,8 +6,8 @@ import threading
 
 import pytest
 
-from rig._shooting import dark
-from rig._shooting.dark import watch
+from rig.shooting import lights_off as dark
+from rig.shooting.lights_off import watch
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import CameraError, FrameLostError
-from rig._genicam.acquisition import Collector, StreamCounts
-from rig._genicam.buffers import LEAST, Buffering, buffering, with_copies
+from rig.genicam.acquisition import Collector, StreamCounts
+from rig.genicam.buffers import LEAST, Buffering, buffering, with_copies
 from tests.rig.camera_benches import EXPOSURE_US, SIZE, GenICamBench, grey
 
 MB = 10**6

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from genicam import gentl
 
-import rig._genicam.camera
-import rig._genicam.system
+import rig.genicam.camera
+import rig.genicam.system
 from acquisition import NoiseModel
 from rig import CameraError, find_cameras, open_genicam
-from rig._genicam.nodes import Nodes
+from rig.genicam.nodes import Nodes
 from tests.rig.camera_benches import (
     BLACK,
     EXPOSURE_US,
@@ -215,7 +215,7 @@ def test_automatics_that_are_on_are_turned_off(make, automatic):
 
 def test_an_automatic_that_comes_with_the_pixel_format_is_turned_off_too(make, monkeypatch):
     bench = make(automatics=["white", "gain"])
-    has, set_up = Nodes.has, rig._genicam.camera.set_up
+    has, set_up = Nodes.has, rig.genicam.camera.set_up
     chosen = []
 
     def once_chosen(nodes, *words):
@@ -225,7 +225,7 @@ def test_an_automatic_that_comes_with_the_pixel_format_is_turned_off_too(make, m
     def as_with_colour(nodes, names):
         return (names != "BalanceWhiteAuto" or bool(chosen)) and has(nodes, names)
 
-    monkeypatch.setattr(rig._genicam.camera, "set_up", once_chosen)
+    monkeypatch.setattr(rig.genicam.camera, "set_up", once_chosen)
     monkeypatch.setattr(Nodes, "has", as_with_colour)
     assert bench.open().info.turned_off == ("GainAuto", "BalanceWhiteAuto")
     assert chosen[0].text("BalanceWhiteAuto") == "Off"
@@ -422,8 +422,8 @@ def test_a_failing_producer_gives_a_message_of_one_line(make, monkeypatch):
     def fail(harvester):
         raise gentl.IoException("out of order")
 
-    monkeypatch.setattr(rig._genicam.system.Harvester, "update", fail)
-    monkeypatch.setattr(rig._genicam.system.Harvester, "reset", fail)
+    monkeypatch.setattr(rig.genicam.system.Harvester, "update", fail)
+    monkeypatch.setattr(rig.genicam.system.Harvester, "reset", fail)
     with pytest.raises(CameraError, match=r"this GenTL producer fails \(.*out of order") as error:
         find_cameras([make().device.cti])
     assert "\n" not in str(error.value)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig._genicam.count import BlockCount
+from rig.genicam.frame_count import BlockCount
 
 
 def places(*starts):

@@ -6,7 +6,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from rig import CameraError
-from rig._genicam.pixels import PixelFormat, best_format, decode
+from rig.genicam.pixels import PixelFormat, best_format, decode
 
 FORMATS = [
     f"{kind}{depth}"

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from rig import CameraError, FoundCamera
-from rig._genicam.automatics import camera_settings, turn_off_automatics
-from rig._genicam.nodes import Nodes
-from rig._genicam.processing import PROCESSING
-from rig._genicam.settings import EXPOSURE, Settings, TriggerControl
-from rig._genicam.setup import CameraOptions, set_up
+from rig.genicam.automatics import camera_settings, turn_off_automatics
+from rig.genicam.nodes import Nodes
+from rig.genicam.processing import PROCESSING
+from rig.genicam.settings import EXPOSURE, Settings, TriggerControl
+from rig.genicam.setup import CameraOptions, set_up
 from tests.rig.genicam_memory import Memory, amount, choice, command, switch
 
 EXPOSURE_US = amount("ExposureTime", 1000, 10, 1e6, unit="us")

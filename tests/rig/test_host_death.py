@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rig import Board
-from simulator._bench_state import BenchState
+from simulator.bench.state import BenchState
 from tests.quick_sample import quick
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
@@ -24,7 +24,7 @@ WATCHDOG_NS = 1 * S
 HOST = """
 import json, sys, time
 from rig import Board, Step
-from simulator._board.virtual_board import VirtualBoard
+from simulator.led_board.virtual_board import VirtualBoard
 
 virtual = VirtualBoard(36)
 board = Board(virtual.port)
@@ -43,9 +43,9 @@ RIG = (
 import numpy as np
 from acquisition import NoiseModel
 from rig import Rig, RigConfig
-from simulator._bench_state import BenchState
-from simulator._camera.sensor import ImageFormation
-from simulator._camera.virtual_camera import VirtualCamera
+from simulator.bench.state import BenchState
+from simulator.camera.sensor import ImageFormation
+from simulator.camera.virtual_camera import VirtualCamera
 
 camera = VirtualCamera(
     lambda led: np.zeros((2, 2), np.float32),

@@ -11,9 +11,9 @@ import numba
 import pytest
 
 from rig import kernel_folder, watch_kernels
-from rig._kernel_cache import _adapt
-from rig._kernels import KernelWatch, private_folder
-from rig._numba_cache import _KernelCache
+from rig.kernels.cache import _adapt
+from rig.kernels.numba_cache import _KernelCache
+from rig.kernels.threads import KernelWatch, private_folder
 
 ROOT = Path(__file__).parents[2]
 
@@ -37,8 +37,8 @@ class Watch(KernelWatch):
 @pytest.fixture
 def watch(monkeypatch):
     watch = Watch()
-    monkeypatch.setattr("rig._kernels._State.watch", watch)
-    monkeypatch.setattr("rig._kernels._State.stated", False)
+    monkeypatch.setattr("rig.kernels.threads._State.watch", watch)
+    monkeypatch.setattr("rig.kernels.threads._State.stated", False)
     return watch
 
 
@@ -158,10 +158,10 @@ def test_functions_of_other_programs_keep_numbas_cache(kernel, monkeypatch):
     assert type(numba.njit(cache=True)(double)._cache) is numba.core.caching.FunctionCache
 
 
-@pytest.mark.parametrize("first", ["numba", "rig", "processing._metrics"])
+@pytest.mark.parametrize("first", ["numba", "rig", "processing.maps.metrics"])
 def test_the_order_of_imports_does_not_matter(first):
     code = (
-        f"import {first}, processing._metrics as m\n"
+        f"import {first}, processing.maps.metrics as m\n"
         "kernels = [k for k in vars(m).values() if hasattr(k, 'py_func')]\n"
         "assert kernels\n"
         "assert all(type(k._cache).__name__ == '_KernelCache' for k in kernels)"
@@ -179,15 +179,15 @@ def test_the_folder_of_the_kernels_is_known(monkeypatch, tmp_path):
 
 
 def test_another_layout_of_numba_keeps_its_own_cache(monkeypatch):
-    monkeypatch.setitem(sys.modules, "rig._numba_cache", None)
+    monkeypatch.setitem(sys.modules, "rig.kernels.numba_cache", None)
     dispatcher = SimpleNamespace(FunctionCache=object)
     _adapt(dispatcher)
     assert dispatcher.FunctionCache is object
 
 
 def test_a_cache_that_this_numba_cannot_make_is_numbas_own(monkeypatch):
-    monkeypatch.setattr("rig._numba_cache.count_compilations", lambda: None)
-    monkeypatch.setattr("rig._numba_cache.cache_of", lambda _: 1 / 0)
+    monkeypatch.setattr("rig.kernels.numba_cache.count_compilations", lambda: None)
+    monkeypatch.setattr("rig.kernels.numba_cache.cache_of", lambda _: 1 / 0)
     dispatcher = SimpleNamespace(FunctionCache=lambda function: "numba's own")
     _adapt(dispatcher)
     assert dispatcher.FunctionCache(private_folder) == "numba's own"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-import rig._drivers
+import rig.config.drivers
 from rig import (
     Mounting,
     RigConfig,
@@ -135,11 +135,13 @@ def test_an_unknown_driver_in_a_file(tmp_path: Path):
 def drivers(monkeypatch):
     points = EntryPoints(
         [
-            EntryPoint("echo", "builtins:dict", rig._drivers.DRIVERS),
-            EntryPoint("broken", "no_such_module:open", rig._drivers.DRIVERS),
+            EntryPoint("echo", "builtins:dict", rig.config.drivers.DRIVERS),
+            EntryPoint("broken", "no_such_module:open", rig.config.drivers.DRIVERS),
         ]
     )
-    monkeypatch.setattr(rig._drivers, "entry_points", lambda group: points.select(group=group))
+    monkeypatch.setattr(
+        rig.config.drivers, "entry_points", lambda group: points.select(group=group)
+    )
 
 
 @pytest.mark.usefixtures("drivers")

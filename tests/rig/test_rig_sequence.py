@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig import BoardError, CameraError, CameraInfo, RigConfig, RigError
-from rig._camera import CameraFrame
-from rig._shooting.frame_proof import Spacing
-from rig._shooting.sequence import runs
-from rig._shooting.shot_times import ShotTimes
-from simulator._board.faults import BoardFault
+from rig.camera.interface import CameraFrame
+from rig.shooting.frame_proof import Spacing
+from rig.shooting.sequence import runs
+from rig.shooting.shot_times import ShotTimes
+from simulator.led_board.faults import BoardFault
 from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0

@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import rig._shooting.shooting
+import rig.shooting.shooting
 from rig import Board, BoardError, CameraError, CameraFrame, FrameLostError, RigError
-from rig._shooting.frame_proof import FlashChain
-from rig._shooting.shot_times import ShotTimes
-from simulator._board.faults import BoardFault
-from simulator._camera.virtual_camera import VirtualCamera
+from rig.shooting.frame_proof import FlashChain
+from rig.shooting.shot_times import ShotTimes
+from simulator.camera.virtual_camera import VirtualCamera
+from simulator.led_board.faults import BoardFault
 from tests.rig.conftest import led_on, led_seen
 
 EXPOSURE_US = 1000.0
@@ -119,7 +119,7 @@ def test_the_hold_covers_the_complete_shot(
 
 def test_a_hold_that_ends_before_the_frame_arrives_is_reported(bench, monkeypatch):
     with bench.rig(frame_timeout_s=2.0) as opened:
-        monkeypatch.setattr(rig._shooting.shooting, "hold_ms", lambda *_: 150)
+        monkeypatch.setattr(rig.shooting.shooting, "hold_ms", lambda *_: 150)
         late(opened, monkeypatch, 0.3)
         with pytest.raises(BoardError, match=r"the hold of LED 6 ended while .* awaited") as error:
             opened.shoot(6, EXPOSURE_US)

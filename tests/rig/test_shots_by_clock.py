@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from rig import BoardEcho, BoardError, CameraError, CameraFrame, FrameLostError, RigConfig, RigError
-from rig._board.values import FlashReport, Step, StepReport
 from rig._errors import FrameTimeoutError
-from rig._shooting import alive, frame_proof, sequence, shooting
-from rig._shooting.frame_proof import time_ns
-from rig._shooting.sequence import run
-from rig._shooting.shooting import Bench, by_board, by_software, hold_ms
-from rig._shooting.shot_times import ShotTimes
+from rig.board.values import FlashReport, Step, StepReport
+from rig.shooting import frame_proof, sequence, shooting
+from rig.shooting import keep_alive as alive
+from rig.shooting.frame_proof import time_ns
+from rig.shooting.sequence import run
+from rig.shooting.shooting import Bench, by_board, by_software, hold_ms
+from rig.shooting.shot_times import ShotTimes
 from tests.rig.test_shooting_values import IDENTITY, INFO, Clock, frame
 
 # The LED is on for 2000 us before the trigger of a flash and 6450 us after it.

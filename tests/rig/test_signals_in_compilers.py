@@ -11,8 +11,8 @@ import weakref
 
 import pytest
 
-from rig import _ending as ending
 from rig import end_program, resend_signal
+from rig.processes import ending as ending
 from tests.quick_sample import quick
 
 # Interrupted right after LLVM has linked modules, when the linked module has two owners.

@@ -64,7 +64,7 @@ def check_continued(
     line = sgp(*command, *other, "--out", out, "--memory", limit).error_line(2)
     assert f"differs in {reason}: repeat that" in line
     with monkeypatch.context() as patched:  # while the files of the result are written
-        patched.setattr("processing._normal_map_files.write_mask", stop(full, 0))
+        patched.setattr("processing.maps.normal_map_files.write_mask", stop(full, 0))
         assert sgp(*command, "--out", out, "--memory", limit).code == 3
     assert len(list(out.iterdir())) > 1
     assert sgp(*command, "--out", out, "--memory", "1G").code == 0

@@ -10,9 +10,9 @@ import numpy as np
 
 from acquisition import write_exr, write_mask, write_png
 from processing import NormalMap, ShapeFilter, separate, write_normals
-from sgp._output import write_record
-from sgp._report.planes import Plane, vectors_plane
-from sgp._result import Result
+from sgp.report.planes import Plane, vectors_plane
+from sgp.results.output import write_record
+from sgp.results.result import Result
 from tests.sgp.test_report_planes import vectors_of
 
 SIZE = (90, 110)

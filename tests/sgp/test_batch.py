@@ -15,17 +15,17 @@ import pytest
 import acquisition
 import rig
 from acquisition import DataError, StorageError, compact_session, import_frames, read_source
-from sgp._batch.files import Stamp, difference, stamps
-from sgp._batch.perform import perform
-from sgp._batch.progress import BatchProgress
-from sgp._batch.recipe import Recipe, option_words, read_recipe
-from sgp._batch.state import States, reason_to_run
-from sgp._batch.tables import csv_table, html_table
-from sgp._batch.task import Outcome, Stage, Task, names_of
-from sgp._exit import UsageError
-from sgp._hashes import sha256
-from sgp._result import Result
+from sgp.batch.files import Stamp, difference, stamps
+from sgp.batch.progress import BatchProgress
+from sgp.batch.recipe import Recipe, option_words, read_recipe
+from sgp.batch.state import States, reason_to_run
+from sgp.batch.tables import csv_table, html_table
+from sgp.batch.task import Outcome, Stage, Task, names_of
+from sgp.batch.task_run import perform
+from sgp.cli.exit import UsageError
 from sgp.commands.batch import _task
+from sgp.results.hashes import sha256
+from sgp.results.result import Result
 
 SOFTWARE = acquisition.software_version()
 
@@ -172,7 +172,7 @@ def test_a_damaged_state_costs_one_source_and_one_of_another_version_is_refused(
     ],
 )
 def test_errors_are_outcomes(task, fail, code, attempts, monkeypatch) -> None:
-    monkeypatch.setattr("sgp._batch.perform._PAUSE_S", 0.0)
+    monkeypatch.setattr("sgp.batch.task_run._PAUSE_S", 0.0)
     outcome = perform(with_words(task, f"--fail={fail}"))
     assert (outcome.exit_code, outcome.attempts) == (code, attempts)
     assert (outcome.error is None) == (code == 0)
@@ -379,7 +379,7 @@ def test_a_compacted_session_with_another_change_is_not_the_same(session) -> Non
 
 
 def test_one_slow_task_does_not_spoil_the_time_left(task, monkeypatch) -> None:
-    monkeypatch.setattr("sgp._batch.progress.note", lambda line: None)
+    monkeypatch.setattr("sgp.batch.progress.note", lambda line: None)
     progress = BatchProgress(24, 2)
     for seconds in (6000.0, 6.0, 6.0, 6.0):
         progress.started(task)

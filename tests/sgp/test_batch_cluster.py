@@ -17,10 +17,10 @@ from types import SimpleNamespace
 import pytest
 
 import acquisition
-from sgp._batch import cluster
-from sgp._batch.cluster import _checked, _probe
-from sgp._batch.task import Outcome
-from sgp._exit import ClusterError, UsageError
+from sgp.batch import cluster
+from sgp.batch.cluster import _checked, _probe
+from sgp.batch.task import Outcome
+from sgp.cli.exit import ClusterError, UsageError
 from tests.sgp.test_cli_batch import recipe as recipe
 from tests.sgp.test_cli_batch import table, wait_for
 from tests.sgp.test_cli_batch import two as two

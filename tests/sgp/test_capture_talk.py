@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from sgp._capture.resume_command import ResumeCommand
-from sgp._capture.talk import CaptureTalk
+from sgp.sessions.operator_messages import CaptureTalk
+from sgp.sessions.resume_command import ResumeCommand
 
 GOLDEN = Path(__file__).parents[1] / "acquisition" / "golden_session_3"
 

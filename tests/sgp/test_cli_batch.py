@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from acquisition import read_image, write_png
-from sgp._batch.perform import perform
+from sgp.batch.task_run import perform
 from tests.quick_sample import quick
 from tests.sgp.conftest import ball, ring_lights
 
@@ -241,7 +241,7 @@ def test_a_process_gets_no_more_memory_than_allowed(two, recipe, tmp_path) -> No
     printed, errors = run.communicate(timeout=280)
     assert run.returncode == 0, errors
     assert "1 of 1 source done" in printed
-    code = "import numpy as np; from sgp._batch.local import limit_memory; limit_memory(2**30)"
+    code = "import numpy as np; from sgp.batch.local import limit_memory; limit_memory(2**30)"
     code += "; np.ones(2**22); np.ones(2**28)"
     one = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "Unable to allocate 2.00 GiB" in one.stderr

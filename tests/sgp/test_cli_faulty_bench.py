@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-import rig._board.ports
+import rig.board.ports
 from rig import Board, Command, LineError, Reply, decode_command, encode_reply
 from tests.quick_sample import quick
 from tests.sgp.virtual_bench import Bench, device
@@ -170,7 +170,7 @@ def test_a_board_of_24_leds_for_a_rig_of_36(tmp_path, sgp):
 
 
 def test_no_board_at_any_port(bench, sgp, monkeypatch):
-    monkeypatch.setattr(rig._board.ports.list_ports, "comports", list)
+    monkeypatch.setattr(rig.board.ports.list_ports, "comports", list)
     bench.options["port"] = "auto"
     assert "no LED board" in sgp("rig", "off", "--rig", bench.rig).error_line(3)
 
@@ -179,7 +179,7 @@ def test_the_board_is_found_by_itself(bench, sgp, monkeypatch):
     class Port:
         device = bench.board.port
 
-    monkeypatch.setattr(rig._board.ports.list_ports, "comports", lambda: [Port])
+    monkeypatch.setattr(rig.board.ports.list_ports, "comports", lambda: [Port])
     bench.options["port"] = "auto"
     assert sgp("rig", "off", "--rig", bench.rig).code == 0
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from acquisition import BandStore, software_version
-from processing._reconstruction import reconstruct as memory
-from sgp import _stored_normals
+from processing.recording import pipeline as memory
+from sgp.stages import stored_normals as _stored_normals
 
 # For 40 x 48 pixels and 8 lights: bands of 10 rows.
 LITTLE = "200K"

@@ -9,7 +9,7 @@ import pytest
 
 from acquisition import write_png
 from processing import write_normal_rows
-from processing._detail import separation as rows
+from processing.detail import separation as rows
 from tests.sgp.in_bands import check_continued
 
 SIZE = (330, 60)

@@ -25,9 +25,9 @@ COUNT = 12
 # Bands of a few dozen rows, besides interpreter and libraries, which count as nothing then.
 MEMORY = "8M"
 NO_PROGRAM = """
-from processing._blocks import surface_stage
-from processing._detail import separation as rows
-from processing._reconstruction import reconstruct as memory
+from processing.surface.blocks import surface_stage
+from processing.detail import separation as rows
+from processing.recording import reconstruct as memory
 
 memory._FIXED = rows._FIXED = surface_stage._FIXED = surface_stage._PROGRAM = 0
 """
@@ -113,7 +113,7 @@ def test_transfer(server: Server, tmp_path: Path) -> None:
 
 # Sheets count as large: their least memory is more than such a small one needs in memory.
 LARGE_SHEETS = """
-from processing._synthesis import synthesize as synthesis_memory
+from processing.synthesis import synthesize as synthesis_memory
 
 synthesis_memory._SHEET = 10_000
 """

@@ -10,10 +10,11 @@ import pytest
 
 from acquisition import BandStore, read_image
 from processing import Need, SurfaceStage
-from processing._blocks import surface_stage
-from processing._detail import separation as rows
-from processing._reconstruction import reconstruct as memory
-from sgp import _memory_limit, _stored_run
+from processing.detail import separation as rows
+from processing.recording import pipeline as memory
+from processing.surface.blocks import surface_stage
+from sgp.stages import memory_limit as _memory_limit
+from sgp.stages import stored_run as _stored_run
 from tests.sgp.test_cli_memory import files, stop
 from tests.sgp.test_cli_near import HEIGHT, NORMALS, PIXEL_MM, panel, write_images
 

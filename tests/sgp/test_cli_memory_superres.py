@@ -11,7 +11,7 @@ import pytest
 
 from acquisition import BandStore
 from processing import NormalMap, SuperResolutionStage, write_normals
-from processing._superres import super_resolution_stage as memory
+from processing.superres import super_resolution_stage as memory
 from tests.sgp.test_cli_memory import check_equal, stop
 
 SIZE = (95, 13)

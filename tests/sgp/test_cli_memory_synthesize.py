@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from processing import NormalMap, write_normals
-from processing._synthesis import synthesize as synthesis_memory
+from processing.synthesis import sheet_synthesis as synthesis_memory
 from tests.sgp.in_bands import check_continued, check_needs_whole
 
 SIZE = ("--size", "110x600", "--patch", 16)

@@ -9,8 +9,8 @@ import pytest
 
 from acquisition import BandStore
 from processing import NormalMap, ShapeFilter, write_normals
-from processing._detail import separation as rows
-from processing._detail.transfer_stage import TransferSizes
+from processing.detail import separation as rows
+from processing.detail.transfer_stage import TransferSizes
 from tests.sgp.in_bands import check_continued, check_needs_whole
 from tests.sgp.test_cli_memory import stop
 

@@ -8,7 +8,7 @@ import pytest
 
 from acquisition import Lights, read_image, read_lights, write_lights, write_png
 from processing import angle_deg, read_normals
-from processing._reconstruction.views import Parallel
+from processing.images.viewing_rays import Parallel
 
 SIZE = (44, 48)
 PIXEL_MM = 2.0

@@ -9,10 +9,10 @@ import time
 import numpy as np
 import pytest
 
-import rig._board.ports
+import rig.board.ports
 from acquisition import read_image
 from rig import Board
-from simulator._board.faults import BoardFault
+from simulator.led_board.faults import BoardFault
 from tests.sgp.virtual_bench import Bench, device
 
 
@@ -64,7 +64,7 @@ def test_list_names_rigs_ports_and_cameras(bench, sgp, tmp_path):
 
 
 def test_an_empty_list_says_what_to_do(sgp, monkeypatch):
-    monkeypatch.setattr(rig._board.ports.list_ports, "comports", list)
+    monkeypatch.setattr(rig.board.ports.list_ports, "comports", list)
     answer = sgp("rig", "list")
     assert answer.code == 0
     assert "no LED board was found" in answer.out
@@ -73,7 +73,7 @@ def test_an_empty_list_says_what_to_do(sgp, monkeypatch):
 
 def test_a_missing_producer_is_reported_before_any_port_is_opened(sgp, monkeypatch, tmp_path):
     asked = []
-    monkeypatch.setattr(rig._board.ports.list_ports, "comports", lambda: asked.append(1) or [])
+    monkeypatch.setattr(rig.board.ports.list_ports, "comports", lambda: asked.append(1) or [])
     answer = sgp("rig", "list", "--cti", tmp_path / "missing.cti")
     assert "missing.cti: no such file" in answer.error_line(2)
     assert not asked
@@ -151,7 +151,7 @@ def test_first_light_needs_no_rig_file(bench, sgp, monkeypatch):
     class Port:
         device = bench.board.port
 
-    monkeypatch.setattr(rig._board.ports.list_ports, "comports", lambda: [Port])
+    monkeypatch.setattr(rig.board.ports.list_ports, "comports", lambda: [Port])
     assert sgp("rig", "light", 0, "--seconds", 0.2, "--rig", "bench").code == 0
     assert bench.state.periods()[-1].led == 0
     assert bench.dark()

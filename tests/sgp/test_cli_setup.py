@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from acquisition import Session, read_lights
-from sgp._rig_lights import led_positions, rig_notices
 from sgp.app import build, run
+from sgp.rigs.rig_lights import led_positions, rig_notices
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from acquisition import read_camera, read_image, write_camera, write_exr
 from processing import NormalMap, read_normals, write_normals
 from simulator import bench_camera
 
-MODELS = Path(processing.__file__).parent / "_superres" / "models"
+MODELS = Path(processing.__file__).parent / "superres" / "models"
 
 
 @pytest.fixture(scope="module")

@@ -19,10 +19,10 @@ from acquisition import (
     write_exr,
     write_mask,
 )
-from acquisition._storage import disk
+from acquisition.files.storage import disk
 from processing import NormalMap, write_normals
-from processing._blocks import surface_stage
-from processing._blocks.block_files import BlockFiles
+from processing.surface.blocks import surface_stage
+from processing.surface.blocks.block_files import BlockFiles
 
 SIZE = (192, 60)
 # Blocks of 48 rows.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from sgp._hashes import seal
+from sgp.results.hashes import seal
 from tests.sgp.conftest import Answer
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-import rig._board.ports
+import rig.board.ports
 from acquisition import Session
 from rig import rig_names
-from sgp._user_config import config_path
 from sgp.app import build
+from sgp.rigs.user_config import config_path
 
 RIG = """
 name = "small"
@@ -133,7 +133,7 @@ def test_a_path_in_the_file_is_relative_to_it_and_a_name_is_a_name(sgp, config, 
 
 
 def listed(sgp, monkeypatch):
-    monkeypatch.setattr(rig._board.ports.list_ports, "comports", list)
+    monkeypatch.setattr(rig.board.ports.list_ports, "comports", list)
     default = json.loads(sgp("rig", "list", "--json").out)["metrics"]["default_rig"]
     return default, sgp("rig", "list").out
 

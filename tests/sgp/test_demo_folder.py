@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from sgp._demo_folder import MARK, claimed
-from sgp._exit import UsageError
+from sgp.cli.exit import UsageError
+from sgp.results.demo_folder import MARK, claimed
 
 # A demo that is killed in its second stage.
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from sgp._demo_folder import claimed
+from sgp.results.demo_folder import claimed
 out = Path(sys.argv[1])
 with claimed(out, force=False) as folder:
     folder.begin("calibration")

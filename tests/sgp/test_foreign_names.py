@@ -12,7 +12,7 @@ import pytest
 
 import sgp
 from rig import module_command
-from sgp._entry import PACKAGES
+from sgp.cli.entry import PACKAGES
 
 pytest_plugins = ["pytester"]
 

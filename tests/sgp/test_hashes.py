@@ -12,7 +12,7 @@ import pytest
 import rig
 from acquisition import DataError
 from rig import files_read, read_bounded, status_when_read
-from sgp._hashes import input_hashes, output_files
+from sgp.results.hashes import input_hashes, output_files
 
 
 def replace(path: Path, content: bytes = b"new") -> None:
@@ -147,7 +147,7 @@ def test_the_readers_of_a_command_note_all_its_inputs(
         unnoted.extend(file for file in files if rig.status_when_read(file) is None)
         return input_hashes(files)
 
-    monkeypatch.setattr("sgp._output.input_hashes", checked)
+    monkeypatch.setattr("sgp.results.output.input_hashes", checked)
     answer = sgp(*words)
     assert answer.code == 0 or "too small" in answer.err, answer
     if answer.code:  # the message names the least memory

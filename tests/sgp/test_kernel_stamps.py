@@ -41,9 +41,9 @@ def test_a_file_names_the_versions_of_the_kernels_that_it_calls() -> None:
 
 
 def test_callers_are_found() -> None:
-    solver = (ROOT / "processing/_stereo/best.py").read_text(encoding="utf-8")
+    solver = (ROOT / "processing/stereo/best.py").read_text(encoding="utf-8")
     assert list(compiled_in(solver)) == [
-        f"processing/_stereo/{name}.py" for name in ("cauchy", "pixel_algebra", "reflectance_fit")
+        f"processing/stereo/{name}.py" for name in ("cauchy", "pixel_algebra", "reflectance_fit")
     ]
     text = (
         "from simulator.a import Kind, helper\nfrom processing.b import FAST\n"

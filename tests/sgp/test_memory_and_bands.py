@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from acquisition import BandStore, read_image
-from processing._superres import super_resolution_stage
+from processing.superres import super_resolution_stage
 
 ROOT = Path(__file__).parents[2]
 COIN, PAINTED, BOTH = (

@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import get_args
 
-from acquisition._preflight import check
-from acquisition._selftest import finding
+from acquisition.preflights import check
+from acquisition.selftests import finding
 from rig import Notice
 
 ROOT = Path(__file__).parents[2]

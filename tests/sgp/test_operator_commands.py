@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 
 from acquisition import Session
-from acquisition._preflight.check import Check
-from acquisition._preflight.preflight import Preflight
+from acquisition.preflights.capture_checks import Preflight
+from acquisition.preflights.check import Check
 from rig import RigError
-from sgp._capture.resume_command import ResumeCommand
-from sgp._capture.steps import Preparation, accept
+from sgp.sessions.resume_command import ResumeCommand
+from sgp.sessions.steps import Preparation, accept
 
 RIG = """
 name = "small"

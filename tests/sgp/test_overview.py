@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from acquisition import read_image
-from sgp._overview import Panel, sheet, text_size, write_overview
-from sgp._panels.crop import Crop
-from sgp._panels.maps import map_panel, signed_panel
+from sgp.pictures.crop import Crop
+from sgp.pictures.maps import map_panel, signed_panel
+from sgp.pictures.sheet import Panel, sheet, text_size, write_overview
 from tests.quick_sample import quick
 
 

@@ -10,11 +10,11 @@ from matplotlib.patches import Ellipse
 
 from acquisition import LightErrors, Lights
 from processing import HeightProfile, NormalMap
-from sgp._overview import sheet
-from sgp._panels.crop import Crop
-from sgp._panels.light_errors import ellipsoids_panel, residuals_panel
-from sgp._panels.lights import lights_panel, short_names
-from sgp._panels.maps import (
+from sgp.commands.compare import distinct_names
+from sgp.pictures.crop import Crop
+from sgp.pictures.light_errors import ellipsoids_panel, residuals_panel
+from sgp.pictures.lights import lights_panel, short_names
+from sgp.pictures.maps import (
     bar_mm,
     detail_panel,
     image_panel,
@@ -23,8 +23,8 @@ from sgp._panels.maps import (
     shaded_panel,
     signed_panel,
 )
-from sgp._write_profile import profile_panels
-from sgp.commands.compare import distinct_names
+from sgp.pictures.sheet import sheet
+from sgp.stages.write_profile import profile_panels
 
 
 def shown(panel):

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import processing
-from sgp import _console
-from sgp._console import Stages, shown
-from sgp._options import SourceOptions
-from sgp._overview import Panel, write_overview
-from sgp._pipeline import process
-from sgp._stages import Stopwatch, open_source
 from sgp.app import build, run
+from sgp.cli import console as _console
+from sgp.cli.console import Stages, shown
+from sgp.cli.options import SourceOptions
+from sgp.pictures.sheet import Panel, write_overview
+from sgp.stages.pipeline import process
+from sgp.stages.recording import Stopwatch, open_source
 
 
 def dome(size: int = 48) -> processing.NormalMap:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import sgp._simulation
+import sgp.sessions.simulation
 from simulator import open_rig_seeing, render, scene_named
 
 pytest_plugins = ["pytester"]
@@ -111,9 +111,9 @@ def test_session_is_complete_and_each_test_has_its_own(run):
 
 def test_session_is_recorded_once_for_each_scene(run, monkeypatch):
     recorded = []
-    record = sgp._simulation.record_simulated
+    record = sgp.sessions.simulation.record_simulated
     monkeypatch.setattr(
-        sgp._simulation,
+        sgp.sessions.simulation,
         "record_simulated",
         lambda *args, **more: recorded.append(more["seed"]) or record(*args, **more),
     )

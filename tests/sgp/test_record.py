@@ -15,9 +15,9 @@ from pydantic import ValidationError
 from acquisition import DataError, MissingPathError
 from rig import Notice
 from sgp import read_record
-from sgp._output import write_record
-from sgp._record import check_metrics
-from sgp._result import Result, plain
+from sgp.results.output import write_record
+from sgp.results.record import check_metrics
+from sgp.results.result import Result, plain
 
 GOLDEN = """{
   "format": "sgp-result",

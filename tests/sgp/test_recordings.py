@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from acquisition import Identity, Labels, import_frames, read_source, write_png
-from sgp._output import write_record
-from sgp._record import read_record
-from sgp._recordings import recordings_of
-from sgp._report.sections import identity_list, marked
-from sgp._result import Result
+from sgp.report.sections import identity_list, marked
+from sgp.results.output import write_record
+from sgp.results.record import read_record
+from sgp.results.recordings import recordings_of
+from sgp.results.result import Result
 
 OWL = Identity("owl", "Ada", "storage", "clean", "CC BY", "2026-03-14T09:26:00+00:00")
 

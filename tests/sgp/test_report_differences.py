@@ -10,12 +10,12 @@ import pytest
 from acquisition import CameraModel
 from processing import NormalMap, integrate
 from rig import MAX_PIXELS
-from sgp._output import write_record
-from sgp._panels.crop import Crop
-from sgp._report.folder import read_folder
-from sgp._report.maps import FolderMaps, camera_of, embed, height_differences, jumps_plane
-from sgp._stage_options import SurfaceOptions
-from sgp._write_surface import write_surface
+from sgp.pictures.crop import Crop
+from sgp.report.folder import read_folder
+from sgp.report.maps import FolderMaps, camera_of, embed, height_differences, jumps_plane
+from sgp.results.output import write_record
+from sgp.stages.options import SurfaceOptions
+from sgp.stages.write_surface import write_surface
 from tests.sgp.report_folder import PIXEL_MM, write_folder
 
 

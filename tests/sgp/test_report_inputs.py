@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
-from sgp._report import large_maps
-from sgp._report.companions import companions
-from sgp._report.folder import ResultFolder
-from sgp._report.recording import Image, Recording
-from sgp._report.report import make_report
-from sgp._report.sections import sections
+from sgp.report import large_maps
+from sgp.report.folder import ResultFolder
+from sgp.report.recording import Image, Recording
+from sgp.report.report import make_report
+from sgp.report.sections import sections
+from sgp.report.source_maps import companions
 from tests.sgp.report_folder import write_folder, write_recording
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
-from sgp._report.folder import read_folder
-from sgp._report.maps import FolderMaps, embed
+from sgp.report.folder import read_folder
+from sgp.report.maps import FolderMaps, embed
 from tests.sgp.chromium import MISSING, PROGRAM, WINDOW, Browser
 from tests.sgp.report_folder import shaded, write_folder
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from processing import angle_deg
-from sgp._report.html import Html, joined, script_json, tag, text
-from sgp._report.lights import bar_chart
-from sgp._report.page import colour_maps
-from sgp._report.planes import VECTOR_STEPS, Plane, colour_plane, scalar_plane, vectors_plane
-from sgp._report.scripts import LinkError, linked
+from sgp.report.html import Html, joined, script_json, tag, text
+from sgp.report.lights import bar_chart
+from sgp.report.page import colour_maps
+from sgp.report.planes import VECTOR_STEPS, Plane, colour_plane, scalar_plane, vectors_plane
+from sgp.report.scripts import LinkError, linked
 
 
 def samples_of(plane: Plane) -> np.ndarray:
@@ -122,7 +122,7 @@ def test_modules_are_linked_after_those_that_they_import(monkeypatch):
         "views/round.js": 'import { b } from "./round.js";\n',
         "views/other.js": "export default 3;\n",
     }
-    monkeypatch.setattr("sgp._report.scripts.asset", sources.__getitem__)
+    monkeypatch.setattr("sgp.report.scripts.asset", sources.__getitem__)
     link = linked.__wrapped__
     script = link(("one",))
     places = [script.index(f"const {name} =") for name in ("$js_a", "$views_one", "$js_main")]

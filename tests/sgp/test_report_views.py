@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rig import MAX_PIXELS
-from sgp._report import planes as planes_module
-from sgp._report import report as report_module
-from sgp._report.folder import read_folder
-from sgp._report.maps import FolderMaps, embed
-from sgp._report.report import make_report
+from sgp.report import planes as planes_module
+from sgp.report import report as report_module
+from sgp.report.folder import read_folder
+from sgp.report.maps import FolderMaps, embed
+from sgp.report.report import make_report
 from tests.sgp.chromium import MISSING, PROGRAM, WINDOW, Browser
 from tests.sgp.report_folder import (
     frame_level,

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from sgp._capture.session_sheet import in_order
+from sgp.sessions.session_sheet import in_order
 
 
 def test_lights_come_first_in_the_order_of_their_leds():

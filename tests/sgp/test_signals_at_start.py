@@ -51,7 +51,7 @@ def test_a_signal_while_modules_load_ends_with_one_line(name, module):
 
 def test_the_handler_imports_nothing():
     # `rig` is loaded, and the interrupted import continues after the signal.
-    done = struck("SIGTERM", "sgp._metrics")
+    done = struck("SIGTERM", "sgp.results.metrics")
     assert done.stderr in (
         "error: stopped by SIGTERM\n",
         f"error: {WORDS[1]}: no such file or folder\n",

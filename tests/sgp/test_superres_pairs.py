@@ -13,15 +13,15 @@ from hypothesis import strategies as st
 
 import processing
 from rig import no_progress
-from sgp._exit import UsageError
-from sgp._superres.files import claim_work, remove_work
-from sgp._superres.judgement import surface
-from sgp._superres.pairs import SYMMETRIES, averaged, batch, make_pairs, pair, turned
-from sgp._superres.presets import CORRECTED, HELD_OUT, PRESETS, REPORTED, Task
-from sgp._superres.rdn import OUTPUTS, RdnSize, weight_shapes
+from sgp.cli.exit import UsageError
+from sgp.training.files import claim_work, remove_work
+from sgp.training.judgement import surface
+from sgp.training.pairs import SYMMETRIES, averaged, batch, make_pairs, pair, turned
+from sgp.training.presets import CORRECTED, HELD_OUT, PRESETS, REPORTED, Task
+from sgp.training.rdn import OUTPUTS, RdnSize, weight_shapes
 from simulator import random_normals, rugged_normals
 
-MODELS = Path(processing.__file__).parent / "_superres" / "models"
+MODELS = Path(processing.__file__).parent / "superres" / "models"
 
 
 def of_height(height: np.ndarray) -> np.ndarray:

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 
 from rig import no_progress
-from sgp._superres.pairs import make_pairs
-from sgp._superres.presets import PRESETS, Task
-from sgp._superres.rdn import RdnSize, weight_shapes
+from sgp.training.pairs import make_pairs
+from sgp.training.presets import PRESETS, Task
+from sgp.training.rdn import RdnSize, weight_shapes
 from simulator import random_normals, rugged_normals
 
 pytestmark = [
@@ -57,8 +57,8 @@ def tiny(monkeypatch):
 def test_opencv_computes_what_torch_computes(scale, upsampling):
     import torch
 
-    from sgp._superres.onnx_layers import onnx_bytes
-    from sgp._superres.torch_layers import first_weights, forward
+    from sgp.training.onnx_layers import onnx_bytes
+    from sgp.training.torch_layers import first_weights, forward
 
     size = RdnSize(scale, 2, 3, 24, 20, upsampling)
     random = torch.Generator().manual_seed(4)
@@ -79,7 +79,7 @@ def test_opencv_computes_what_torch_computes(scale, upsampling):
 def test_an_untrained_network_is_bicubic_interpolation():
     import torch
 
-    from sgp._superres.torch_layers import first_weights, forward
+    from sgp.training.torch_layers import first_weights, forward
 
     for scale in (2, 4):
         size = PRESETS["small"].size(scale)
@@ -92,7 +92,7 @@ def test_an_untrained_network_is_bicubic_interpolation():
 def test_weights_have_an_effect_as_far_as_the_halo():
     import torch
 
-    from sgp._superres.torch_layers import first_weights, forward
+    from sgp.training.torch_layers import first_weights, forward
 
     for upsampling in ("direct", "convolved"):
         size = RdnSize(2, 1, 2, 8, 8, upsampling)
@@ -113,7 +113,7 @@ class KilledError(Exception):
 
 @pytest.mark.parametrize("last", [8, 11], ids=["first part", "second part"])
 def test_a_killed_training_continues_to_the_same_weights(tmp_path, last):
-    from sgp._superres.training import train
+    from sgp.training.steps import train
 
     task = Task(4, "detail", 0, "small", 12)
     pairs = make_pairs(
@@ -146,7 +146,7 @@ def test_damaged_checkpoints_are_named(tmp_path, damage):
     import torch
 
     from acquisition import DataError
-    from sgp._superres.training import train
+    from sgp.training.steps import train
 
     task = Task(4, "normals", 0, "small", 2)
     pairs = make_pairs(
@@ -165,7 +165,7 @@ def test_the_likelihood_leads_to_the_mean_square_error():
     """With errors of known size, the fitted constants are their mean squares."""
     import torch
 
-    from sgp._superres.training import loss, results
+    from sgp.training.steps import loss, results
 
     random = torch.Generator().manual_seed(0)
     low = torch.zeros(1, 3, 24, 24)
@@ -208,7 +208,7 @@ CHILD = """
 import sys
 from dataclasses import replace
 import sgp
-from sgp._superres import presets, training
+from sgp.training import presets, training
 from sgp.commands import detail_train
 sizes = dict(blocks=1, convolutions=2, growth=8, features=8, surfaces=6, rugged=4, side=48, crop=8)
 presets.PRESETS["small"] = replace(presets.PRESETS["small"], **sizes)

@@ -8,7 +8,7 @@ import re
 import pytest
 
 from acquisition import CapturePlan, Labels, Manifest, SessionWriter
-from sgp._terminal import printable, printable_json, printable_lines
+from sgp.cli.terminal import printable, printable_json, printable_lines
 
 STEERING = re.compile(
     "[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"

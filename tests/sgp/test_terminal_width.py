@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from processing import NormalMap, write_normals
-from sgp._terminal import fitted
+from sgp.cli.terminal import fitted
 from tests.quick_sample import quick
 from tests.sgp.conftest import ball
 

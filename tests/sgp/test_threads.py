@@ -3,7 +3,7 @@
 import cv2
 import pytest
 
-from sgp._threads import opencv_threads
+from sgp.cli.threads import opencv_threads
 
 
 def test_the_number_of_threads_is_restored():

@@ -12,8 +12,8 @@ import numpy as np
 
 from acquisition import NoiseModel
 from simulator import VirtualBoard
-from simulator._bench_state import BenchState
-from simulator._camera.gentl_camera import GentlCamera
+from simulator.bench.state import BenchState
+from simulator.camera.gentl_camera import GentlCamera
 from tests.simulator.camera_options import grouped
 
 SIZE = (24, 32)

@@ -6,7 +6,7 @@ from dataclasses import fields
 from typing import Any
 
 from simulator import ImageFormation
-from simulator._camera.gentl_camera import GentlDevice
+from simulator.camera.gentl_camera import GentlDevice
 
 _GROUPS = {"formation": ImageFormation, "device": GentlDevice}
 

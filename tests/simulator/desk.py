@@ -1,10 +1,10 @@
 """A virtual board without a process, whose time is set by the tests."""
 
 from rig import Command, decode_reply, encode_command
-from simulator._bench_state import BenchState, BenchWriter
-from simulator._board.faults import FaultyBoard
-from simulator._board.firmware import BoardFirmware
-from simulator._board.outputs import ActiveInput, BoardOutputs
+from simulator.bench.state import BenchState, BenchWriter
+from simulator.led_board.faults import FaultyBoard
+from simulator.led_board.firmware import BoardFirmware
+from simulator.led_board.outputs import ActiveInput, BoardOutputs
 
 MS = 1_000_000
 

@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator._shapes.bvh import TriangleTree
+from simulator.shapes.bvh import TriangleTree
 
 
 def _random_triangles(count, seed, size=0.3):

@@ -20,9 +20,9 @@ from simulator import (
     render,
     scene_named,
 )
-from simulator._render.chrome import draw_mirrored_lights, mirror_points, splat
-from simulator._render.shadow import Occluders
-from simulator._scene.lens import Lens
+from simulator.rendering.chrome import draw_mirrored_lights, mirror_points, splat
+from simulator.rendering.shadow import Occluders
+from simulator.scene.lens import Lens
 from tests.quick_sample import quick
 
 LENS = Lens.of(bench_camera())  # its eye is at (0, 0, 600)

@@ -20,7 +20,7 @@ from simulator import (
     find_mirrored_lights,
     render,
 )
-from simulator._render.trace import see
+from simulator.rendering.trace import see
 
 FROM_LEFT = Lights(directions=np.array([[-1.0, 0.0, 1.0]]) / np.sqrt(2))
 FLAT = Lens.orthographic(120, 100, 1.0, 200.0)

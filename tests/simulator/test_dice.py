@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from simulator._camera.sensor import hashed, log_of, unit
-from simulator._camera.sensor import normal_pair as pixel_pair
-from simulator._dice import bits, normal_pair, stream, uniform
+from simulator.camera.sensor import hashed, log_of, unit
+from simulator.camera.sensor import normal_pair as pixel_pair
+from simulator.noise.dice import bits, normal_pair, stream, uniform
 
 WORDS = st.integers(0, 2**64 - 1)
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from acquisition import DataError, NoiseModel
-from simulator._bench_state import BenchState, BenchWriter
-from simulator._camera.virtual_camera import VirtualCamera
-from simulator._scene.lamps import Lamps, gate_share
+from simulator.bench.state import BenchState, BenchWriter
+from simulator.camera.virtual_camera import VirtualCamera
+from simulator.scene.lamps import Lamps, gate_share
 from tests.simulator.camera_options import grouped
 
 S = 10**9

@@ -24,10 +24,10 @@ from simulator import (
     render,
     scene_named,
 )
-from simulator._render.blur import blur
-from simulator._render.chrome import image_depth_mm
-from simulator._render.shade import Shader
-from simulator._render.trace import see
+from simulator.rendering.blur import blur
+from simulator.rendering.chrome import image_depth_mm
+from simulator.rendering.shade import Shader
+from simulator.rendering.trace import see
 
 CAMERA = bench_camera(160, 120)
 ABOVE = Lights(directions=np.array([[0.0, 0.0, 1.0]]))

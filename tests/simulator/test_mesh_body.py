@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from acquisition import DataError, MissingPathError
-from simulator._shapes.mesh import MeshBody, read_triangles
+from simulator.shapes.mesh import MeshBody, read_triangles
 from tests.quick_sample import quick
 
 MESHES = ("stanford-bunny", "decimated-max", "skull")

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from simulator import OwnedFolder, VirtualBoard, remove_abandoned
-from simulator._owned_folder import _LOCK
+from simulator.bench.owned_folder import _LOCK
 
 # Makes a folder, prints its path, and waits to be killed.
 OWNER = """
 import sys, time
 from pathlib import Path
-from simulator._owned_folder import OwnedFolder
+from simulator.bench.owned_folder import OwnedFolder
 folder = OwnedFolder("sgp-test-", Path(sys.argv[1]))
 (folder.path / "deep" / "er").mkdir(parents=True)
 (folder.path / "deep" / "er" / "file").write_text("x")

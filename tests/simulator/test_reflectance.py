@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from acquisition import DataError
 from simulator import Ggx, Lambert, OrenNayar
-from simulator._scene.reflectance import reflectance
+from simulator.scene.reflectance import reflectance
 from tests.quick_sample import quick
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -237,7 +237,7 @@ def test_rows_do_not_depend_on_the_blocks_of_rendering(monkeypatch):
         Coin(40.0), NEAR, Lens.of(CAMERA), spheres=(ChromeSphere((70.0, 30.0, 12.0), 12.0),)
     )
     whole = render(scene, lambda _, done, total: progress.append((done, total)))
-    monkeypatch.setattr("simulator._render.canvas.POINTS", 450)
+    monkeypatch.setattr("simulator.rendering.canvas.POINTS", 450)
     parts = render(scene, lambda _, done, total: progress.append((done, total)))
     assert progress == [(90, 90)] + [(row, 90) for row in range(3, 91, 3)]
     np.testing.assert_array_equal(parts.planes, whole.planes)
@@ -246,6 +246,6 @@ def test_rows_do_not_depend_on_the_blocks_of_rendering(monkeypatch):
 
 
 def test_a_rendering_that_exceeds_the_memory_is_refused(monkeypatch):
-    monkeypatch.setattr("simulator._render.render.memory_of_computer", lambda: (1, 10**5))
+    monkeypatch.setattr("simulator.rendering.renderer.memory_of_computer", lambda: (1, 10**5))
     with pytest.raises(DataError, match=r"3 images of 150 x 90 pixels requires .* GiB"):
         render(_scene(None, NEAR, Lens.of(CAMERA)))

@@ -9,7 +9,7 @@ import pytest
 
 from acquisition import DataError, StorageError
 from simulator import Ripples, render, render_stored, rendering_bytes, scene_named
-from simulator._render.render import RowRenderer
+from simulator.rendering.renderer import RowRenderer
 
 # Bytes of memory for a few rows: the work of a rendering, and 4 images of 180 bytes a pixel.
 FEW_ROWS = 2**27 + 12 * 48 * 180

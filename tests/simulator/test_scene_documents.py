@@ -19,7 +19,7 @@ from simulator import (
     render,
     write_scene,
 )
-from simulator._scene.scene_parts import BODIES, CLUTTER, LENSES, LIGHTS, MATERIALS, PATTERNS
+from simulator.scene.scene_parts import BODIES, CLUTTER, LENSES, LIGHTS, MATERIALS, PATTERNS
 from tests.simulator.conftest import SMALL
 
 

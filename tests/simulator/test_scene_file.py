@@ -35,7 +35,7 @@ from simulator import (
     scene_named,
     write_scene,
 )
-from simulator._scene.scene_parts import BODIES, MATERIALS, PATTERNS
+from simulator.scene.scene_parts import BODIES, MATERIALS, PATTERNS
 from tests.quick_sample import quick
 from tests.simulator.conftest import SMALL
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from acquisition import NoiseModel
-from simulator._camera.sensor import EXACT_BELOW_E, fixed_pattern, sensor_image
+from simulator.camera.sensor import EXACT_BELOW_E, fixed_pattern, sensor_image
 from tests.quick_sample import quick
 
 SHAPE = (1000, 1000)

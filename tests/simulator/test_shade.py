@@ -7,8 +7,8 @@ import pytest
 
 from acquisition import Lights
 from simulator import Ggx, Lambert, Lens, Plane, Scene, bench_sensor
-from simulator._render.shade import Shader, irradiance, lamp_parts, lamp_table
-from simulator._render.trace import Seen
+from simulator.rendering.shade import Shader, irradiance, lamp_parts, lamp_table
+from simulator.rendering.trace import Seen
 
 AXES = np.array(
     [

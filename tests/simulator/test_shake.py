@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simulator._camera.virtual_sensor import shifted
+from simulator.camera.virtual_sensor import shifted
 
 Y, X = np.mgrid[:60, :80].astype(np.float64)
 INNER = (slice(20, -20), slice(20, -20))

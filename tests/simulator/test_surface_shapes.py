@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from acquisition import DataError
 from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
-from simulator._shapes.carved import CrackedLeather, LizardScales, StepGauge, Textile, WoodCarving
+from simulator.shapes.carved_surfaces import (
+    CrackedLeather,
+    LizardScales,
+    StepGauge,
+    Textile,
+    WoodCarving,
+)
 from tests.quick_sample import quick
 
 CARVED = (LizardScales, Textile, CrackedLeather, WoodCarving)

@@ -7,9 +7,9 @@ import pytest
 
 from acquisition import DataError
 from simulator import BandNoise, Coin, Plane, Ripples, SphericalCap
-from simulator._shapes.carved import CrackedLeather, StepGauge
-from simulator._shapes.field_trace import FieldBounds, meet_field
-from simulator._shapes.surface import Surface
+from simulator.shapes.carved_surfaces import CrackedLeather, StepGauge
+from simulator.shapes.field_trace import FieldBounds, meet_field
+from simulator.shapes.surface import Surface
 from tests.quick_sample import quick
 
 ABOVE = np.array([0.0, 0.0, 600.0])

@@ -6,7 +6,7 @@ import threading
 import pytest
 
 from rig import RigError
-from simulator._bench_state import (
+from simulator.bench.state import (
     NEVER_NS,
     RING,
     SIZE,

@@ -6,8 +6,8 @@ import sys
 import pytest
 
 from rig import Command, Reply, decode_reply, encode_command
-from simulator._bench_state import LitPeriod
-from simulator._board.faults import BoardFault
+from simulator.bench.state import LitPeriod
+from simulator.led_board.faults import BoardFault
 from tests.simulator.desk import MS, load_steps
 
 

@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from rig import LineBuffer, LineError, Reply, decode_reply
-from simulator._board.faults import BoardFault, PowerCutError
+from simulator.led_board.faults import BoardFault, PowerCutError
 from tests.simulator.desk import MS, Desk
 
 # Effect of each fault on FLASH 7, sent to a board whose LED 3 is on.

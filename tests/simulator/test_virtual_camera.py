@@ -8,11 +8,11 @@ from scipy import optimize
 
 from acquisition import NoiseModel
 from rig import CameraError
-from simulator._bench_state import BenchState, BenchWriter
-from simulator._camera import virtual_sensor
-from simulator._camera.sensor import ImageFormation, fixed_pattern
-from simulator._camera.virtual_camera import VirtualCamera
-from simulator._scene.lamps import Lamps
+from simulator.bench.state import BenchState, BenchWriter
+from simulator.camera import virtual_sensor
+from simulator.camera.sensor import ImageFormation, fixed_pattern
+from simulator.camera.virtual_camera import VirtualCamera
+from simulator.scene.lamps import Lamps
 from tests.simulator.camera_options import grouped
 
 SIZE = (3, 5)

@@ -24,17 +24,17 @@ from rig import (
 from simulator import (
     VirtualBoard,
     VirtualCamera,
-    _simulated_rig,
     bench_sensor,
     open_rig,
     open_rig_seeing,
     render,
     scene_named,
 )
-from simulator._camera.gentl_camera import GentlCamera, GentlDevice
-from simulator._camera.sensor import ImageFormation, fixed_pattern
-from simulator._scene.scene_file import read_scene
-from simulator._simulated_rig import simulated_rig
+from simulator.camera.gentl_camera import GentlCamera, GentlDevice
+from simulator.camera.sensor import ImageFormation, fixed_pattern
+from simulator.rigs import bench_rig as _simulated_rig
+from simulator.rigs.bench_rig import simulated_rig
+from simulator.scene.scene_file import read_scene
 from tests.quick_sample import quick
 from tests.simulator.camera_options import grouped
 

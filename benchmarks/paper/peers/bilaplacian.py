@@ -4,7 +4,7 @@ With the graph Laplacian L of the grid, minimising |L u - c|^2 + a^2 |u|^2 requi
 (L^2 + a^2) u = L c. Conjugate gradients in float64 solve this system. With the preconditioner
 (L + a)^-2 they converge in a few steps, because its product with the matrix has eigenvalues in
 1/2..1 only. Two V-cycles in float32 approximate this preconditioner. Their levels aggregate 2 x 2
-pixels, as in `processing._surface.multigrid`. The term a makes the coarse levels well conditioned,
+pixels, as in `processing.surface.multigrid`. The term a makes the coarse levels well conditioned,
 so that the coarsest level needs no exact solver.
 """
 
@@ -16,8 +16,8 @@ from itertools import pairwise
 
 import numpy as np
 
-import processing._surface.multigrid_kernels as kernels
-from processing._surface.grid_graph import apply_laplacian
+import processing.surface.multigrid_kernels as kernels
+from processing.surface.grid_graph import apply_laplacian
 from rig.arrays import Bool, Float32, Float64
 
 # Smoothing sweeps before and after the coarse correction.
@@ -63,7 +63,7 @@ class Bilaplacian:
     ----------
     right, down
         ``(h+2, w+2)`` float32 edge weights of L with an empty border, as in
-        `processing._surface.grid_graph`.
+        `processing.surface.grid_graph`.
     inside
         ``(h+2, w+2)`` bool: the pixels whose values are unknown.
     anchor

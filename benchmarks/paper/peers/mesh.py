@@ -14,7 +14,7 @@ import cv2
 import numba
 import numpy as np
 
-from processing._surface.grid_graph import apply_laplacian
+from processing.surface.grid_graph import apply_laplacian
 from rig.arrays import Bool, Float32, Float64, Int32, Int64
 
 
@@ -48,7 +48,7 @@ class GridMesh:
     def edges(self) -> tuple[Float32, Float32]:
         """``right`` and ``down``, ``(h+2, w+2)``: 1/4 for each edge along a row or a column.
 
-        Both have an empty border, as in `processing._surface.grid_graph`. They are proportional to
+        Both have an empty border, as in `processing.surface.grid_graph`. They are proportional to
         the cotangent weights of a flat grid, which are 0 on the diagonals of its squares.
         """
         right = np.zeros(np.add(self.inside.shape, 2), np.float32)

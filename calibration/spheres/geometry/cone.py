@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration._errors import EstimateError
-from calibration._spheres.robust import (
+from calibration.spheres.geometry.robust import (
     FINEST_PX,
     ROUNDS,
     check_enough,

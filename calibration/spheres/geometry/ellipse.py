@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from calibration._errors import EstimateError, or_none
-from calibration._spheres.robust import FINEST_PX, ROUNDS, check_enough, tukey_weights
+from calibration.spheres.geometry.robust import FINEST_PX, ROUNDS, check_enough, tukey_weights
 from rig import short_repr
 from rig.arrays import Float64, Intp
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from calibration._spheres.ellipse import Ellipse
+from calibration.spheres.geometry.ellipse import Ellipse
 from rig.arrays import Float64
 
 

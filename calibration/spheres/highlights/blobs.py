@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration._spheres.spot import Spot, largest_disc, saturated_spot, unsaturated_spot
+from calibration.spheres.highlights.spot import Spot, largest_disc, saturated_spot, unsaturated_spot
 from rig.arrays import Bool, Float32, Float64, Intp
 
 _BLOB_LEVEL = 0.3

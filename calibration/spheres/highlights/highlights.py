@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.blobs import MOST_BLOBS, Blob, bright_blobs, usual_size
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.spot import Spot
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.blobs import MOST_BLOBS, Blob, bright_blobs, usual_size
+from calibration.spheres.highlights.spot import Spot
 from rig.arrays import Bool, Float32, Float64, Intp
 
 # A light 115 degrees away from the camera's axis appears at sin(115 / 2) = 0.84 of the radius.

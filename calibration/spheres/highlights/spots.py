@@ -8,7 +8,7 @@ from functools import cached_property, reduce
 import cv2
 import numpy as np
 
-from calibration._radiance.linear_stack import Images
+from calibration.radiance.stack import Images
 from rig.arrays import Float32, Float64, Intp
 
 _SIZE_PX = 900

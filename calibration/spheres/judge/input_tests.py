@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 
 from acquisition import CameraModel, DataError
-from calibration._spheres.cone import fit_cone
-from calibration._spheres.joint_refinement import (
+from calibration.spheres.geometry.cone import fit_cone
+from calibration.spheres.solve.joint_refinement import (
     Observation,
     Refined,
     linearise,

@@ -8,9 +8,9 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.limb import Profiles, stack_profiles
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.outline.limb import Profiles, stack_profiles
 from rig.arrays import Float32, Float64, Intp
 
 # Profiles around an outline, their reach to both sides, and the distance of their samples in radii.

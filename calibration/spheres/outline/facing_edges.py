@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import middle_of
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.geometry.robust import middle_of
 from rig.arrays import Bool, Float32, Float64
 
 _STEPS = 12

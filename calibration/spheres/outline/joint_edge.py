@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_ellipse
-from calibration._spheres.limb import (
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_ellipse
+from calibration.spheres.outline.limb import (
     REACH_PX,
     SHIFT_STEP_PX,
     Profiles,
@@ -21,7 +21,7 @@ from calibration._spheres.limb import (
     smooth_along,
     stack_profiles,
 )
-from calibration._spheres.outline import ALONG_PX, edge_angles, image_noise
+from calibration.spheres.outline.outline import ALONG_PX, edge_angles, image_noise
 from rig.arrays import Bool, Float64
 
 # Share of a profile's contrast that the model of the limb does not explain, and the most evidence

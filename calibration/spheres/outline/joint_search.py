@@ -9,20 +9,20 @@ from functools import cached_property
 import numpy as np
 
 from calibration._errors import or_none
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.cone import OUTLINE_SIGMA_PX
-from calibration._spheres.edges_around import EdgesAround
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.joint_edge import (
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.spots import reduced_image
+from calibration.spheres.outline.facing_edges import EdgesAround
+from calibration.spheres.outline.joint_edge import (
     JointOutline,
     bright_support,
     joint_outline,
     part_covariance,
 )
-from calibration._spheres.limb import LARGEST_BLUR_PX
-from calibration._spheres.outline import SHARP_PX, image_noise, scatter_px
-from calibration._spheres.outline_noise import circle_covariance
-from calibration._spheres.spots import reduced_image
+from calibration.spheres.outline.limb import LARGEST_BLUR_PX
+from calibration.spheres.outline.outline import SHARP_PX, image_noise, scatter_px
+from calibration.spheres.outline.outline_noise import circle_covariance
 from rig.arrays import Float32, Float64
 
 _MARGIN_SHARE, _MARGIN_PX = 0.3, 24

@@ -8,7 +8,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from calibration._spheres.ellipse import Ellipse
+from calibration.spheres.geometry.ellipse import Ellipse
 from rig.arrays import Float32, Float64, Floating, Intp
 
 REACH_PX = 2.5

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.spots import without_nan
-from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
+from calibration.radiance.stack import Images
+from calibration.spheres.highlights.spots import without_nan
+from calibration.spheres.outline.surroundings import Balls, MirroredPlane, outlines_of
 from rig.arrays import Bool, Float64
 
 _SAMPLE_PX, _CELL_PX = 0.5, 0.25

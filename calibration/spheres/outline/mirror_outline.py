@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.cone import OUTLINE_SIGMA_PX
-from calibration._spheres.highlights import find_highlights
-from calibration._spheres.limb_fit import LimbFit, fit_limb
-from calibration._spheres.mirrors import Mirror, outline_of
-from calibration._spheres.sphere_image import SphereImage
-from calibration._spheres.surroundings import Balls, MirroredPlane, outlines_of
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
+from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres.outline.limb_fit import LimbFit, fit_limb
+from calibration.spheres.outline.mirror_search import Mirror, outline_of
+from calibration.spheres.outline.sphere_image import SphereImage
+from calibration.spheres.outline.surroundings import Balls, MirroredPlane, outlines_of
 from rig.arrays import Float64
 
 # A search finds a ball to about 1 % of its radius.

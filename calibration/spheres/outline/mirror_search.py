@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from acquisition import CameraModel
-from calibration._spheres.ellipse import Ellipse, fit_circle, fit_ellipse
-from calibration._spheres.spots import SpotCluster
-from calibration._spheres.surroundings import Balls, Likeness, MirroredPlane, outlines_of
+from calibration.spheres.geometry.ellipse import Ellipse, fit_circle, fit_ellipse
+from calibration.spheres.highlights.spots import SpotCluster
+from calibration.spheres.outline.surroundings import Balls, Likeness, MirroredPlane, outlines_of
 from rig.arrays import Float64
 
 # Highlights are within this share of the radius, see highlights.py; one in ten may be false.

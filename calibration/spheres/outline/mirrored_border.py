@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.limb import gaussian
-from calibration._spheres.outline import image_noise
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.outline.limb import gaussian
+from calibration.spheres.outline.outline import image_noise
 from rig.arrays import Float32, Float64
 
 _COUNT, _ALONG = 180, 5.0

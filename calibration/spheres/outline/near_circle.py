@@ -7,19 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration._errors import EstimateError, or_none
-from calibration._spheres.cone import OUTLINE_SIGMA_PX
-from calibration._spheres.confirmed import LEAST_SUPPORT, found_near, is_border
-from calibration._spheres.edges_around import EdgesAround
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.joint_search import (
+from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.outline.facing_edges import EdgesAround
+from calibration.spheres.outline.joint_search import (
     JointNear,
     best_of,
     change_of,
     joint_near,
     with_others,
 )
-from calibration._spheres.mirrored_border import is_mirrored_border
-from calibration._spheres.outline import (
+from calibration.spheres.outline.mirrored_border import is_mirrored_border
+from calibration.spheres.outline.outline import (
     SHARP_PX,
     OutlineImages,
     no_outline,
@@ -27,7 +26,8 @@ from calibration._spheres.outline import (
     refine_sharpest,
     scatter_px,
 )
-from calibration._spheres.outline_noise import circle_covariance
+from calibration.spheres.outline.outline_confirmation import LEAST_SUPPORT, found_near, is_border
+from calibration.spheres.outline.outline_noise import circle_covariance
 from rig.arrays import Float64
 
 # A sharp outline that is visible over this share of its length is beyond doubt.

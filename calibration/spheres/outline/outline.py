@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 
 from calibration._errors import EstimateError, or_none
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
-from calibration._spheres.limb import (
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
+from calibration.spheres.geometry.robust import middle_of
+from calibration.spheres.outline.limb import (
     REACH_PX,
     STEP_PX,
     edge_offsets,
@@ -21,7 +22,6 @@ from calibration._spheres.limb import (
     smooth_along,
     stack_profiles,
 )
-from calibration._spheres.robust import middle_of
 from rig.arrays import Bool, Float32, Float64, Floating
 
 _SMALLEST_AREA_PX = 60

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import find_highlights
-from calibration._spheres.joint_search import (
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres.outline.joint_search import (
     FACTORS,
     JointNear,
     OutlinesNear,
@@ -20,10 +20,10 @@ from calibration._spheres.joint_search import (
     edges_support,
     joint_near,
 )
-from calibration._spheres.mirror_outline import outlined_mirror
-from calibration._spheres.mirrors import mirror_near
-from calibration._spheres.sphere_image import SphereImage
-from calibration._spheres.surroundings import MirroredPlane
+from calibration.spheres.outline.mirror_outline import outlined_mirror
+from calibration.spheres.outline.mirror_search import mirror_near
+from calibration.spheres.outline.sphere_image import SphereImage
+from calibration.spheres.outline.surroundings import MirroredPlane
 from rig.arrays import Float64
 
 _REACH_PX, _REACH_SHARE = 3.0, 0.03

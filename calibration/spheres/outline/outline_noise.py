@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from acquisition import CameraModel
-from calibration._spheres.cone import OUTLINE_SIGMA_PX, Cone, fit_cone
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.robust import tukey_weights
-from calibration._spheres.sphere_image import SphereImage
+from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX, Cone, fit_cone
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.geometry.robust import tukey_weights
+from calibration.spheres.outline.sphere_image import SphereImage
 from rig.arrays import Float64
 
 # Edge points are smoothed along the outline by a Gaussian of 4 px: harmonics up to a number of an

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration._spheres.cone import OUTLINE_SIGMA_PX
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import Highlights
-from calibration._spheres.outline import scatter_px
+from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.highlights import Highlights
+from calibration.spheres.outline.outline import scatter_px
 from rig import Notice, short_repr
 from rig.arrays import Float64
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 from acquisition import CameraModel
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.outline import IMMERKAER
-from calibration._spheres.spots import ReducedStack, reduced_image, without_nan
+from calibration.radiance.stack import Images
+from calibration.spheres.highlights.spots import ReducedStack, reduced_image, without_nan
+from calibration.spheres.outline.outline import IMMERKAER
 from rig.arrays import Bool, Float32, Float64, Floating, Intp
 
 # The focal length of an unknown camera, in multiples of the larger side of the image. Half or twice

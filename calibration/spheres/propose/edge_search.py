@@ -8,19 +8,19 @@ import cv2
 import numpy as np
 
 from calibration._errors import or_none
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.highlights import Highlights, find_highlights
-from calibration._spheres.outline import (
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.geometry.reflection import orthographic_directions
+from calibration.spheres.highlights.highlights import Highlights, find_highlights
+from calibration.spheres.highlights.spots import SpotCluster
+from calibration.spheres.outline.outline import (
     SHARP_PX,
     OutlineImages,
     outline_image,
     refine_sharpest,
     scatter_px,
 )
-from calibration._spheres.reflection import orthographic_directions
-from calibration._spheres.sphere_image import SphereImage
-from calibration._spheres.spots import SpotCluster
+from calibration.spheres.outline.sphere_image import SphereImage
 from rig.arrays import Float32, Float64
 
 _CANDIDATES = 120

@@ -9,20 +9,20 @@ import numpy as np
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError, or_none
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.cone import OUTLINE_SIGMA_PX
-from calibration._spheres.confirmed import confirmed_near
-from calibration._spheres.edge_search import is_painted
-from calibration._spheres.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
-from calibration._spheres.highlights import find_highlights
-from calibration._spheres.joint_search import change_of
-from calibration._spheres.near_circle import NearOutline, outline_near
-from calibration._spheres.outline import OutlineImages, mask_outlines
-from calibration._spheres.outline_noise import circle_covariance
-from calibration._spheres.robust import tukey_weights
-from calibration._spheres.sphere_image import SphereImage
-from calibration._spheres.spots import reduce_stack
-from calibration._spheres.surroundings import MirroredPlane
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.cone import OUTLINE_SIGMA_PX
+from calibration.spheres.geometry.ellipse import ELLIPSE_COVERAGE, Ellipse, fit_circle, fit_ellipse
+from calibration.spheres.geometry.robust import tukey_weights
+from calibration.spheres.highlights.highlights import find_highlights
+from calibration.spheres.highlights.spots import reduce_stack
+from calibration.spheres.outline.joint_search import change_of
+from calibration.spheres.outline.near_circle import NearOutline, outline_near
+from calibration.spheres.outline.outline import OutlineImages, mask_outlines
+from calibration.spheres.outline.outline_confirmation import confirmed_near
+from calibration.spheres.outline.outline_noise import circle_covariance
+from calibration.spheres.outline.sphere_image import SphereImage
+from calibration.spheres.outline.surroundings import MirroredPlane
+from calibration.spheres.propose.edge_search import is_painted
 from rig.arrays import Bool, Float64, Floating
 
 Mask = Bool | Floating

@@ -8,9 +8,22 @@ import numpy as np
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Images
-from calibration._spheres.confirmed import confirmed, in_all_images
-from calibration._spheres.edge_search import (
+from calibration.radiance.stack import Images
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.highlights.spots import (
+    ReducedStack,
+    SpotCluster,
+    reduce_stack,
+    spot_clusters,
+)
+from calibration.spheres.outline.joint_search import change_of
+from calibration.spheres.outline.mirror_outline import outlined_mirror
+from calibration.spheres.outline.mirror_search import Mirror, find_mirror, outline_of
+from calibration.spheres.outline.outline import SHARP_PX
+from calibration.spheres.outline.outline_confirmation import confirmed, in_all_images
+from calibration.spheres.outline.sphere_image import SAFE_COVERAGE, SphereImage, circles_of, places
+from calibration.spheres.outline.surroundings import MirroredPlane
+from calibration.spheres.propose.edge_search import (
     expected,
     inside,
     mirroring,
@@ -20,15 +33,7 @@ from calibration._spheres.edge_search import (
     round_outlines,
     spheres_by_edges,
 )
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.joint_search import change_of
-from calibration._spheres.mirror_outline import outlined_mirror
-from calibration._spheres.mirrors import Mirror, find_mirror, outline_of
-from calibration._spheres.outline import SHARP_PX
-from calibration._spheres.placed import radius_on_plane_mm
-from calibration._spheres.sphere_image import SAFE_COVERAGE, SphereImage, circles_of, places
-from calibration._spheres.spots import ReducedStack, SpotCluster, reduce_stack, spot_clusters
-from calibration._spheres.surroundings import MirroredPlane
+from calibration.spheres.solve.sphere_positions import radius_on_plane_mm
 from rig import Notice, pluralize
 from rig.arrays import Float64, Intp
 

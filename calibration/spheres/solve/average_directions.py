@@ -8,13 +8,13 @@ import numpy as np
 
 from acquisition import CameraModel, LightErrors, Lights, angle_deg, tangent_basis
 from calibration._errors import EstimateError
-from calibration._spheres.cone import Cone
-from calibration._spheres.joint_refinement import KnownSpheres
-from calibration._spheres.lost_images import imprecise, left_out, undecided
-from calibration._spheres.outline_noise import outline_covariance
-from calibration._spheres.placed import COMMON_SHARE, common_error, systematic
-from calibration._spheres.reflection import orthographic_directions, reflected_rays
-from calibration._spheres.sphere_calibration import (
+from calibration.spheres.geometry.cone import Cone
+from calibration.spheres.geometry.reflection import orthographic_directions, reflected_rays
+from calibration.spheres.outline.outline_noise import outline_covariance
+from calibration.spheres.outline.sphere_image import SphereImage, places
+from calibration.spheres.solve.joint_refinement import KnownSpheres
+from calibration.spheres.solve.lost_images import imprecise, left_out, undecided
+from calibration.spheres.solve.sphere_calibration import (
     SeenTogether,
     Sphere,
     SphereCalibration,
@@ -22,7 +22,7 @@ from calibration._spheres.sphere_calibration import (
     rms_deg,
     seen_spheres,
 )
-from calibration._spheres.sphere_image import SphereImage, places
+from calibration.spheres.solve.sphere_positions import COMMON_SHARE, common_error, systematic
 from rig import Notice
 from rig.arrays import Float64, Intp
 

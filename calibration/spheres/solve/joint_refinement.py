@@ -8,7 +8,7 @@ import numpy as np
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
-from calibration._spheres.reflection import mirror_points
+from calibration.spheres.geometry.reflection import mirror_points
 from rig import short_repr
 from rig.arrays import Float64
 

@@ -9,7 +9,9 @@ import numpy as np
 
 from acquisition import CameraModel
 from calibration._errors import EstimateError
-from calibration._spheres.joint_refinement import (
+from calibration.spheres.geometry.reflection import reflected_rays
+from calibration.spheres.highlights.spot import PEAK_SIGMA_PX
+from calibration.spheres.solve.joint_refinement import (
     EXPECTED,
     KnownSpheres,
     Observation,
@@ -20,9 +22,7 @@ from calibration._spheres.joint_refinement import (
     refine,
     slopes_at,
 )
-from calibration._spheres.lost_images import named
-from calibration._spheres.reflection import reflected_rays
-from calibration._spheres.spot import PEAK_SIGMA_PX
+from calibration.spheres.solve.lost_images import named
 from rig import short_repr
 from rig.arrays import Bool, Float64
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from calibration._errors import EstimateError
-from calibration._radiance.linear_stack import Images, RawStack
-from calibration._spheres.sphere_image import SphereImage, places
+from calibration.radiance.stack import Images, RawStack
+from calibration.spheres.outline.sphere_image import SphereImage, places
 from rig import Notice, pluralize
 from rig.arrays import Float64, Intp
 
@@ -46,6 +46,7 @@ class LostImages:
 
     @property
     def lights(self) -> list[int]:
+        """Lights without a usable image, in order."""
         return sorted({*self.black, *self.white, *self.moved})
 
     def reasons(self, names: Sequence[str]) -> list[tuple[str, Sequence[int], str]]:

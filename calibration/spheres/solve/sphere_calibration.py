@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from acquisition import Lights
-from calibration._spheres.ellipse import Ellipse
-from calibration._spheres.sphere_image import SphereImage
+from calibration.spheres.geometry.ellipse import Ellipse
+from calibration.spheres.outline.sphere_image import SphereImage
 from rig import Notice, short_repr
 from rig.arrays import Bool, Float64
 
@@ -108,6 +108,7 @@ class SeenTogether:
     found: list[bool]
 
     def without(self, k: int) -> SeenTogether:
+        """Return all spheres but one."""
         kept = [i for i in range(len(self.images)) if i != k]
         return replace(
             self,
@@ -117,6 +118,7 @@ class SeenTogether:
         )
 
     def numbered(self, spheres: tuple[Sphere, ...]) -> tuple[Sphere, ...]:
+        """Return results of the spheres with the numbers of their recordings."""
         pairs = zip(spheres, self.of_recording, strict=True)
         return tuple(replace(sphere, recording=k) for sphere, k in pairs)
 

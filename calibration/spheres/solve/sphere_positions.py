@@ -6,9 +6,9 @@ import numpy as np
 
 from acquisition import CameraModel, DataError
 from calibration._errors import EstimateError
-from calibration._spheres.cone import Cone
-from calibration._spheres.joint_refinement import KnownSpheres
-from calibration._spheres.sphere_image import SphereImage, places
+from calibration.spheres.geometry.cone import Cone
+from calibration.spheres.outline.sphere_image import SphereImage, places
+from calibration.spheres.solve.joint_refinement import KnownSpheres
 from rig import Notice, pluralize
 from rig.arrays import Float64
 

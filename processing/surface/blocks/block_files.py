@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from acquisition import BandFile, DamagedMapsError, write_durably
-from processing._blocks.plan import plan_blocks
+from processing.surface.blocks.plan import plan_blocks
 from rig.arrays import AnyArray, Float32, Float64, Int32
 
 Record = dict[str, AnyArray]

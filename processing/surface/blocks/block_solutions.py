@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing._blocks.block_files import BlockFiles
-from processing._blocks.seams import Seam, Side
+from processing.surface.blocks.block_files import BlockFiles
+from processing.surface.blocks.seams import Seam, Side
 from rig.arrays import Float64
 
 

@@ -8,16 +8,16 @@ import numpy as np
 
 from acquisition import BandStore, CameraModel, DamagedMapsError, DataError, MapRows, Maps
 from calibration import EstimateError
-from processing._blocks.block_files import BlockFiles
-from processing._blocks.plan import Blocks
-from processing._blocks.solution import BlockSolution, solve_in_blocks
-from processing._stages.stage import NormalRows, size_of
-from processing._surface.certainty import variances
-from processing._surface.consistency import angle_between_deg, consistency_warning
-from processing._surface.height_map import BlockFigures, HeightMap
-from processing._surface.integrability import integrability
-from processing._surface.scale import DEPTH_RANGE, Scale, check_view, scale_of
-from processing._surface.surface_notices import doubts_of_solution, parts_notices
+from processing.stages.stage import NormalRows, size_of
+from processing.surface.blocks.block_files import BlockFiles
+from processing.surface.blocks.plan import Blocks
+from processing.surface.blocks.solution import BlockSolution, solve_in_blocks
+from processing.surface.consistency import angle_between_deg, consistency_warning
+from processing.surface.edge_certainty import variances
+from processing.surface.height_map import BlockFigures, HeightMap
+from processing.surface.integrability_test import integrability
+from processing.surface.scale import DEPTH_RANGE, Scale, check_view, scale_of
+from processing.surface.surface_notices import doubts_of_solution, parts_notices
 from rig import Notice, Progress, no_progress
 from rig.arrays import Bool, Float64
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from processing._blocks.plan import CELL
-from processing._surface.grid_graph import label_parts
-from processing._surface.multigrid import Levels, coarsened, solve
-from processing._surface.multigrid_kernels import aggregate
+from processing.surface.blocks.plan import CELL
+from processing.surface.grid_graph import label_parts
+from processing.surface.multigrid import Levels, coarsened, solve
+from processing.surface.multigrid_kernels import aggregate
 from rig.arrays import Float32, Float64
 
 _TOLERANCE = 1e-3

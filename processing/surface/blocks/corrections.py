@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from processing._blocks.coarse import CoarseGrid
-from processing._blocks.own_solutions import OwnSolutions
-from processing._blocks.seams import Seam
-from processing._surface.grid_graph import label_parts
-from processing._surface.multigrid import solve
+from processing.surface.blocks.block_solutions import OwnSolutions
+from processing.surface.blocks.coarse import CoarseGrid
+from processing.surface.blocks.seams import Seam
+from processing.surface.grid_graph import label_parts
+from processing.surface.multigrid import solve
 from rig import Progress
 from rig.arrays import Float32, Float64
 

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import CameraModel, MapRows
-from processing._blocks.plan import Block
-from processing._surface.certainty import certainties
-from processing._surface.chord_rule import ChordRule
-from processing._surface.grid_graph import divergence, label_parts
-from processing._surface.multigrid import Solution, solve
+from processing.surface.blocks.plan import Block
+from processing.surface.chord_rule import ChordRule
+from processing.surface.edge_certainty import certainties
+from processing.surface.grid_graph import divergence, label_parts
+from processing.surface.multigrid import Solution, solve
 from rig.arrays import Float32, Float64, Int32, Int64
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph, linalg
 
-from processing._blocks.seams import Side
+from processing.surface.blocks.seams import Side
 from rig.arrays import Float64, Int32, Int64
 
 

@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 
 from acquisition import CameraModel, MapRows, Maps
-from processing._blocks.block_files import BlockFiles, Record
-from processing._blocks.coarse import CoarseGrid
-from processing._blocks.free_solution import FreeSolution, solve_freely
-from processing._blocks.kernels import extremes, number_parts
-from processing._blocks.local_parts import NO_MEETING, LocalParts, Meeting, meeting_of
-from processing._blocks.own_solutions import OwnSolutions
-from processing._blocks.rounds import Rounds, bring_together
-from processing._blocks.seams import Side
-from processing._surface.multigrid import Solution
+from processing.surface.blocks.block_files import BlockFiles, Record
+from processing.surface.blocks.block_solutions import OwnSolutions
+from processing.surface.blocks.coarse import CoarseGrid
+from processing.surface.blocks.corrections import Rounds, bring_together
+from processing.surface.blocks.free_solution import FreeSolution, solve_freely
+from processing.surface.blocks.kernels import extremes, number_parts
+from processing.surface.blocks.local_parts import NO_MEETING, LocalParts, Meeting, meeting_of
+from processing.surface.blocks.seams import Side
+from processing.surface.multigrid import Solution
 from rig import Progress
 from rig.arrays import Float64, Int64
 

@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from acquisition import Form
-from processing._blocks.plan import plan_blocks
-from processing._stages.stage import Need, Size
+from processing.stages.stage import Need, Size
+from processing.surface.blocks.plan import plan_blocks
 
 # Bytes whatever the size, measured with those per pixel from 1 to 10 megapixels (decision 69).
 _FIXED = 30_000_000
